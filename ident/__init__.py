@@ -1,0 +1,3 @@
+"""ident: joint stiffness of serial robot arms from natural frequencies and static deflection."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,65 @@
+"""Static equilibrium of a held chain and the deflection of its named points."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ident.arm.chain import Chain
+from ident.arm.linalg import cholesky, solve_positive
+from ident.arm.mechanics import Phi, point_positions, potential_derivatives, potential_gradient, unflatten
+
+MAX_STEPS = 30
+"""Newton steps at most; stiff arms need three or four."""
+CLOSE = 1e-9
+"""Step [rad] after which the next error, its square, is below rounding."""
+LONGEST = 0.5
+"""Longest step of one bushing coordinate [rad], so that a soft arm is not thrown over."""
+
+
+@jax.custom_jvp
+def equilibrium(chain: Chain) -> Phi:
+    """Return the phi_s at which the bushings carry the weights and forces: grad V(phi_s) = 0, by Newton's method.
+
+    NaN where there is none near phi = 0, that is, where the arm buckles. Differentiable, forward and reverse, by
+    the implicit function theorem: H dphi_s = -d(grad V).
+
+    Returns:
+        `(3, N, *batch)` [rad]
+    """
+
+    def unfinished(state: tuple[Phi, Array, Array]) -> Array:
+        _, size, count = state
+        return (count < MAX_STEPS) & jnp.any(size > CLOSE)
+
+    def step(state: tuple[Phi, Array, Array]) -> tuple[Phi, Array, Array]:
+        phi, _, count = state
+        gradient, hessian = potential_derivatives(chain, phi)
+        move = unflatten(solve_positive(cholesky(hessian), gradient))
+        size = jnp.abs(move).max((0, 1))
+        return phi - move * jnp.minimum(1.0, LONGEST / size), size, count + 1
+
+    start = jnp.zeros((3, *_shape(chain)))
+    first = jnp.full(start.shape[2:], jnp.inf)
+    phi, size, _ = jax.lax.while_loop(unfinished, step, (start, first, jnp.array(0)))
+    return jnp.where(size > CLOSE, jnp.nan, phi)
+
+
+@equilibrium.defjvp
+def _equilibrium_jvp(primals: tuple[Chain], tangents: tuple[Chain]) -> tuple[Phi, Phi]:
+    (chain,), (chain_dot,) = primals, tangents
+    phi = equilibrium(chain)
+    gradient_dot = jax.jvp(lambda c: potential_gradient(c, phi), (chain,), (chain_dot,))[1]
+    _, hessian = potential_derivatives(chain, phi)
+    return phi, -unflatten(solve_positive(cholesky(hessian), gradient_dot))
+
+
+def deflection(chain: Chain, phi: Phi) -> Float[Array, "3 P *#batch"]:
+    """Return how far each named point lies from its place at phi = 0, in the base frame [m]."""
+    return point_positions(chain, phi) - point_positions(chain, jnp.zeros_like(phi))
+
+
+def _shape(chain: Chain) -> tuple[int, ...]:
+    """Return (N, *batch)."""
+    return jnp.broadcast_shapes(
+        chain.mass.shape, chain.stiffness.shape[2:], (1, *chain.force.shape[2:]), chain.offset.shape[1:]
+    )

@@ -1,0 +1,177 @@
+"""Exact mechanics of a held chain: where its bodies are, its energies, mass matrix, and the slope and curvature
+of its potential. Coordinates are the bushings' rotation vectors phi `(3, N, *batch)`; no angle is taken as small.
+
+Flat vectors and matrices run joint by joint: entry 3 j + a is component a of joint j.
+
+Notation: r a material point, p_j the centre of bushing j, w_j an angular velocity given to bushing j in base axes.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.chain import Chain
+from ident.arm.rotations import (
+    axial,
+    curvature,
+    identity,
+    left_jacobian,
+    matmul,
+    matvec,
+    outer,
+    rotation,
+    spin,
+    transpose,
+)
+
+Phi = Float[Array, "3 N *#batch"]
+
+
+class Placement(eqx.Module):
+    """Where the bodies are.
+
+    Attributes:
+        centre: (3, N, *batch) [m] bushing centres p_j.
+        axes: (3, 3, N, *batch) rotation of body j from its place at phi = 0.
+        rate: (3, 3, N, *batch) W_j with w_j = W_j dphi_j/dt.
+        before: (3, 3, N, *batch) rotation of the body before bushing j.
+    """
+
+    centre: Float[Array, "3 N *#batch"]
+    axes: Float[Array, "3 3 N *#batch"]
+    rate: Float[Array, "3 3 N *#batch"]
+    before: Float[Array, "3 3 N *#batch"]
+
+
+def place(chain: Chain, phi: Phi) -> Placement:
+    """Place the bodies of the chain, from the base outwards."""
+    batch = jnp.broadcast_shapes(phi.shape[2:], chain.offset.shape[2:])
+    turn = rotation(phi)
+    axes = jnp.broadcast_to(identity(3, len(batch)), (3, 3, *batch))
+    centre = jnp.zeros((3, *batch))
+    centres, befores, afters = [], [], []
+    for j in range(phi.shape[1]):
+        centre = centre + matvec(axes, chain.offset[:, j])
+        befores.append(axes)
+        axes = matmul(axes, turn[:, :, j])
+        centres.append(centre)
+        afters.append(axes)
+    before = jnp.stack(befores, 2)
+    return Placement(jnp.stack(centres, 1), jnp.stack(afters, 2), matmul(before, left_jacobian(phi)), before)
+
+
+def point_positions(chain: Chain, phi: Phi) -> Float[Array, "3 P *#batch"]:
+    """Return the named points' positions in the base frame [m]."""
+    at = place(chain, phi)
+    body = np.asarray(chain.carrier, dtype=int)
+    return at.centre[:, body] + matvec(at.axes[:, :, body], chain.position)
+
+
+def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
+    """Return V = -sum_j m_j g.r_j - sum f.r + sum_j phi_j' K_j phi_j / 2 [J], gravity and forces counted from phi = 0."""
+    at = place(chain, phi)
+    gravity = chain.gravity.reshape((3,) + (1,) * (phi.ndim - 1))
+    moment = chain.mass * at.centre + matvec(at.axes, chain.moment)
+    weight = (gravity * moment).sum((0, 1))
+    pull = (chain.force * point_positions(chain, phi)).sum((0, 1))
+    return (phi * matvec(chain.stiffness, phi)).sum((0, 1)) / 2 - weight - pull
+
+
+def kinetic_energy(chain: Chain, phi: Phi, phi_dot: Phi) -> Float[Array, "*#batch"]:
+    """Return T, half the integral of |dr/dt|^2 dm [J], from the bodies' velocities."""
+    _, v = jax.jvp(lambda p: place(chain, p), (phi,), (phi_dot,))
+    translation = chain.mass * (v.centre * v.centre).sum(0) + 2 * (v.centre * matvec(v.axes, chain.moment)).sum(0)
+    turning = (matmul(v.axes, chain.second) * v.axes).sum((0, 1))
+    return (translation + turning).sum(0) / 2
+
+
+def mass_matrix(chain: Chain, phi: Phi) -> Float[Array, "n n *#batch"]:
+    """Return M with T = dphi' M dphi / 2 [kg m^2].
+
+    Block (j, i) is W_j' (tr S - S) W_i with S the integral of (r - p_i)(r - p_j)' over all bodies that both joints
+    move: the angular momentum about p_j of the outboard bodies that turn about p_i is the integral of
+    (r - p_j) x (w_i x (r - p_i)), and Lagrange's rule for the double cross product does the rest.
+    """
+    at = place(chain, phi)
+    arm = matvec(at.axes, chain.moment)
+    second = matmul(matmul(at.axes, chain.second), transpose(at.axes))
+    second = second + outer(arm, at.centre) + outer(at.centre, arm) + chain.mass * outer(at.centre, at.centre)
+    both = _outer_joint(phi.shape[1])
+    mass = _outboard(jnp.broadcast_to(chain.mass, at.centre.shape[1:]), 0)[both]
+    moment = _outboard(chain.mass * at.centre + arm, 1)[:, both]
+    p_j, p_i = at.centre[:, :, None], at.centre[:, None]
+    S = _outboard(second, 2)[:, :, both] - outer(moment, p_j) - outer(p_i, moment) + mass * outer(p_i, p_j)
+    return flatten_blocks(matmul(matmul(transpose(at.rate)[:, :, :, None], spin(S)), at.rate[:, :, None]))
+
+
+def potential_gradient(chain: Chain, phi: Phi) -> Float[Array, "n *#batch"]:
+    """Return the gradient of the potential energy [N m]; see `potential_derivatives`."""
+    at = place(chain, phi)
+    return _gradient(chain, phi, at, -axial(_virial(chain, at)))
+
+
+def potential_derivatives(
+    chain: Chain, phi: Phi
+) -> tuple[Float[Array, "n *#batch"], Float[Array, "n n *#batch"]]:
+    """Return gradient [N m] and Hessian [N m/rad] of the potential energy.
+
+    With the virial T_j, the sum of (r - p_j) f' over the weights and forces that joint j moves, turning bushing j
+    by w_j makes them work w_j . axial(T_j); turning a joint i further in by w_i carries r, and the rate W_j, along,
+    and leaves the bilinear form w_j' (tr T_j - T_j') w_i, symmetrised where i = j. The rest is the curvature of the
+    map from phi_j to the rotation itself.
+    """
+    at = place(chain, phi)
+    T = _virial(chain, at)
+    moment = -axial(T)
+    joints, rank = np.arange(phi.shape[1]), phi.ndim - 2
+    j, i = (index.reshape(index.shape + (1,) * rank) for index in np.meshgrid(joints, joints, indexing="ij"))
+    D = spin(T)[:, :, _outer_joint(len(joints))]
+    D = jnp.where(j > i, transpose(D), jnp.where(j < i, D, (D + transpose(D)) / 2))
+    blocks = matmul(matmul(transpose(at.rate)[:, :, :, None], D), at.rate[:, :, None])
+
+    own = curvature(phi, matvec(transpose(at.before), moment)) + chain.stiffness
+    return _gradient(chain, phi, at, moment), flatten_blocks(blocks + jnp.where(j == i, own[:, :, :, None], 0.0))
+
+
+def _gradient(chain: Chain, phi: Phi, at: Placement, moment: Phi) -> Float[Array, "n *#batch"]:
+    return _flat(matvec(transpose(at.rate), moment) + matvec(chain.stiffness, phi))
+
+
+def _virial(chain: Chain, at: Placement) -> Float[Array, "3 3 N *#batch"]:
+    gravity = chain.gravity.reshape((3, 1) + (1,) * (at.centre.ndim - 2))
+    arm = chain.mass * at.centre + matvec(at.axes, chain.moment)
+    dyads = [outer(arm[:, j], gravity[:, 0]) for j in range(arm.shape[1])]
+    forces = [chain.mass[j] * gravity[:, 0] for j in range(arm.shape[1])]
+    for point, body in enumerate(chain.carrier):
+        r = at.centre[:, body] + matvec(at.axes[:, :, body], chain.position[:, point])
+        dyads[body] = dyads[body] + outer(r, chain.force[:, point])
+        forces[body] = forces[body] + chain.force[:, point]
+    total = _outboard(jnp.stack(jnp.broadcast_arrays(*forces), 1), 1)
+    return _outboard(jnp.stack(jnp.broadcast_arrays(*dyads), 2), 2) - outer(at.centre, total)
+
+
+def _outer_joint(n: int) -> np.ndarray:
+    """Return max(j, i): what two joints move together is what the outer one moves."""
+    return np.maximum.outer(np.arange(n), np.arange(n))
+
+
+def _outboard(x: Array, axis: int) -> Array:
+    """Return for each joint the sum over it and all joints further out."""
+    return jnp.flip(jnp.cumsum(jnp.flip(x, axis), axis), axis)
+
+
+def _flat(x: Phi) -> Float[Array, "n *#batch"]:
+    return jnp.swapaxes(x, 0, 1).reshape((-1,) + x.shape[2:])
+
+
+def unflatten(x: Float[Array, "n *#batch"]) -> Phi:
+    """Return a flat vector as `(3, N, *batch)`."""
+    return jnp.swapaxes(x.reshape((-1, 3) + x.shape[1:]), 0, 1)
+
+
+def flatten_blocks(blocks: Float[Array, "3 3 N N *batch"]) -> Float[Array, "n n *#batch"]:
+    """Return blocks, one for each pair of joints, as one flat matrix."""
+    n = 3 * blocks.shape[2]
+    return jnp.moveaxis(blocks, (2, 0, 3, 1), (0, 1, 2, 3)).reshape((n, n) + blocks.shape[4:])

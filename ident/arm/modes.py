@@ -1,0 +1,196 @@
+"""Natural frequencies and modes of a held chain about its static equilibrium."""
+
+from functools import partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from ident.arm.chain import Chain
+from ident.arm.equilibrium import equilibrium
+from ident.arm.linalg import cholesky, lowest_modes, solve_lower
+from ident.arm.mechanics import (
+    Phi,
+    flatten_blocks,
+    mass_matrix,
+    point_positions,
+    potential_derivatives,
+    unflatten,
+)
+from ident.arm.rotations import identity, matmul, matvec, transpose
+
+
+class Linearized(NamedTuple):
+    """Matrices of M d2x/dt2 + C dx/dt + H x = 0 about the equilibrium, x = phi - phi_s.
+
+    Attributes:
+        phi: (3, N, *batch) [rad] the equilibrium phi_s.
+        M: (3N, 3N, *batch) [kg m^2] mass matrix.
+        C: (3N, 3N, *batch) [N m s/rad] damping matrix.
+        H: (3N, 3N, *batch) [N m/rad] Hessian of the potential energy.
+    """
+
+    phi: Phi
+    M: Float[Array, "n n *#batch"]
+    C: Float[Array, "n n *#batch"]
+    H: Float[Array, "n n *#batch"]
+
+
+def linearize(chain: Chain) -> Linearized:
+    """Linearize the exact equations about the static equilibrium; differentiable."""
+    phi = equilibrium(chain)
+    own_joint = identity(phi.shape[1], phi.ndim - 2)
+    C = flatten_blocks(chain.damping[:, :, :, None] * own_joint)
+    return Linearized(phi, mass_matrix(chain, phi), C, potential_derivatives(chain, phi)[1])
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(2,))
+def lowest_eigenpairs(
+    H: Float[Array, "n n *#batch"], M: Float[Array, "n n *#batch"], count: int
+) -> tuple[Float[Array, "count *#batch"], Float[Array, "n count *#batch"]]:
+    """Return the lowest eigenvalues of H v = lambda M v, ascending, and mass-normalised vectors.
+
+    The eigenvalues are once differentiable, forward and reverse, by d lambda = v' (dH - lambda dM) v. At a repeated
+    eigenvalue each derivative depends on the basis that the solver picked, their sum over the cluster does not; none
+    is NaN. The vectors have no derivative there and are constants to differentiation everywhere.
+
+    References:
+        Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964.
+    """
+    return lowest_modes(H, M, count)
+
+
+@lowest_eigenpairs.defjvp
+def _lowest_eigenpairs_jvp(count: int, primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
+    values, vectors = lowest_modes(*primals, count)
+    dH, dM = tangents
+    change = _quadratic(dH, vectors) - values * _quadratic(dM, vectors)
+    return (values, vectors), (change, jnp.zeros_like(vectors))
+
+
+def _quadratic(A: Array, V: Array) -> Array:
+    """Return v' A v for each column v of V."""
+    return (V * (A[:, :, None] * V[None]).sum(1)).sum(0)
+
+
+def natural_frequencies(chain: Chain, count: int) -> Float[Array, "count *#batch"]:
+    """Return the lowest undamped natural frequencies [Hz], ascending; differentiable."""
+    system = linearize(chain)
+    return to_hertz(lowest_eigenpairs(system.H, system.M, count)[0])
+
+
+def to_hertz(eigenvalues: Float[Array, "*#batch"]) -> Float[Array, "*#batch"]:
+    """Return the natural frequencies [Hz] of eigenvalues omega^2."""
+    return jnp.sqrt(eigenvalues) / (2 * jnp.pi)
+
+
+class Modes(eqx.Module):
+    """The lowest modes of a held chain.
+
+    Attributes:
+        frequency: (m, *batch) [Hz] ascending.
+        shape: (3N, m, *batch) [rad/sqrt(kg m^2)] mass-normalised, V' M V = 1, components along the base axes.
+        bend: (N, m, *batch) [-] share of the bushings' strain energy in the bending of each joint.
+        tors: (N, m, *batch) [-] share in the torsion of each joint; all shares of a mode sum to one.
+        motion: (3, P, m, *batch) [m/sqrt(kg m^2)] displacement of the named points in each mode.
+    """
+
+    frequency: Float[Array, "m *#batch"]
+    shape: Float[Array, "n m *#batch"]
+    bend: Float[Array, "N m *#batch"]
+    tors: Float[Array, "N m *#batch"]
+    motion: Float[Array, "3 P m *#batch"]
+
+
+def modes(chain: Chain, count: int | None = None) -> Modes:
+    """Return the lowest `count` modes (all when None); see `modes_about`."""
+    return modes_about(chain, linearize(chain), count)
+
+
+def modes_about(chain: Chain, system: Linearized, count: int | None = None) -> Modes:
+    """Return the lowest `count` modes (all when None) of a chain that was linearized already.
+
+    The frequencies are differentiable; shapes, shares and motions are constants to differentiation.
+    """
+    m = system.H.shape[0] if count is None else count
+    values, vectors = lowest_eigenpairs(system.H, system.M, m)
+    still, phi = jax.lax.stop_gradient((chain, system.phi))
+    by_joint = unflatten(jnp.moveaxis(vectors, 1, -1))
+    energy = [(by_joint * matvec(K[..., None], by_joint)).sum(0) for K in (still.bend, still.tors)]
+    total = (energy[0] + energy[1]).sum(0)
+    return Modes(
+        frequency=to_hertz(values),
+        shape=vectors,
+        bend=jnp.moveaxis(energy[0] / total, -1, 1),
+        tors=jnp.moveaxis(energy[1] / total, -1, 1),
+        motion=jnp.stack([_motion(still, phi, by_joint[..., i]) for i in range(m)], 2),
+    )
+
+
+def _motion(chain: Chain, phi: Phi, direction: Phi) -> Float[Array, "3 P *#batch"]:
+    return jax.jvp(lambda p: point_positions(chain, p), (phi,), (direction,))[1]
+
+
+def in_shaft_axes(chain: Chain, shape: Float[Array, "n *#batch"]) -> Phi:
+    """Return elastic coordinates of one mode `(3, N, *batch)` along the axes of each shaft."""
+    return matvec(transpose(chain.frame), unflatten(shape))
+
+
+def mac(a: Float[Array, "n *#batch"], b: Float[Array, "n *#batch"]) -> Float[Array, "*#batch"]:
+    """Return the modal assurance criterion |a'b|^2 / (a'a b'b) of two real or complex shapes, between 0 and 1.
+
+    References:
+        Allemang, "The modal assurance criterion: twenty years of use and abuse", Sound and Vibration, 2003.
+    """
+    cross = jnp.abs((jnp.conj(a) * b).sum(0)) ** 2
+    return cross / ((jnp.abs(a) ** 2).sum(0) * (jnp.abs(b) ** 2).sum(0))
+
+
+@jax.custom_jvp
+def damped_eigenvalues(system: Linearized) -> Complex[Array, "n *#batch"]:
+    """Return the n lowest eigenvalues s [rad/s] of (s^2 M + s C + H) x = 0 with Im s >= 0, by ascending |s|.
+
+    |s| / 2 pi is the natural frequency, -Re s / |s| the damping ratio; an overdamped mode has two real s. Once
+    differentiable by ds = -y' (dH + s dC + s^2 dM) x, y the left eigenvector; infinite only at critical damping.
+
+    References:
+        Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001.
+    """
+    return _damped_modes(system)[0]
+
+
+@damped_eigenvalues.defjvp
+def _damped_eigenvalues_jvp(primals: tuple[Linearized], tangents: tuple[Linearized]) -> tuple[Array, Array]:
+    s, x, y = _damped_modes(primals[0])
+    _, dM, dC, dH = tangents[0]
+    lead = dH[:, :, None] + s * dC[:, :, None] + s * s * dM[:, :, None]
+    change = -(y * (lead * x[None]).sum(1)).sum(0)
+    return s, change
+
+
+def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
+    """Return s, right and left eigenvectors (columns), found in coordinates in which the mass matrix is 1."""
+    n, batch = system.M.shape[0], system.M.shape[2:]
+    L = cholesky(system.M)
+    H, C = (solve_lower(L, transpose(solve_lower(L, X))) for X in (system.H, system.C))
+    unit = jnp.broadcast_to(identity(n, len(batch)), (n, n, *batch))
+    V = transpose(solve_lower(L, unit))
+    state = jnp.concatenate(
+        [jnp.concatenate([jnp.zeros_like(unit), unit], 1), jnp.concatenate([-H, -C], 1)], 0
+    )
+    # one after another: LAPACK must not run twice at the same time under jax 0.10
+    one_by_one = jnp.moveaxis(state.reshape((2 * n, 2 * n, -1)), -1, 0)
+    s, right, left = (
+        jnp.moveaxis(out, 0, -1).reshape(out.shape[1:] + batch) for out in jax.lax.map(_eig, one_by_one)
+    )
+    return s, matmul(V, right[:n]), matmul(V, left[n:])
+
+
+def _eig(A: Float[Array, "k k"]) -> tuple[Array, Array, Array]:
+    """Return the k/2 lowest eigenvalues with Im >= 0, their right vectors and the dual left vectors, as columns."""
+    s, right = jnp.linalg.eig(A)
+    left = jnp.linalg.inv(right).T
+    order = jnp.argsort(jnp.where(s.imag < 0, jnp.inf, jnp.abs(s)))[: A.shape[0] // 2]
+    return s[order], right[:, order], left[:, order]

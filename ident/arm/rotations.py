@@ -1,0 +1,121 @@
+"""Rotations and 3-vectors, components first and batch last."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+Vector = Float[Array, "3 *#batch"]
+Matrix = Float[Array, "3 3 *#batch"]
+
+TERMS = 13
+"""Terms of the power series below; the first one left out is below 1e-17 for angles up to 3 rad."""
+
+
+def matmul(a: Float[Array, "i k *#batch"], b: Float[Array, "k j *#batch"]) -> Float[Array, "i j *#batch"]:
+    """Return a b. A sum of products: XLA's batched matrix product is far slower on matrices this small."""
+    return (a[:, :, None] * b[None]).sum(1)
+
+
+def matvec(a: Float[Array, "i k *#batch"], v: Float[Array, "k *#batch"]) -> Float[Array, "i *#batch"]:
+    """Return a v."""
+    return (a * v[None]).sum(1)
+
+
+def transpose(a: Float[Array, "i k *batch"]) -> Float[Array, "k i *batch"]:
+    """Return a', batch untouched."""
+    return jnp.swapaxes(a, 0, 1)
+
+
+def outer(a: Float[Array, "i *#batch"], b: Float[Array, "k *#batch"]) -> Float[Array, "i k *#batch"]:
+    """Return a b'."""
+    return a[:, None] * b[None]
+
+
+def identity(n: int, batch_rank: int) -> Float[Array, "n n *ones"]:
+    """Return the unit matrix with singleton batch axes."""
+    return jnp.eye(n).reshape((n, n) + (1,) * batch_rank)
+
+
+def skew(v: Vector) -> Matrix:
+    """Return [v] such that [v] w = v x w."""
+    x, y, z = v
+    zero = jnp.zeros_like(x)
+    return jnp.stack([zero, -z, y, z, zero, -x, -y, x, zero]).reshape((3, 3) + v.shape[1:])
+
+
+def axial(S: Matrix) -> Vector:
+    """Return the sum of a x b over the dyads a b' that S is made of."""
+    return jnp.stack([S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]])
+
+
+def spin(S: Matrix) -> Matrix:
+    """Return tr(S) 1 - S: the map w -> sum of b x (w x a) over the dyads a b' of S, by the rule of Lagrange."""
+    return (S[0, 0] + S[1, 1] + S[2, 2]) * identity(3, S.ndim - 2) - S
+
+
+def turn_about(axis: Vector, angle: Float[Array, "*#batch"]) -> Matrix:
+    """Return the rotation by any angle [rad] about a unit axis.
+
+    References:
+        Rodrigues' formula: Murray, Li, Sastry, "A Mathematical Introduction to Robotic Manipulation", eq. 2.14.
+    """
+    cross = skew(axis) * jnp.sin(angle)
+    return identity(3, axis.ndim - 1) * jnp.cos(angle) + cross + outer(axis, axis) * (1 - jnp.cos(angle))
+
+
+def rotation(phi: Vector) -> Matrix:
+    """Return exp[phi], the rotation by |phi| about phi [rad], for |phi| up to 3 rad. Smooth everywhere.
+
+    References:
+        Rodrigues' formula, as in `turn_about`.
+    """
+    b, c = _series((phi * phi).sum(0), SERIES[:2])
+    return _combine(phi, 1 - (phi * phi).sum(0) * c, b)
+
+
+def left_jacobian(phi: Vector) -> Matrix:
+    """Return J with (d/dt exp[phi]) exp[-phi] = [J dphi/dt], for |phi| up to 3 rad. Smooth everywhere.
+
+    References:
+        Barfoot, "State Estimation for Robotics", eq. 7.77.
+    """
+    return _combine(phi, *_series((phi * phi).sum(0), SERIES[:2]))
+
+
+def curvature(phi: Vector, moment: Vector) -> Matrix:
+    """Return the symmetric part of d(J(phi)' moment)/dphi at constant moment, J the left Jacobian.
+
+    J' m = m - b phi x m + c phi x (phi x m), with b and c functions of phi'phi.
+    """
+    b, c, b_dash, c_dash = _series((phi * phi).sum(0), SERIES)
+    along, size = (phi * moment).sum(0), (phi * phi).sum(0)
+    cross = matvec(skew(phi), moment)
+    slope = -2 * b_dash * outer(cross, phi) + 2 * c_dash * outer(phi * along - size * moment, phi)
+    slope = slope + c * (along * identity(3, phi.ndim - 1) + outer(phi, moment) - 2 * outer(moment, phi))
+    return (slope + transpose(slope)) / 2
+
+
+def _combine(phi: Vector, first: Array, second: Array) -> Matrix:
+    unit = identity(3, phi.ndim - 1)
+    square = outer(phi, phi) - (phi * phi).sum(0) * unit
+    return unit + first * skew(phi) + second * square
+
+
+def _coefficients() -> np.ndarray:
+    """Power series in t^2 of b = (1 - cos t)/t^2, c = (t - sin t)/t^3, db/d(t^2), dc/d(t^2), a row each."""
+    b, c = ([(-1) ** n / math.factorial(2 * n + k) for n in range(TERMS + 1)] for k in (2, 3))
+    slopes = [[n * row[n] for n in range(1, TERMS + 1)] for row in (b, c)]
+    return np.array([b[:TERMS], c[:TERMS], *slopes])
+
+
+SERIES = _coefficients()
+
+
+def _series(t2: Array, coefficients: np.ndarray) -> Array:
+    """Evaluate the series, one for each row, by Horner's rule."""
+    total = jnp.zeros((len(coefficients), *t2.shape))
+    for column in coefficients.T[::-1]:
+        total = total * t2 + column.reshape((-1,) + (1,) * t2.ndim)
+    return total

@@ -1,0 +1,44 @@
+"""What ident says when something is wrong: one sentence that names the place and the remedy."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong with an input.
+
+    Attributes:
+        where: file and row, as `file:row`, or file and key; empty for values given in code.
+        got: what was found.
+        expected: what would have been right.
+        remedy: what to do about it.
+        column: column or field name; empty when the whole row or file is meant.
+    """
+
+    where: str
+    got: str
+    expected: str
+    remedy: str
+    column: str = ""
+
+    def __str__(self) -> str:
+        place = ", ".join(part for part in (self.where, self.column) if part)
+        prefix = f"{place}: " if place else ""
+        return f"{prefix}got {self.got}, expected {self.expected}; {self.remedy}"
+
+
+class IdentError(Exception):
+    """Root of all errors that ident raises on purpose."""
+
+
+class InputError(IdentError):
+    """An input is wrong; every problem that was found is listed, one line each."""
+
+    def __init__(self, problems: Problem | Iterable[Problem]):
+        self.problems = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class ModelError(IdentError):
+    """The model has no answer for these values, for example because the arm collapses."""

@@ -1,0 +1,1 @@
+"""From measurements to parameters: predict, fit, and what the data can tell."""

@@ -1,0 +1,148 @@
+"""What data can tell about parameters, from the Jacobian at one point: directions, ranks, standard deviations."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+FIXED_BELOW = 1.0
+"""Data fix a direction whose standard deviation in theta is below this: for a stiffness, a factor of e."""
+SUPPORTED_BELOW = 0.1
+"""Share of the prior in a parameter's information above which no interval is quoted as the data's."""
+RANK_TOLERANCE = 1e-8
+"""Singular values below this share of the largest are rounding."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A combination of parameters, with what the data say of it.
+
+    Attributes:
+        weights: (P,) unit vector in theta.
+        sd: standard deviation of the data along it, in theta; infinite where they say nothing.
+    """
+
+    weights: Float[np.ndarray, "P"]
+    sd: float
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the data alone fix it."""
+        return self.sd < FIXED_BELOW
+
+
+@dataclass(frozen=True)
+class Information:
+    """What data, and prior, tell about the parameters around a point.
+
+    Attributes:
+        names: (P,) parameters.
+        directions: (P,) from the best known to the least known, orthogonal in theta.
+        data_sd: (P,) standard deviation in theta by the data alone; infinite where they leave the parameter open.
+        covariance: (P, P) of theta by data and prior; infinite variances where neither says anything.
+        prior_share: (P,) share of the prior in what is known of each parameter, from 0 to 1.
+    """
+
+    names: tuple[str, ...]
+    directions: tuple[Direction, ...]
+    data_sd: Float[np.ndarray, "P"]
+    covariance: Float[np.ndarray, "P P"]
+    prior_share: Float[np.ndarray, "P"]
+
+    @property
+    def rank(self) -> int:
+        """Number of directions that the data fix."""
+        return sum(direction.fixed for direction in self.directions)
+
+    @property
+    def sd(self) -> Float[np.ndarray, "P"]:
+        """Standard deviation of each theta by data and prior."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def supported(self) -> np.ndarray:
+        """Which parameters the data support an interval for."""
+        return (self.data_sd < FIXED_BELOW) & (self.prior_share < SUPPORTED_BELOW)
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "P P"]:
+        """Correlations by data and prior; NaN where a variance is infinite."""
+        with np.errstate(invalid="ignore"):
+            return self.covariance / np.outer(self.sd, self.sd)
+
+    @property
+    def condition(self) -> float:
+        """Ratio of the least to the best known direction's standard deviation."""
+        return self.directions[-1].sd / self.directions[0].sd
+
+    def trade_offs(self) -> tuple["TradeOff", ...]:
+        """Say for each direction that stays open which parameter may move, and what then moves along."""
+        open_space = np.array([d.weights for d in self.directions if not d.fixed])
+        return tuple(TradeOff(self.names[lead], row) for lead, row in _echelon(open_space))
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """A change that the data would not notice.
+
+    Attributes:
+        name: the parameter that may be chosen freely.
+        change: (P,) change of each theta when that parameter's theta changes by one.
+    """
+
+    name: str
+    change: Float[np.ndarray, "P"]
+
+
+def information(
+    jacobian: Float[np.ndarray, "D P"], prior_sd: Float[np.ndarray, "P"], names: tuple[str, ...]
+) -> Information:
+    """Weigh data against prior around a point.
+
+    Args:
+        jacobian: d(predicted / sigma)/d(theta) of the data.
+        prior_sd: widths of the priors in theta, infinite for none.
+        names: of the parameters.
+    """
+    padded = np.vstack([jacobian, np.zeros((len(names), len(names)))])
+    _, s, Vt = np.linalg.svd(padded, full_matrices=False)
+    seen = s > RANK_TOLERANCE * max(s[0], 1e-300)
+    sds = np.divide(1.0, s, out=np.full_like(s, np.inf), where=seen)
+    directions = tuple(Direction(_signed(v), float(sd)) for v, sd in zip(Vt, sds, strict=True))
+    data = _covariance(s * seen, Vt)
+    both = np.vstack([jacobian, np.diag(1 / np.asarray(prior_sd))])
+    _, s_both, Vt_both = np.linalg.svd(both, full_matrices=False)
+    covariance = _covariance(s_both * (s_both > RANK_TOLERANCE * max(s_both[0], 1e-300)), Vt_both)
+    variance = np.diag(covariance)
+    share = np.where(np.isfinite(variance), variance, 0.0) / np.asarray(prior_sd) ** 2
+    return Information(names, directions, np.sqrt(np.diag(data)), covariance, share)
+
+
+def _covariance(s: np.ndarray, Vt: np.ndarray) -> np.ndarray:
+    """Return V s^-2 V', infinite variances for parameters that touch a direction with s = 0."""
+    known = s > 0
+    scaled = Vt[known] / s[known, None]
+    covariance = scaled.T @ scaled
+    touched = (np.abs(Vt[~known]) > 1e-6).any(0)
+    covariance[touched, :] = covariance[:, touched] = np.nan
+    covariance[touched, touched] = np.inf
+    return covariance
+
+
+def _signed(v: np.ndarray) -> np.ndarray:
+    return v * np.sign(v[np.argmax(np.abs(v))])
+
+
+def _echelon(rows: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Reduce a basis so that each row leads with one parameter of its own: reduced echelon form, full pivoting."""
+    rows, leads = rows.copy(), []
+    for i in range(len(rows)):
+        rest = np.abs(rows[i:]).copy()
+        rest[:, leads] = 0
+        pivot, lead = np.unravel_index(np.argmax(rest), rest.shape)
+        rows[[i, i + pivot]] = rows[[i + pivot, i]]
+        rows[i] /= rows[i, lead]
+        others = np.arange(len(rows)) != i
+        rows[others] -= np.outer(rows[others, lead], rows[i])
+        leads.append(int(lead))
+    return sorted(zip(leads, rows, strict=True), key=lambda pair: pair[0])

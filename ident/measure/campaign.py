@@ -1,0 +1,214 @@
+"""What was measured, in SI units: measurements, and the campaign that holds them."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+from ident.errors import InputError, Problem
+from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
+from ident.measure.text import quoted
+from ident.measure.units import QUANTITIES
+
+KINDS = {
+    "frequency": "frequency",
+    "deflection": "length",
+    "deflection_difference": "length",
+    "damping_ratio": "damping_ratio",
+}
+"""Kinds of measurement, each with the quantity it is measured in."""
+
+ROLES = {
+    "frequency": ("mode",),
+    "deflection": ("point", "direction"),
+    "deflection_difference": ("point", "direction", "reference_load"),
+    "damping_ratio": ("mode",),
+}
+"""The fields that a kind has beside posture, load, value and sigma."""
+
+GRAVITY_DIRECTION = AXES["-z"]
+"""Direction in which a deflection counts when none is given."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """One measured number; two are equal when they say the same, whatever file and unit they were written in.
+
+    Attributes:
+        kind: `frequency` (undamped natural frequency [Hz]), `deflection` [m], `deflection_difference` (under
+            `load` minus under `reference_load` [m]) or `damping_ratio` [-].
+        posture: (joints,) [rad] joint angles at which the arm was held.
+        value: () [Hz, m or -] the measured number.
+        sigma: () [as value] its standard deviation.
+        mode: mode label such as `vertical bending 1`, in lower case; None to match modes in ascending order.
+        point: point of the arm whose deflection was read.
+        direction: (3,) unit vector in the base frame, along which a deflection counts; -z when not given.
+        load: the load case.
+        reference_load: the load case that a deflection difference starts from.
+        unit: unit in which the value was written, such as `mm`.
+        note: free text.
+        where: `file:row` where it was written; empty for values made in code.
+    """
+
+    kind: str
+    posture: tuple[float, ...]
+    value: float
+    sigma: float
+    mode: str | None = None
+    point: str | None = None
+    direction: Vector | None = None
+    load: Load = OWN_WEIGHT
+    reference_load: Load = OWN_WEIGHT
+    unit: str = field(default="", compare=False)
+    note: str = ""
+    where: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        _check_kind(self)
+        for name, value in _normalised(self).items():
+            object.__setattr__(self, name, value)
+        given = {name: str(getattr(self, name)) for name in _ROLE_FIELDS if getattr(self, name)}
+        problems = [
+            *role_problems(self.kind, given),
+            *load_problems(self.kind, self.load, self.reference_load),
+            *value_problems(self.kind, self.value, self.sigma),
+            *_posture_problems(self.posture),
+        ]
+        if problems:
+            raise InputError(replace(problem, where=self.where) for problem in problems)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """The measurements on one arm, and where they come from; campaigns with equal measurements are equal.
+
+    Attributes:
+        name: what the campaign is called; the file's name without its ending.
+        path: the file it was read from; empty for a campaign made in code.
+        sha256: hash of the file's bytes.
+        delimiter: the file's column delimiter.
+        decimal: the file's decimal mark.
+        measurements: in the file's order, all with the same number of joints.
+    """
+
+    name: str = field(default="", compare=False)
+    path: str = field(default="", compare=False)
+    sha256: str = field(default="", compare=False)
+    delimiter: str = field(default=",", compare=False)
+    decimal: str = field(default=".", compare=False)
+    measurements: tuple[Measurement, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "measurements", tuple(self.measurements))
+        odd = [m for m in self.measurements if len(m.posture) != self.joints]
+        if odd:
+            expected, remedy = f"{self.joints}, as in the first measurement", "give every joint's angle"
+            got = (f"{len(m.posture)} joint angles" for m in odd)
+            raise InputError(
+                Problem(m.where, text, expected, remedy, "posture") for m, text in zip(odd, got, strict=True)
+            )
+
+    def __len__(self) -> int:
+        return len(self.measurements)
+
+    def __iter__(self) -> Iterator[Measurement]:
+        return iter(self.measurements)
+
+    @property
+    def joints(self) -> int:
+        """Number of joint angles in a posture; 0 for an empty campaign."""
+        return len(self.measurements[0].posture) if self.measurements else 0
+
+    @property
+    def postures(self) -> tuple[tuple[float, ...], ...]:
+        """The different postures [rad], in order of first appearance."""
+        return tuple(dict.fromkeys(m.posture for m in self.measurements))
+
+    def of_kind(self, *kinds: str) -> "Campaign":
+        """Returns the campaign with the measurements of these kinds only."""
+        return replace(self, measurements=tuple(m for m in self.measurements if m.kind in kinds))
+
+    def without(self, *kinds: str) -> "Campaign":
+        """Returns the campaign less the measurements of these kinds."""
+        return replace(self, measurements=tuple(m for m in self.measurements if m.kind not in kinds))
+
+
+def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
+    """Finds the fields that a kind can't have or lacks.
+
+    Args:
+        kind: a name in `KINDS`.
+        given: text of the fields that were given, by field name.
+
+    Yields:
+        The problems, with the column and no row.
+    """
+    for name in _ROLE_FIELDS:
+        if name in given and name not in ROLES[kind]:
+            expected = f"nothing, since a {kind} has no {name}"
+            yield Problem("", quoted(given[name]), expected, "empty the cell or correct the kind", name)
+    if "point" in ROLES[kind] and "point" not in given:
+        yield Problem(
+            "", "nothing", "the point whose deflection was read", "name a point of the arm", "point"
+        )
+
+
+def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Problem]:
+    """Finds a deflection difference between a load and itself."""
+    if kind == "deflection_difference" and load == reference_load:
+        got = f"{quoted(str(reference_load))}, the load itself"
+        remedy = "give the two loads of the difference"
+        yield Problem("", got, "a reference load that differs from the load", remedy, "reference_load")
+
+
+def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
+    """Finds values and standard deviations [SI] that can't be."""
+    unit = QUANTITIES[KINDS[kind]].si.removesuffix("1")
+    lowest, highest = _RANGES.get(kind, (-math.inf, math.inf))
+    if not lowest < value < highest:
+        limits = f"between {lowest:g} and {highest:g}" if highest < math.inf else f"above {lowest:g}"
+        expected = f"a finite {kind}" + (f" {limits}" if math.isfinite(lowest) else "")
+        yield Problem("", f"{value:g} {unit}".strip(), expected, "correct the value or its unit", "value")
+    if not 0 < sigma < math.inf:
+        expected, remedy = "a finite standard deviation above 0", "state how far the value may be off"
+        yield Problem("", f"{sigma:g} {unit}".strip(), expected, remedy, "sigma")
+
+
+def duplicates(measurements: tuple[Measurement, ...]) -> Iterator[tuple[Measurement, Measurement]]:
+    """Yields each measurement that repeats an earlier one to the last digit, after the earlier one."""
+    first: dict[Measurement, Measurement] = {}
+    for measurement in measurements:
+        key = replace(measurement, sigma=1.0, note="")
+        earlier = first.setdefault(key, measurement)
+        if earlier is not measurement:
+            yield earlier, measurement
+
+
+_ROLE_FIELDS = ("mode", "point", "direction", "reference_load")
+_RANGES = {"frequency": (0.0, math.inf), "damping_ratio": (0.0, 1.0)}
+
+
+def _check_kind(m: Measurement) -> None:
+    if m.kind not in KINDS:
+        raise InputError(
+            Problem(m.where, quoted(m.kind), f"one of {', '.join(KINDS)}", "correct the kind", "kind")
+        )
+
+
+def _normalised(m: Measurement) -> dict[str, object]:
+    direction = m.direction or (GRAVITY_DIRECTION if "direction" in ROLES[m.kind] else None)
+    return {
+        "posture": tuple(float(angle) for angle in m.posture),
+        "value": float(m.value),
+        "sigma": float(m.sigma),
+        "mode": " ".join((m.mode or "").lower().split()) or None,
+        "point": (m.point or "").strip() or None,
+        "direction": unit_vector(direction) if direction else None,
+        "unit": m.unit.strip() or QUANTITIES[KINDS[m.kind]].si,
+        "note": "\n".join(m.note.splitlines()).strip(),
+    }
+
+
+def _posture_problems(posture: tuple[float, ...]) -> Iterator[Problem]:
+    if not posture or not all(map(math.isfinite, posture)):
+        got = quoted(" ".join(map(str, posture)))
+        yield Problem("", got, "one finite angle for each joint", "correct the posture", "posture")

@@ -1,0 +1,191 @@
+"""Load cases and directions: what hangs on the arm, and the short text that says so."""
+
+import math
+import re
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ident.errors import InputError, Problem
+from ident.measure.text import format_number, parse_number, quoted
+from ident.measure.units import to_si
+
+Vector = tuple[float, float, float]
+
+AXES: dict[str, Vector] = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+"""Unit vectors of the base frame by name; a leading `+` is also read."""
+
+LOAD_SYNTAX = "terms joined by ' + ', each like 'glass', '5 kg @ tip' or '20 N -z @ tip'"
+"""The load syntax in words, for messages."""
+
+_NAME = r"[^\W\d][\w.-]*"
+_HUNG = re.compile(
+    rf"(?P<amount>[+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*(?P<unit>[^\W\d_]+)"
+    rf"(?P<direction>\s[^@]+?)?\s*@\s*(?P<point>{_NAME})"
+)
+
+
+def unit_vector(vector: Iterable[float]) -> Vector:
+    """Scales a vector to unit length; a unit vector is left as it is.
+
+    Raises:
+        InputError: the vector has no direction, or not three finite components.
+    """
+    components = tuple(float(component) for component in vector)
+    length = math.hypot(*components)
+    if len(components) != 3 or not 0 < length < math.inf:
+        got = "the zero vector" if length == 0 else quoted(" ".join(map(str, components)))
+        raise InputError(
+            Problem("", got, "a direction", "give one of x, -z, ... or three numbers", "direction")
+        )
+    x, y, z = components if abs(length - 1) < 1e-15 else (component / length for component in components)
+    return x, y, z
+
+
+def parse_direction(text: str, decimal: str = ".") -> Vector:
+    """Reads a direction in the base frame: `x`, `+x`, `-z`, or three numbers separated by blanks.
+
+    Returns:
+        (3,) unit vector.
+
+    Raises:
+        InputError: the text is no direction.
+    """
+    axis = AXES.get(text.lower().removeprefix("+"))
+    parts = text.split()
+    if axis is None and len(parts) != 3:
+        expected = "x, -z, ... or three numbers like '0 0.6 -0.8'"
+        remedy = "correct the direction; its components are those of the base frame"
+        raise InputError(Problem("", quoted(text), expected, remedy, "direction"))
+    return axis or unit_vector(parse_number(part, decimal) for part in parts)
+
+
+def format_direction(direction: Vector) -> str:
+    """Writes a direction so that `parse_direction` reads it back."""
+    named = (name for name, axis in AXES.items() if axis == direction)
+    return next(named, " ".join(map(format_number, direction)))
+
+
+@dataclass(frozen=True)
+class Load:
+    """What hangs on the arm besides its own weight; empty for own weight alone.
+
+    Loads that say the same compare equal: terms are sorted, and masses or forces at one point are added up.
+
+    Attributes:
+        payloads: names of payloads that the arm file defines.
+        masses: (mass [kg], point name), point masses.
+        forces: ((3,) force [N] in the base frame, point name).
+    """
+
+    payloads: tuple[str, ...] = ()
+    masses: tuple[tuple[float, str], ...] = ()
+    forces: tuple[tuple[Vector, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_load(self)
+        masses: dict[str, float] = defaultdict(float)
+        for mass, point in self.masses:
+            masses[point] += mass
+        forces: dict[str, Vector] = defaultdict(lambda: (0.0, 0.0, 0.0))
+        for force, point in self.forces:
+            x, y, z = (a + b for a, b in zip(forces[point], force, strict=True))
+            forces[point] = (x, y, z)
+        object.__setattr__(self, "payloads", tuple(sorted(self.payloads)))
+        object.__setattr__(self, "masses", tuple((mass, point) for point, mass in sorted(masses.items())))
+        acting = ((force, point) for point, force in sorted(forces.items()) if any(force))
+        object.__setattr__(self, "forces", tuple(acting))
+
+    def __bool__(self) -> bool:
+        return bool(self.payloads or self.masses or self.forces)
+
+    def __str__(self) -> str:
+        hung = [f"{format_number(mass)} kg @ {point}" for mass, point in self.masses]
+        pulling = [
+            f"{format_number(abs(size))} N {'-' if size < 0 else ''}{axis} @ {point}"
+            for force, point in self.forces
+            for size, axis in zip(force, "xyz", strict=True)
+            if size
+        ]
+        return " + ".join([*self.payloads, *hung, *pulling]) or "own weight"
+
+    @classmethod
+    def parse(cls, text: str, *, decimal: str = ".") -> "Load":
+        """Reads a load such as `glass + 5 kg @ tip + 20 N -z @ tip`; blank or `own weight` is the empty one.
+
+        Args:
+            text: the load as written; masses and forces may carry any unit of their kind.
+            decimal: the decimal mark in use.
+
+        Returns:
+            The load.
+
+        Raises:
+            InputError: the text doesn't follow the syntax; every bad term is listed.
+        """
+        text = " ".join(text.split())
+        if text.lower() in ("", "own weight"):
+            return cls()
+        terms = text.split(" + ")
+        matches = [_HUNG.fullmatch(term) for term in terms]
+        payloads = tuple(term for term, match in zip(terms, matches, strict=True) if match is None)
+        hung = [match for match in matches if match]
+        masses = tuple((_amount(m, "mass", decimal), m["point"]) for m in hung if not m["direction"])
+        forces = tuple((_force(m, decimal), m["point"]) for m in hung if m["direction"])
+        return cls(payloads, masses, forces)
+
+
+def _amount(term: re.Match[str], quantity: str, decimal: str) -> float:
+    try:
+        amount = to_si(parse_number(term["amount"], decimal), term["unit"], quantity)
+    except InputError as error:
+        raise InputError(_misread(term[0], problem.expected) for problem in error.problems) from None
+    if amount <= 0:
+        raise InputError(_misread(term[0], f"a {quantity} above 0"))
+    return amount
+
+
+def _force(term: re.Match[str], decimal: str) -> Vector:
+    size = _amount(term, "force", decimal)
+    try:
+        x, y, z = parse_direction(term["direction"].strip(), decimal)
+    except InputError as error:
+        raise InputError(_misread(term[0], problem.expected) for problem in error.problems) from None
+    return size * x, size * y, size * z
+
+
+def _misread(term: str, expected: str) -> Problem:
+    return Problem("", quoted(term), expected, f"write {LOAD_SYNTAX}", "load")
+
+
+def _check_load(load: Load) -> None:
+    problems = [
+        _misread(name, "the name of a payload or point")
+        for name in (*load.payloads, *(point for _, point in (*load.masses, *load.forces)))
+        if not re.fullmatch(_NAME, name)
+    ]
+    problems += [
+        _misread(f"{mass} kg @ {point}", "a finite mass above 0")
+        for mass, point in load.masses
+        if not 0 < mass < math.inf
+    ]
+    problems += [
+        _misread(f"{force} N @ {point}", "a finite force of three components")
+        for force, point in load.forces
+        if len(force) != 3 or not all(map(math.isfinite, force))
+    ]
+    twice = {name for name in load.payloads if load.payloads.count(name) > 1}
+    problems += [_misread(name, "each payload once") for name in sorted(twice)]
+    if problems:
+        raise InputError(problems)
+
+
+OWN_WEIGHT = Load()
+"""The empty load."""

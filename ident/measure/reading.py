@@ -1,0 +1,222 @@
+"""Campaign CSV into a campaign: every cell is checked, and every problem of the file reported at once."""
+
+import hashlib
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+from ident.errors import InputError, Problem
+from ident.measure.campaign import (
+    KINDS,
+    Campaign,
+    Measurement,
+    duplicates,
+    load_problems,
+    role_problems,
+    value_problems,
+)
+from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
+from ident.measure.load import Load, parse_direction
+from ident.measure.table import Findings, Record, decode, read_records, sniff_delimiter
+from ident.measure.text import nearest, one_line, parse_fraction, parse_number, quoted
+from ident.measure.units import si_factor
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_DECIMAL_MARK = re.compile(r"(?<![\w.,])[+-]?[0-9]*([.,])[0-9]")
+
+
+def read_campaign(path: str | Path) -> Campaign:
+    """Reads a campaign from a CSV file; `data/README.md` describes the columns.
+
+    Args:
+        path: the file; UTF-8, columns separated by comma, semicolon or tab.
+
+    Returns:
+        The measurements in SI units, with the file's hash, delimiter and decimal mark.
+
+    Raises:
+        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except (OSError, ValueError) as error:
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        remedy = "check the path and its permissions"
+        raise InputError(Problem(one_line(str(path)), reason, "a readable CSV file", remedy)) from None
+    return parse_campaign(data, path)
+
+
+def parse_campaign(data: bytes, path: str | Path) -> Campaign:
+    """Reads a campaign from the bytes of a CSV file; `path` names it in messages.
+
+    Raises:
+        InputError: something is wrong; every problem is listed.
+    """
+    file, found = one_line(str(path)), Findings()
+    text = decode(data, file)
+    delimiter = sniff_delimiter(text, is_column)
+    records = list(read_records(text, delimiter, file, found))
+    if len(records) < 2:
+        raise InputError([*found, _nothing_to_read(file, records)])
+    header = read_header(records[0], found)
+    rows, decimal = _rows(records[1:], header, delimiter, found)
+    read = [_read_row(row, header) for row in rows]
+    measurements = tuple(measurement for measurement in read if measurement is not None)
+    found += _duplicate_problems(measurements) if not header.broken else ()
+    wrong = [p for p in found if p.where == header.where or p.column not in header.broken]
+    if wrong:
+        raise InputError(wrong)
+    sha256 = hashlib.sha256(data).hexdigest()
+    return Campaign(Path(path).stem, str(path), sha256, delimiter, decimal, measurements)
+
+
+def _nothing_to_read(file: str, records: list[Record]) -> Problem:
+    expected, remedy = "a header and a row for each measurement", "see data/README.md for the columns"
+    return Problem(file, "only one row" if records else "no row", expected, remedy)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One row: its place, its cells by column, the decimal mark, and where to put problems."""
+
+    where: str
+    cells: Mapping[str, str]
+    decimal: str
+    found: Findings
+
+    def __getitem__(self, column: str) -> str:
+        return self.cells.get(column, "")
+
+    def attempt(self, column: str, read: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T | None:
+        return self.found.attempt(self.where, column, read, *args, **kwargs)
+
+    def add(self, *problems: Problem) -> None:
+        self.found.extend(replace(problem, where=self.where) for problem in problems)
+
+
+def _rows(records: list[Record], header: Header, delimiter: str, found: Findings) -> tuple[list[_Row], str]:
+    """Returns the rows that fit the header, and their decimal mark."""
+    fitting = [(where, cells) for where, cells in records if len(cells) == len(header.names)]
+    misfits = [(where, len(cells)) for where, cells in records if len(cells) != len(header.names)]
+    found += [_misfit(where, count, len(header.names), delimiter) for where, count in misfits]
+    table = [(where, dict(zip(header.names, cells, strict=True))) for where, cells in fitting]
+    decimal = "." if delimiter == "," else _decimal_mark([cells for _, cells in table], header)
+    return [_Row(where, cells, decimal, found) for where, cells in table], decimal
+
+
+def _misfit(where: str, fields: int, columns: int, delimiter: str) -> Problem:
+    remedy = "quote text that contains the delimiter, and keep a delimiter for every empty cell"
+    if delimiter == "," and fields > columns:
+        remedy = "if these are decimal commas, write decimal points or separate the columns by semicolons"
+    return Problem(where, f"{fields} fields", f"{columns}, as in the header", remedy)
+
+
+def _decimal_mark(table: list[dict[str, str]], header: Header) -> str:
+    """Returns the mark that most numbers have; numbers with the other one are refused when they are read."""
+    columns = [name for name in header.names if name in header.angles or name in NUMERIC_COLUMNS]
+    numbers = (cells[name] for cells in table for name in columns)
+    marks = Counter(mark for number in numbers for mark in _DECIMAL_MARK.findall(number))
+    return "," if marks[","] > marks["."] else "."
+
+
+def _read_row(row: _Row, header: Header) -> Measurement | None:
+    before = len(row.found)
+    fields = _read_cells(row, header)
+    row.add(*_contradictions(row, fields))
+    if len(row.found) > before:
+        return None
+    return row.attempt("", Measurement, where=row.where, **fields)
+
+
+def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
+    """Reads a row's cells into a measurement's fields; None stands for what can't be read."""
+    kind = row.attempt("kind", _known_kind, row["kind"])
+    value, sigma = _read_number(row, kind)
+    axis = row["direction"]
+    return {
+        "kind": kind,
+        "posture": tuple(_read_angle(row, name, factor) for name, factor in header.angles.items()),
+        "value": value,
+        "sigma": sigma,
+        "direction": row.attempt("direction", parse_direction, axis, row.decimal) if axis else None,
+        "load": _read_load(row, "load"),
+        "reference_load": _read_load(row, "reference_load"),
+        **{name: row[name] for name in ("mode", "point", "unit", "note")},
+    }
+
+
+def _contradictions(row: _Row, fields: Mapping[str, Any]) -> Iterator[Problem]:
+    kind, loads = fields["kind"], (fields["load"], fields["reference_load"])
+    if kind is None:
+        return
+    yield from role_problems(kind, {name: text for name, text in row.cells.items() if text})
+    if fields["value"] is not None:
+        yield from value_problems(kind, fields["value"], sigma=1.0)
+    if None not in loads:
+        yield from load_problems(kind, *loads)
+
+
+def _known_kind(text: str) -> str:
+    if text.lower() not in KINDS:
+        suggestion = nearest(text, KINDS)
+        remedy = f"write {suggestion}" if suggestion else "correct the kind"
+        raise InputError(Problem("", quoted(text), f"one of {', '.join(KINDS)}", remedy))
+    return text.lower()
+
+
+def _read_load(row: _Row, name: str) -> Load | None:
+    return row.attempt(name, Load.parse, row[name], decimal=row.decimal)
+
+
+def _read_angle(row: _Row, name: str, factor: float) -> float | None:
+    return _scaled(row.attempt(name, parse_number, row[name], row.decimal), factor)
+
+
+def _read_number(row: _Row, kind: str | None) -> tuple[float | None, float | None]:
+    """Reads value and sigma in SI units."""
+    value = row.attempt("value", parse_number, row["value"], row.decimal)
+    sigma = _read_sigma(row, value)
+    factor = row.attempt("unit", si_factor, row["unit"], KINDS[kind]) if kind else None
+    return _scaled(value, factor), _scaled(sigma, factor)
+
+
+def _scaled(number: float | None, factor: float | None) -> float | None:
+    return None if number is None or factor is None else number * factor
+
+
+def _read_sigma(row: _Row, value: float | None) -> float | None:
+    """Reads sigma in the value's unit as written."""
+    if bool(row["sigma"]) == bool(row["relative_sigma"]):
+        got = "both" if row["sigma"] else "nothing"
+        row.add(Problem("", got, "either sigma or relative_sigma", "fill one of the two cells", "sigma"))
+        return None
+    if row["sigma"]:
+        return row.attempt("sigma", _positive, row["sigma"], row.decimal)
+    fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal)
+    if value == 0:
+        got, remedy = "a fraction of the value 0", "give sigma instead"
+        row.add(Problem("", got, "an absolute sigma", remedy, "relative_sigma"))
+    return _scaled(fraction, None if value is None else abs(value))
+
+
+def _positive(text: str, decimal: str) -> float:
+    if text.endswith("%"):
+        remedy = "use the column relative_sigma for percent"
+        raise InputError(Problem("", quoted(text), "sigma in the value's unit", remedy))
+    sigma = parse_number(text, decimal)
+    if sigma <= 0:
+        remedy = "state how far the value may be off"
+        raise InputError(Problem("", quoted(text), "a standard deviation above 0", remedy))
+    return sigma
+
+
+def _duplicate_problems(measurements: tuple[Measurement, ...]) -> Iterator[Problem]:
+    for earlier, repeated in duplicates(measurements):
+        got = f"a duplicate of row {earlier.where.rpartition(':')[2]}"
+        remedy = "delete one of them, or label the modes if two modes share a frequency"
+        yield Problem(repeated.where, got, "each measurement once", remedy)

@@ -1,0 +1,94 @@
+"""A campaign into CSV that reads back equal."""
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from ident.errors import InputError, Problem
+from ident.measure.campaign import KINDS, Campaign, Measurement
+from ident.measure.columns import COLUMNS
+from ident.measure.load import format_direction
+from ident.measure.reading import parse_campaign
+from ident.measure.text import format_number, one_line
+from ident.measure.units import si_factor
+
+WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "damping_ratio": "1"}
+"""Unit in which each measured quantity is written."""
+
+
+def write_campaign(
+    campaign: Campaign,
+    path: str | Path,
+    *,
+    header_comments: Iterable[str] = (),
+    relative_sigma: bool = False,
+) -> None:
+    """Writes a campaign as CSV: postures in deg, frequencies in Hz, deflections in mm, every digit kept.
+
+    The text is read back before it is written, so that no file is made that `read_campaign` would refuse. The
+    file appears whole or not at all.
+
+    Args:
+        campaign: what to write.
+        path: the file; an existing one is replaced.
+        header_comments: comment lines for the head of the file, such as the origin of the numbers.
+        relative_sigma: whether standard deviations are written as fractions of the value, where they are any.
+
+    Raises:
+        InputError: the campaign is empty or holds duplicates, or the file can't be written.
+    """
+    comments = [f"# {line}".rstrip() for comment in header_comments for line in comment.splitlines()]
+    text = "\n".join([*comments, format_campaign(campaign, relative_sigma=relative_sigma)])
+    data = text.encode("utf-8", errors="backslashreplace")
+    parse_campaign(data, path)
+    _replace_file(Path(path), data)
+
+
+def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:
+    """Returns a campaign as CSV text, with the columns that are in use."""
+    angles = [f"q{joint} [deg]" for joint in range(1, campaign.joints + 1)]
+    rows = [dict(zip(angles, _degrees(m), strict=True)) | dict(_cells(m, relative_sigma)) for m in campaign]
+    used = [name for name in COLUMNS if name in _ALWAYS or any(row.get(name) for row in rows)]
+    text = io.StringIO()
+    columns = ["kind", *angles, *used[1:]]
+    writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+_ALWAYS = ("kind", "value", "unit")
+
+
+def _degrees(m: Measurement) -> list[str]:
+    return [format_number(angle / si_factor("deg", "angle")) for angle in m.posture]
+
+
+def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
+    unit = WRITTEN_UNITS[KINDS[m.kind]]
+    factor = si_factor(unit, KINDS[m.kind])
+    yield from (("kind", m.kind), ("mode", m.mode or ""), ("point", m.point or ""), ("note", m.note))
+    yield "direction", format_direction(m.direction) if m.direction else ""
+    yield "load", str(m.load) if m.load else ""
+    yield "reference_load", str(m.reference_load) if m.reference_load else ""
+    yield from (("value", format_number(m.value / factor)), ("unit", unit))
+    if relative_sigma and m.sigma < abs(m.value):
+        yield "relative_sigma", format_number(m.sigma / abs(m.value))
+    else:
+        yield "sigma", format_number(m.sigma / factor)
+
+
+def _replace_file(path: Path, data: bytes) -> None:
+    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        try:
+            draft.write_bytes(data)
+            os.replace(draft, path)
+        finally:
+            draft.unlink(missing_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        remedy = "check the folder and its permissions"
+        raise InputError(Problem(one_line(str(path)), reason.lower(), "a file to write", remedy)) from None
