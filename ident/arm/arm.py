@@ -5,6 +5,7 @@ are parallel to the base frame: z up, x along the unfolded arm, y to the left.
 """
 
 from collections.abc import Iterator, Mapping
+from operator import attrgetter
 from typing import Any
 
 import equinox as eqx
@@ -14,12 +15,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.errors import InputError, Problem
+from ident.text import did_you_mean
 
 GRAVITY = (0.0, 0.0, -9.80665)
 """Standard gravity [m/s^2] in the base frame (CGPM 1901)."""
 
 COMPONENTS = {"x": (0,), "y": (1,), "z": (2,), "xx": (0, 0), "yy": (1, 1), "zz": (2, 2)}
 """Names of vector and matrix components in a parameter's path."""
+RANKS = {"com": 1, "offset": 1, "position": 1, "inertia": 2}
+"""Number of component axes of the fields that are no scalars; any further axes are batch."""
 
 
 class Body(eqx.Module):
@@ -39,7 +43,11 @@ class Body(eqx.Module):
 
     def __init__(self, name: str, mass: Any, com: Any = (0.0, 0.0, 0.0), inertia: Any = ((0.0,) * 3,) * 3):
         self.name = name
-        self.mass, self.com, self.inertia = jnp.asarray(mass), jnp.asarray(com), jnp.asarray(inertia)
+        self.mass, self.com, self.inertia = (
+            jnp.asarray(mass, float),
+            jnp.asarray(com, float),
+            jnp.asarray(inertia, float),
+        )
 
     def __check_init__(self) -> None:
         check_inertia(self.name, self.mass, self.inertia)
@@ -93,9 +101,9 @@ class Joint(eqx.Module):
         limits: tuple[float, float] = (-np.inf, np.inf),
     ):
         self.name, self.driven, self.limits = name, driven, limits
-        self.axis, self.offset = jnp.asarray(axis), jnp.asarray(offset)
-        self.k_bend, self.k_tors = jnp.asarray(k_bend), jnp.asarray(k_tors)
-        self.tau_bend, self.tau_tors = jnp.asarray(tau_bend), jnp.asarray(tau_tors)
+        self.axis, self.offset = jnp.asarray(axis, float), jnp.asarray(offset, float)
+        self.k_bend, self.k_tors = jnp.asarray(k_bend, float), jnp.asarray(k_tors, float)
+        self.tau_bend, self.tau_tors = jnp.asarray(tau_bend, float), jnp.asarray(tau_tors, float)
         self.shaft, self.link = tuple(shaft), tuple(link)
 
 
@@ -113,7 +121,7 @@ class Point(eqx.Module):
     position: Float[Array, "3"]
 
     def __init__(self, name: str, joint: str, position: Any):
-        self.name, self.joint, self.position = name, joint, jnp.asarray(position)
+        self.name, self.joint, self.position = name, joint, jnp.asarray(position, float)
 
 
 class Payload(eqx.Module):
@@ -155,7 +163,7 @@ class Arm(eqx.Module):
     ):
         self.name = name
         self.joints, self.points, self.payloads = tuple(joints), tuple(points), tuple(payloads)
-        self.gravity = jnp.asarray(gravity)
+        self.gravity = jnp.asarray(gravity, float)
 
     def __check_init__(self) -> None:
         names = [part.name for part in self.parts()]
@@ -171,7 +179,8 @@ class Arm(eqx.Module):
     def parts(self) -> Iterator[Joint | Body | Point]:
         """Everything that has a name."""
         for joint in self.joints:
-            yield from (joint, *joint.shaft, *joint.link)
+            yield joint
+            yield from joint.shaft + joint.link
         yield from self.points
         yield from (payload.body for payload in self.payloads)
 
@@ -202,8 +211,12 @@ class Arm(eqx.Module):
             name = getattr(node, "name", None)
             for field, component, value in by_part.get(name, ()) if name else ():
                 old = getattr(node, field)
-                new = _with_component(old, component, jnp.asarray(value)) if component else jnp.asarray(value)
-                node = eqx.tree_at(lambda n, f=field: getattr(n, f), node, new)
+                new = (
+                    _with_component(old, component, jnp.asarray(value, float))
+                    if component
+                    else jnp.asarray(value, float)
+                )
+                node = eqx.tree_at(attrgetter(field), node, new)
             return node
 
         def joint(old: Joint) -> Joint:
@@ -226,17 +239,14 @@ class Arm(eqx.Module):
         for part in self.parts():
             for field in ("mass", "com", "inertia", "offset", "position", *STIFFNESS, *DAMPING):
                 if hasattr(part, field):
-                    shape = getattr(part, field).shape
-                    ends = [c for c, i in COMPONENTS.items() if len(i) == len(shape)] if shape else [""]
+                    rank = RANKS.get(field, 0)
+                    ends = [c for c, i in COMPONENTS.items() if len(i) == rank] if rank else [""]
                     found += [f"{part.name}.{field}.{end}".rstrip(".") for end in ends]
         return tuple(found)
 
     def _split(self, path: str) -> tuple[str, str, tuple[int, ...]]:
         if path not in self.paths():
-            import difflib
-
-            near = difflib.get_close_matches(path, self.paths(), n=3, cutoff=0.3)
-            remedy = f"did you mean {' or '.join(near)}?" if near else "see `Arm.paths()`"
+            remedy = did_you_mean(path, self.paths(), "see `Arm.paths()`")
             raise InputError(Problem("", path, f"a number of the arm {self.name}", remedy))
         name, field, *end = path.split(".")
         return name, field, COMPONENTS[end[0]] if end else ()

@@ -1,13 +1,15 @@
 """The arm held at a posture under a load: N rigid bodies on N bushings, all axes parallel to the base frame."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.arm import Arm, Body, Joint
-from ident.arm.rotations import identity, matmul, matvec, outer, transpose, turn_about
+from ident.arm.arm import DAMPING, STIFFNESS, Arm
+from ident.arm.rotations import identity, matmul, matvec, outer, total, transpose, turn_about
 from ident.errors import ModelError
 
 
@@ -28,9 +30,7 @@ class Loads(eqx.Module):
 def no_loads(arm: Arm, batch: tuple[int, ...] = ()) -> Loads:
     """Return the load case of the arm's own weight."""
     points = len(arm.points)
-    return Loads(
-        jnp.zeros((len(arm.payloads), *batch)), jnp.zeros((points, *batch)), jnp.zeros((3, points, *batch))
-    )
+    return Loads(jnp.zeros((len(arm.payloads), *batch)), jnp.zeros((points, *batch)), jnp.zeros((3, points, *batch)))
 
 
 class Chain(eqx.Module):
@@ -87,78 +87,85 @@ def hold(arm: Arm, posture: Float[Array, "driven *#batch"], loads: Loads | None 
     rank = posture.ndim - 1
     loads = no_loads(arm, (1,) * rank) if loads is None else loads
     before, after = _frames(arm, posture)
-    bodies = [_body(arm, index, before[index], after[index], loads) for index in range(len(arm.joints))]
-    links = [identity(3, rank), *after[:-1]]
-    carrier = tuple([joint.name for joint in arm.joints].index(point.joint) for point in arm.points)
-    springs = [_bushing(joint, frame) for joint, frame in zip(arm.joints, before, strict=True)]
+    links = jnp.concatenate([before[:, :, :1], after[:, :, :-1]], 2)
+    names = [joint.name for joint in arm.joints]
+    carrier = tuple(names.index(point.joint) for point in arm.points)
+    mass, moment, second = _moments(arm, before, after, loads)
+    bend, tors, damping = _bushings(arm, before)
     return Chain(
-        offset=_stack([matvec(F, _lift(j.offset, 1, rank)) for j, F in zip(arm.joints, links, strict=True)], 1),
-        mass=_stack([body[0] for body in bodies], 0),
-        moment=_stack([body[1] for body in bodies], 1),
-        second=_stack([body[2] for body in bodies], 2),
-        bend=_stack([spring[0] for spring in springs], 2),
-        tors=_stack([spring[1] for spring in springs], 2),
-        damping=_stack([spring[2] for spring in springs], 2),
-        position=_points(arm, carrier, after, rank),
+        offset=matvec(links, _stack([joint.offset for joint in arm.joints], 1, rank)),
+        mass=mass,
+        moment=moment,
+        second=second,
+        bend=bend,
+        tors=tors,
+        damping=damping,
+        position=_points(arm, carrier, after),
         force=loads.force,
         gravity=arm.gravity,
-        frame=_stack(before, 2),
+        frame=before,
         carrier=carrier,
     )
 
 
-def _frames(arm: Arm, posture: Array) -> tuple[list[Array], list[Array]]:
-    """Return the axes of each shaft and of each link (3, 3, *batch) in the base frame."""
-    rank, angles = posture.ndim - 1, iter(posture)
-    frame, before, after = identity(3, rank), [], []
-    for joint in arm.joints:
-        before.append(frame)
-        if joint.driven:
-            frame = matmul(frame, turn_about(_lift(joint.axis, 1, rank), next(angles)))
-        after.append(frame)
-    return before, after
+def _frames(arm: Arm, posture: Array) -> tuple[Array, Array]:
+    """Return the axes of all shafts and of all links (3, 3, N, *batch) in the base frame."""
+    angles, none = iter(posture), jnp.zeros_like(posture[:1]).sum(0)
+    angle = jnp.stack([next(angles) if joint.driven else none for joint in arm.joints])
+    turn = turn_about(_stack([joint.axis for joint in arm.joints], 1, posture.ndim - 1), angle)
+    after = [turn[:, :, 0]]
+    for j in range(1, len(arm.joints)):
+        after.append(matmul(after[-1], turn[:, :, j]))
+    base = jnp.broadcast_to(identity(3, turn.ndim - 3), after[0].shape)
+    return jnp.stack([base, *after[:-1]], 2), jnp.stack(after, 2)
 
 
-def _bushing(joint: Joint, frame: Array) -> tuple[Array, Array, Array]:
-    """Return the bending stiffness, torsional stiffness and damping matrices of one bushing in base axes."""
-    rank = frame.ndim - 2
-    axis = matvec(frame, _lift(joint.axis, 1, rank))
+def _bushings(arm: Arm, frame: Array) -> tuple[Array, Array, Array]:
+    """Return the bending stiffness, torsional stiffness and damping matrices of all bushings in base axes."""
+    rank = frame.ndim - 3
+    k_bend, k_tors, tau_bend, tau_tors = (
+        _stack([getattr(joint, field) for joint in arm.joints], 0, rank) for field in (*STIFFNESS, *DAMPING)
+    )
+    axis = matvec(frame, _stack([joint.axis for joint in arm.joints], 1, rank))
     along = outer(axis, axis)
-    bend = (identity(3, rank) - along) * joint.k_bend
-    tors = along * joint.k_tors
-    return bend, tors, bend * joint.tau_bend + tors * joint.tau_tors
+    bend, tors = (identity(3, rank + 1) - along) * k_bend, along * k_tors
+    return bend, tors, bend * tau_bend + tors * tau_tors
 
 
-def _body(arm: Arm, index: int, before: Array, after: Array, loads: Loads) -> tuple[Array, Array, Array]:
-    """Return mass, first and second moment about the bushing of all that moves with one joint."""
-    joint, rank = arm.joints[index], before.ndim - 2
-    parts = [_moments(body, before, 1.0) for body in joint.shaft]
-    parts += [_moments(body, after, 1.0) for body in joint.link]
-    for payload, share in zip(arm.payloads, loads.payload, strict=True):
-        if payload.joint == joint.name:
-            parts.append(_moments(payload.body, after, share))
-    for point, mass in zip(arm.points, loads.mass, strict=True):
-        if point.joint == joint.name:
-            r = matvec(after, _lift(point.position, 1, rank))
-            parts.append((mass, mass * r, mass * outer(r, r)))
-    if not parts:
-        return jnp.zeros((1,) * rank), jnp.zeros((3,) + (1,) * rank), jnp.zeros((3, 3) + (1,) * rank)
-    mass, first, second = (sum(column[1:], column[0]) for column in zip(*parts, strict=True))
-    return mass, first, second
+def _moments(arm: Arm, before: Array, after: Array, loads: Loads) -> tuple[Array, Array, Array]:
+    """Return mass, first and second moment about the bushing of all that moves with each joint.
+
+    A mass hung on a point is a body of 1 kg, a share of which is there, as of a payload.
+    """
+    rank, names = before.ndim - 3, [joint.name for joint in arm.joints]
+    n = len(names)
+    parts = [(j, body) for j, joint in enumerate(arm.joints) for body in joint.shaft]
+    parts += [(n + j, body) for j, joint in enumerate(arm.joints) for body in joint.link]
+    fixed = jnp.ones((len(parts), *loads.mass.shape[1:]))
+    parts += [(n + names.index(payload.joint), payload.body) for payload in arm.payloads]
+    place, bodies = zip(*parts, strict=True) if parts else ((), ())
+    place += tuple(n + names.index(point.joint) for point in arm.points)
+    if not place:
+        raise ModelError(f"{arm.name} has no mass")
+
+    share = jnp.concatenate([fixed, loads.payload, loads.mass])
+    m = share * _stack([*(body.mass for body in bodies), *(1.0 for _ in arm.points)], 0, rank)
+    com = _stack([*(body.com for body in bodies), *(point.position for point in arm.points)], 1, rank)
+    inertia = share * _stack([*(b.inertia for b in bodies), *(np.zeros((3, 3)) for _ in arm.points)], 2, rank)
+
+    frame = jnp.concatenate([before, after], 2)[:, :, np.array(place)]
+    r, turned = matvec(frame, com), matmul(matmul(frame, inertia), transpose(frame))
+    half_trace = (inertia[0, 0] + inertia[1, 1] + inertia[2, 2]) / 2
+    second = half_trace * identity(3, rank + 1) - turned + m * outer(r, r)
+    on = np.equal.outer(np.arange(n), np.array(place) % n)
+    return total(on, m, 0), total(on, m * r, 1), total(on, second, 2)
 
 
-def _moments(body: Body, frame: Array, share: Any) -> tuple[Array, Array, Array]:
-    rank = frame.ndim - 2
-    mass = _lift(body.mass, 0, rank) * share
-    r = matvec(frame, _lift(body.com, 1, rank))
-    inertia = matmul(matmul(frame, _lift(body.inertia, 2, rank)), transpose(frame)) * share
-    trace = inertia[0, 0] + inertia[1, 1] + inertia[2, 2]
-    return mass, mass * r, trace / 2 * identity(3, rank) - inertia + mass * outer(r, r)
-
-
-def _points(arm: Arm, carrier: tuple[int, ...], after: list[Array], rank: int) -> Array:
-    placed = [matvec(after[k], _lift(p.position, 1, rank)) for k, p in zip(carrier, arm.points, strict=True)]
-    return _stack(placed, 1) if placed else jnp.zeros((3, 0) + (1,) * rank)
+def _points(arm: Arm, carrier: tuple[int, ...], after: Array) -> Array:
+    rank = after.ndim - 3
+    if not carrier:
+        return jnp.zeros((3, 0) + (1,) * rank)
+    return matvec(after[:, :, np.array(carrier)], _stack([point.position for point in arm.points], 1, rank))
 
 
 def _lift(x: Any, components: int, rank: int) -> Array:
@@ -168,6 +175,6 @@ def _lift(x: Any, components: int, rank: int) -> Array:
     return x.reshape(x.shape[:components] + (1,) * (rank - len(own)) + own)
 
 
-def _stack(items: list[Array], components: int) -> Array:
-    """Stack over joints or points, on the axis between components and batch."""
-    return jnp.stack(jnp.broadcast_arrays(*items), components)
+def _stack(items: Sequence[Any], components: int, rank: int) -> Array:
+    """Stack over joints, bodies or points, on the axis between components and batch."""
+    return jnp.stack(jnp.broadcast_arrays(*(_lift(item, components, rank) for item in items)), components)

@@ -5,8 +5,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ident.arm.chain import Chain
-from ident.arm.linalg import cholesky, solve_positive
-from ident.arm.mechanics import Phi, point_positions, potential_derivatives, potential_gradient, unflatten
+from ident.arm.linalg import solve_positive
+from ident.arm.mechanics import (
+    Phi,
+    point_positions,
+    potential_derivatives,
+    potential_gradient,
+    straight_positions,
+    unflatten,
+)
 
 MAX_STEPS = 30
 """Newton steps at most; stiff arms need three or four."""
@@ -34,7 +41,7 @@ def equilibrium(chain: Chain) -> Phi:
     def step(state: tuple[Phi, Array, Array]) -> tuple[Phi, Array, Array]:
         phi, _, count = state
         gradient, hessian = potential_derivatives(chain, phi)
-        move = unflatten(solve_positive(cholesky(hessian), gradient))
+        move = unflatten(solve_positive(hessian, gradient))
         size = jnp.abs(move).max((0, 1))
         return phi - move * jnp.minimum(1.0, LONGEST / size), size, count + 1
 
@@ -50,12 +57,12 @@ def _equilibrium_jvp(primals: tuple[Chain], tangents: tuple[Chain]) -> tuple[Phi
     phi = equilibrium(chain)
     gradient_dot = jax.jvp(lambda c: potential_gradient(c, phi), (chain,), (chain_dot,))[1]
     _, hessian = potential_derivatives(chain, phi)
-    return phi, -unflatten(solve_positive(cholesky(hessian), gradient_dot))
+    return phi, -unflatten(solve_positive(hessian, gradient_dot))
 
 
 def deflection(chain: Chain, phi: Phi) -> Float[Array, "3 P *#batch"]:
     """Return how far each named point lies from its place at phi = 0, in the base frame [m]."""
-    return point_positions(chain, phi) - point_positions(chain, jnp.zeros_like(phi))
+    return point_positions(chain, phi) - straight_positions(chain)
 
 
 def _shape(chain: Chain) -> tuple[int, ...]:

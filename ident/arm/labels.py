@@ -76,6 +76,4 @@ def mode_labels(modes: Modes) -> list[Label]:
 
 def is_ambiguous(modes: Modes) -> Bool[Array, "m *batch"]:
     """Tell which modes are named by a near draw, so that a small change may rename them."""
-    return (jnp.abs(torsion_share(modes) - 0.5) < AMBIGUOUS) | (
-        jnp.abs(vertical_share(modes) - 0.5) < AMBIGUOUS
-    )
+    return (jnp.abs(torsion_share(modes) - 0.5) < AMBIGUOUS) | (jnp.abs(vertical_share(modes) - 0.5) < AMBIGUOUS)

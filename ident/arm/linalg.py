@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.rotations import outer, transpose
+from ident.arm.rotations import identity, matmul, matvec, outer, transpose
 
 Square = Float[Array, "n n *#batch"]
 
@@ -20,28 +20,27 @@ TINY = 1e-300
 """Stands in for a pivot that is exactly zero."""
 
 
-def cholesky(A: Square) -> Square:
-    """Return the lower triangular L with L L' = A; NaN where A is not positive definite."""
-    row = _indices(A)
+def whitener(A: Square) -> Square:
+    """Return the lower triangular W with W A W' = 1, the inverse of the Cholesky factor; NaN where there is none.
 
-    def column(rest: Square, k: Array) -> tuple[Square, Array]:
-        c = jax.lax.dynamic_index_in_dim(rest, k, 1, keepdims=False)
-        pivot = jax.lax.dynamic_index_in_dim(c, k, 0, keepdims=False)
-        c = jnp.where(row >= k, c / jnp.sqrt(pivot), 0.0)
-        return rest - outer(c, c), c
+    Gaussian elimination of the rows (A, 1) leaves (D L', L^-1), where A = L D L', L with a unit diagonal.
+    """
+    n, row = A.shape[0], _indices(A)
 
-    return transpose(jax.lax.scan(column, A, jnp.arange(A.shape[0]))[1])
+    def eliminate(k: Array, rest: Array) -> Array:
+        pivot_row = jax.lax.dynamic_index_in_dim(rest, k, 0, keepdims=False)
+        pivot = jax.lax.dynamic_index_in_dim(pivot_row, k, 0, keepdims=False)
+        return rest - outer(jnp.where(row > k, pivot_row[:n] / pivot, 0.0), pivot_row)
+
+    unit = jnp.broadcast_to(identity(n, A.ndim - 2), A.shape)
+    rest = jax.lax.fori_loop(0, n, eliminate, jnp.concatenate([A, unit], 1))
+    return rest[:, n:] / jnp.sqrt(_diagonal(rest))[:, None]
 
 
-def solve_lower(L: Square, B: Float[Array, "n m *#batch"]) -> Float[Array, "n m *#batch"]:
-    """Return the solution X of L X = B, L lower triangular; linear and transposable in B."""
-    return _substitute(L, B, reverse=False)
-
-
-def solve_positive(L: Square, b: Float[Array, "n *#batch"]) -> Float[Array, "n *#batch"]:
-    """Return the solution x of L L' x = b."""
-    y = _substitute(L, b[:, None], reverse=False)
-    return _substitute(transpose(L), y, reverse=True)[:, 0]
+def solve_positive(A: Square, b: Float[Array, "n *#batch"]) -> Float[Array, "n *#batch"]:
+    """Return the solution x of A x = b, A positive definite."""
+    W = whitener(A)
+    return matvec(transpose(W), matvec(W, b))
 
 
 def lowest_modes(
@@ -49,20 +48,17 @@ def lowest_modes(
 ) -> tuple[Float[Array, "count *#batch"], Float[Array, "n count *#batch"]]:
     """Solve H v = lambda M v for the lowest eigenvalues; H and M positive definite.
 
-    With H = L L', the largest eigenvalues of L^-1 M L'^-1 are the 1/lambda sought, and the most accurate ones.
+    With W H W' = 1, the largest eigenvalues of W M W' are the 1/lambda sought, and the most accurate ones.
 
     Returns:
         lambda `(count, *batch)` ascending, and V `(n, count, *batch)`, a column each, with V' M V = 1.
     """
-    L = cholesky(H)
-    A = solve_lower(L, transpose(solve_lower(L, M)))
-    mu, Y = largest_eigenpairs(A, count)
-    return 1 / mu, _substitute(transpose(L), Y / jnp.sqrt(mu), reverse=True)
+    W = whitener(H)
+    mu, Y = largest_eigenpairs(matmul(matmul(W, M), transpose(W)), count)
+    return 1 / mu, matmul(transpose(W), Y / jnp.sqrt(mu))
 
 
-def largest_eigenpairs(
-    A: Square, count: int
-) -> tuple[Float[Array, "count *#batch"], Float[Array, "n count *#batch"]]:
+def largest_eigenpairs(A: Square, count: int) -> tuple[Float[Array, "count *#batch"], Float[Array, "n count *#batch"]]:
     """Return the largest eigenvalues, descending, and orthonormal eigenvectors of symmetric, non-negative A.
 
     Householder tridiagonalization, bisection on Sturm counts, inverse iteration. Eigenvalues are right to rounding
@@ -82,11 +78,11 @@ def _tridiagonalize(A: Square) -> tuple[Array, Array, Array]:
 
     def reflect(A: Square, k: Array) -> tuple[Square, Array]:
         column = jax.lax.dynamic_index_in_dim(A, k, 1, keepdims=False)
+        head = jax.lax.dynamic_index_in_dim(column, k + 1, 0, keepdims=False)
         x = jnp.where(row > k, column, 0.0)
-        head = jnp.where(row == k + 1, column, 0.0).sum(0)
         length = jnp.sqrt((x * x).sum(0))
         v = x + jnp.where(row == k + 1, jnp.where(head < 0, -length, length), 0.0)
-        norm = jnp.sqrt((v * v).sum(0))
+        norm = jnp.sqrt(2 * length * (length + jnp.abs(head)))
         v = v / jnp.where(norm == 0, 1.0, norm)
         p = 2 * (A * v[None]).sum(1)
         w = p - (p * v).sum(0) * v
@@ -101,26 +97,23 @@ def _bisect(d: Array, e: Array, count: int) -> Array:
     n, none = d.shape[0], jnp.zeros_like(d[:1])
     left, right = jnp.concatenate([none, jnp.abs(e)]), jnp.concatenate([jnp.abs(e), none])
     top = (d + left + right).max(0)
-    wanted = jnp.arange(count).reshape((-1,) + (1,) * top.ndim)
+    squared, wanted = left * left, jnp.arange(count).reshape((-1,) + (1,) * top.ndim)
 
     def above(x: Array) -> Array:
         """Count the eigenvalues above x: the positive pivots of T - x."""
-        pivot = d[0] - x
-        total = (pivot > 0).astype(int)
-        for i in range(1, n):
-            pivot = d[i] - x - left[i] ** 2 / jnp.where(pivot == 0, TINY, pivot)
+        pivot, total = jnp.ones_like(x), jnp.zeros(x.shape, int)
+        for i in range(n):
+            pivot = d[i] - x - squared[i] / pivot
+            pivot = jnp.where(pivot == 0, TINY, pivot)
             total = total + (pivot > 0)
         return total
 
-    def halve(_: Array, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = bracket
-        middle = (low + high) / 2
-        more = above(middle) > wanted
-        return jnp.where(more, middle, low), jnp.where(more, high, middle)
+    def halve(i: Array, low: Array) -> Array:
+        middle = low + top * 0.5 ** (i + 1)
+        return jnp.where(above(middle) > wanted, middle, low)
 
-    shape = (count, *top.shape)
-    low, high = jax.lax.fori_loop(0, BISECTIONS, halve, (jnp.zeros(shape), jnp.broadcast_to(top, shape)))
-    return jnp.where(jnp.isnan(top), jnp.nan, (low + high) / 2)
+    low = jax.lax.fori_loop(0, BISECTIONS, halve, jnp.zeros((count, *top.shape)))
+    return jnp.where(jnp.isnan(top), jnp.nan, low + top * 0.5 ** (BISECTIONS + 1))
 
 
 def _inverse_iteration(d: Array, e: Array, mu: Array) -> Array:
@@ -141,8 +134,8 @@ def _solve_shifted(d: Array, e: Array, mu: Array, B: Array, tiny: Array) -> Arra
     def rotate(row: tuple[Array, Array, Array], below: tuple[Array, ...]) -> tuple[tuple, tuple]:
         (a, b, y), (under, diagonal, over, z) = row, below
         r = jnp.sqrt(a * a + under * under)
-        r = jnp.where(r < tiny, tiny, r)
-        c, s, g = a / r, under / r, diagonal - mu
+        singular, r = r < tiny, jnp.maximum(r, tiny)
+        c, s, g = jnp.where(singular, 1.0, a / r), jnp.where(singular, 0.0, under / r), diagonal - mu
         return (c * g - s * b, c * over, c * z - s * y), (r, c * b + s * g, s * over, c * y + s * z)
 
     def substitute(known: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[tuple, Array]:
@@ -181,19 +174,6 @@ def _indices(A: Square) -> Array:
     return jnp.arange(A.shape[0]).reshape((-1,) + (1,) * (A.ndim - 2))
 
 
-def _diagonal(A: Square) -> Array:
-    return jnp.moveaxis(jnp.diagonal(A, axis1=0, axis2=1), -1, 0)
-
-
-def _substitute(T: Square, B: Array, *, reverse: bool) -> Array:
-    """Solve T X = B for a lower triangular T, or an upper one from the last row up (`reverse`)."""
-
-    def row(rest: Array, k: Array) -> tuple[Array, Array]:
-        column = jax.lax.dynamic_index_in_dim(T, k, 1, keepdims=False)
-        pivot = jax.lax.dynamic_index_in_dim(column, k, 0, keepdims=False)
-        x = jax.lax.dynamic_index_in_dim(rest, k, 0, keepdims=False) / pivot
-        return rest - outer(column, x), x
-
-    batch = jnp.broadcast_shapes(T.shape[2:], B.shape[2:])
-    rest = jnp.broadcast_to(B, B.shape[:2] + batch)
-    return jax.lax.scan(row, rest, jnp.arange(T.shape[0]), reverse=reverse)[1]
+def _diagonal(A: Float[Array, "n m *batch"]) -> Float[Array, "n *batch"]:
+    unit = np.eye(*A.shape[:2], dtype=bool).reshape(A.shape[:2] + (1,) * (A.ndim - 2))
+    return jnp.where(unit, A, 0.0).sum(1)

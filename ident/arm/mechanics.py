@@ -23,6 +23,7 @@ from ident.arm.rotations import (
     outer,
     rotation,
     spin,
+    total,
     transpose,
 )
 
@@ -47,26 +48,30 @@ class Placement(eqx.Module):
 
 def place(chain: Chain, phi: Phi) -> Placement:
     """Place the bodies of the chain, from the base outwards."""
-    batch = jnp.broadcast_shapes(phi.shape[2:], chain.offset.shape[2:])
     turn = rotation(phi)
-    axes = jnp.broadcast_to(identity(3, len(batch)), (3, 3, *batch))
-    centre = jnp.zeros((3, *batch))
-    centres, befores, afters = [], [], []
-    for j in range(phi.shape[1]):
-        centre = centre + matvec(axes, chain.offset[:, j])
-        befores.append(axes)
-        axes = matmul(axes, turn[:, :, j])
-        centres.append(centre)
-        afters.append(axes)
-    before = jnp.stack(befores, 2)
-    return Placement(jnp.stack(centres, 1), jnp.stack(afters, 2), matmul(before, left_jacobian(phi)), before)
+    after = [turn[:, :, 0]]
+    for j in range(1, phi.shape[1]):
+        after.append(matmul(after[-1], turn[:, :, j]))
+    base = jnp.broadcast_to(identity(3, phi.ndim - 2), after[0].shape)
+    before = jnp.stack([base, *after[:-1]], 2)
+    centre = total(_inboard(phi.shape[1]), matvec(before, chain.offset), 1)
+    return Placement(centre, jnp.stack(after, 2), matmul(before, left_jacobian(phi)), before)
 
 
 def point_positions(chain: Chain, phi: Phi) -> Float[Array, "3 P *#batch"]:
     """Return the named points' positions in the base frame [m]."""
-    at = place(chain, phi)
+    return _points_of(chain, place(chain, phi))
+
+
+def _points_of(chain: Chain, at: Placement) -> Float[Array, "3 P *#batch"]:
     body = np.asarray(chain.carrier, dtype=int)
     return at.centre[:, body] + matvec(at.axes[:, :, body], chain.position)
+
+
+def straight_positions(chain: Chain) -> Float[Array, "3 P *#batch"]:
+    """Return where the named points are at phi = 0 [m]."""
+    outwards = _inboard(chain.offset.shape[1])[np.asarray(chain.carrier, dtype=int)]
+    return total(outwards, chain.offset, 1) + chain.position
 
 
 def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
@@ -98,11 +103,11 @@ def mass_matrix(chain: Chain, phi: Phi) -> Float[Array, "n n *#batch"]:
     arm = matvec(at.axes, chain.moment)
     second = matmul(matmul(at.axes, chain.second), transpose(at.axes))
     second = second + outer(arm, at.centre) + outer(at.centre, arm) + chain.mass * outer(at.centre, at.centre)
-    both = _outer_joint(phi.shape[1])
-    mass = _outboard(jnp.broadcast_to(chain.mass, at.centre.shape[1:]), 0)[both]
-    moment = _outboard(chain.mass * at.centre + arm, 1)[:, both]
+    moved = _moved_by_both(phi.shape[1])
+    mass = total(moved, jnp.broadcast_to(chain.mass, at.centre.shape[1:]), 0)
+    moment = total(moved, chain.mass * at.centre + arm, 1)
     p_j, p_i = at.centre[:, :, None], at.centre[:, None]
-    S = _outboard(second, 2)[:, :, both] - outer(moment, p_j) - outer(p_i, moment) + mass * outer(p_i, p_j)
+    S = total(moved, second, 2) - outer(moment, p_j) - outer(p_i, moment) + mass * outer(p_i, p_j)
     return flatten_blocks(matmul(matmul(transpose(at.rate)[:, :, :, None], spin(S)), at.rate[:, :, None]))
 
 
@@ -112,9 +117,7 @@ def potential_gradient(chain: Chain, phi: Phi) -> Float[Array, "n *#batch"]:
     return _gradient(chain, phi, at, -axial(_virial(chain, at)))
 
 
-def potential_derivatives(
-    chain: Chain, phi: Phi
-) -> tuple[Float[Array, "n *#batch"], Float[Array, "n n *#batch"]]:
+def potential_derivatives(chain: Chain, phi: Phi) -> tuple[Float[Array, "n *#batch"], Float[Array, "n n *#batch"]]:
     """Return gradient [N m] and Hessian [N m/rad] of the potential energy.
 
     With the virial T_j, the sum of (r - p_j) f' over the weights and forces that joint j moves, turning bushing j
@@ -127,8 +130,9 @@ def potential_derivatives(
     moment = -axial(T)
     joints, rank = np.arange(phi.shape[1]), phi.ndim - 2
     j, i = (index.reshape(index.shape + (1,) * rank) for index in np.meshgrid(joints, joints, indexing="ij"))
-    D = spin(T)[:, :, _outer_joint(len(joints))]
-    D = jnp.where(j > i, transpose(D), jnp.where(j < i, D, (D + transpose(D)) / 2))
+    D = spin(T)
+    outer_j, outer_i = transpose(D)[:, :, :, None], D[:, :, None]
+    D = jnp.where(j > i, outer_j, jnp.where(j < i, outer_i, (outer_j + outer_i) / 2))
     blocks = matmul(matmul(transpose(at.rate)[:, :, :, None], D), at.rate[:, :, None])
 
     own = curvature(phi, matvec(transpose(at.before), moment)) + chain.stiffness
@@ -141,25 +145,23 @@ def _gradient(chain: Chain, phi: Phi, at: Placement, moment: Phi) -> Float[Array
 
 def _virial(chain: Chain, at: Placement) -> Float[Array, "3 3 N *#batch"]:
     gravity = chain.gravity.reshape((3, 1) + (1,) * (at.centre.ndim - 2))
-    arm = chain.mass * at.centre + matvec(at.axes, chain.moment)
-    dyads = [outer(arm[:, j], gravity[:, 0]) for j in range(arm.shape[1])]
-    forces = [chain.mass[j] * gravity[:, 0] for j in range(arm.shape[1])]
-    for point, body in enumerate(chain.carrier):
-        r = at.centre[:, body] + matvec(at.axes[:, :, body], chain.position[:, point])
-        dyads[body] = dyads[body] + outer(r, chain.force[:, point])
-        forces[body] = forces[body] + chain.force[:, point]
-    total = _outboard(jnp.stack(jnp.broadcast_arrays(*forces), 1), 1)
-    return _outboard(jnp.stack(jnp.broadcast_arrays(*dyads), 2), 2) - outer(at.centre, total)
+    arm, points = chain.mass * at.centre + matvec(at.axes, chain.moment), _points_of(chain, at)
+    weight, force = (jnp.broadcast_to(f, r.shape) for f, r in ((chain.mass * gravity, arm), (chain.force, points)))
+    dyads = jnp.concatenate([outer(arm, gravity), outer(points, force)], 2)
+    joints = np.arange(arm.shape[1])
+    moved = np.less_equal.outer(joints, np.concatenate([joints, chain.carrier]))
+    return total(moved, dyads, 2) - outer(at.centre, total(moved, jnp.concatenate([weight, force], 1), 1))
 
 
-def _outer_joint(n: int) -> np.ndarray:
-    """Return max(j, i): what two joints move together is what the outer one moves."""
-    return np.maximum.outer(np.arange(n), np.arange(n))
+def _inboard(n: int) -> np.ndarray:
+    """Mark for each joint (n, n) those from the base up to it."""
+    return np.greater_equal.outer(np.arange(n), np.arange(n))
 
 
-def _outboard(x: Array, axis: int) -> Array:
-    """Return for each joint the sum over it and all joints further out."""
-    return jnp.flip(jnp.cumsum(jnp.flip(x, axis), axis), axis)
+def _moved_by_both(n: int) -> np.ndarray:
+    """Mark for each pair of joints (n, n, n) the bodies that both move: those from the outer one on."""
+    inboard = _inboard(n).T
+    return inboard[:, None] & inboard[None]
 
 
 def _flat(x: Phi) -> Float[Array, "n *#batch"]:

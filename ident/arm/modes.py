@@ -6,11 +6,11 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Inexact
 
 from ident.arm.chain import Chain
 from ident.arm.equilibrium import equilibrium
-from ident.arm.linalg import cholesky, lowest_modes, solve_lower
+from ident.arm.linalg import lowest_modes, whitener
 from ident.arm.mechanics import (
     Phi,
     flatten_blocks,
@@ -125,7 +125,7 @@ def modes_about(chain: Chain, system: Linearized, count: int | None = None) -> M
         shape=vectors,
         bend=jnp.moveaxis(energy[0] / total, -1, 1),
         tors=jnp.moveaxis(energy[1] / total, -1, 1),
-        motion=jnp.stack([_motion(still, phi, by_joint[..., i]) for i in range(m)], 2),
+        motion=jax.vmap(lambda shape: _motion(still, phi, shape), in_axes=-1, out_axes=2)(by_joint),
     )
 
 
@@ -138,7 +138,7 @@ def in_shaft_axes(chain: Chain, shape: Float[Array, "n *#batch"]) -> Phi:
     return matvec(transpose(chain.frame), unflatten(shape))
 
 
-def mac(a: Float[Array, "n *#batch"], b: Float[Array, "n *#batch"]) -> Float[Array, "*#batch"]:
+def mac(a: Inexact[Array, "n *#batch"], b: Inexact[Array, "n *#batch"]) -> Float[Array, "*#batch"]:
     """Return the modal assurance criterion |a'b|^2 / (a'a b'b) of two real or complex shapes, between 0 and 1.
 
     References:
@@ -173,19 +173,14 @@ def _damped_eigenvalues_jvp(primals: tuple[Linearized], tangents: tuple[Lineariz
 def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
     """Return s, right and left eigenvectors (columns), found in coordinates in which the mass matrix is 1."""
     n, batch = system.M.shape[0], system.M.shape[2:]
-    L = cholesky(system.M)
-    H, C = (solve_lower(L, transpose(solve_lower(L, X))) for X in (system.H, system.C))
+    W = whitener(system.M)
+    H, C = (matmul(matmul(W, X), transpose(W)) for X in (system.H, system.C))
     unit = jnp.broadcast_to(identity(n, len(batch)), (n, n, *batch))
-    V = transpose(solve_lower(L, unit))
-    state = jnp.concatenate(
-        [jnp.concatenate([jnp.zeros_like(unit), unit], 1), jnp.concatenate([-H, -C], 1)], 0
-    )
+    state = jnp.concatenate([jnp.concatenate([jnp.zeros_like(unit), unit], 1), jnp.concatenate([-H, -C], 1)], 0)
     # one after another: LAPACK must not run twice at the same time under jax 0.10
     one_by_one = jnp.moveaxis(state.reshape((2 * n, 2 * n, -1)), -1, 0)
-    s, right, left = (
-        jnp.moveaxis(out, 0, -1).reshape(out.shape[1:] + batch) for out in jax.lax.map(_eig, one_by_one)
-    )
-    return s, matmul(V, right[:n]), matmul(V, left[n:])
+    s, right, left = (jnp.moveaxis(out, 0, -1).reshape(out.shape[1:] + batch) for out in jax.lax.map(_eig, one_by_one))
+    return s, matmul(transpose(W), right[:n]), matmul(transpose(W), left[n:])
 
 
 def _eig(A: Float[Array, "k k"]) -> tuple[Array, Array, Array]:

@@ -4,7 +4,7 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Inexact
 
 Vector = Float[Array, "3 *#batch"]
 Matrix = Float[Array, "3 3 *#batch"]
@@ -13,7 +13,7 @@ TERMS = 13
 """Terms of the power series below; the first one left out is below 1e-17 for angles up to 3 rad."""
 
 
-def matmul(a: Float[Array, "i k *#batch"], b: Float[Array, "k j *#batch"]) -> Float[Array, "i j *#batch"]:
+def matmul(a: Inexact[Array, "i k *#batch"], b: Inexact[Array, "k j *#batch"]) -> Inexact[Array, "i j *#batch"]:
     """Return a b. A sum of products: XLA's batched matrix product is far slower on matrices this small."""
     return (a[:, :, None] * b[None]).sum(1)
 
@@ -31,6 +31,13 @@ def transpose(a: Float[Array, "i k *batch"]) -> Float[Array, "k i *batch"]:
 def outer(a: Float[Array, "i *#batch"], b: Float[Array, "k *#batch"]) -> Float[Array, "i k *#batch"]:
     """Return a b'."""
     return a[:, None] * b[None]
+
+
+def total(members: np.ndarray, x: Array, axis: int) -> Array:
+    """Return for each entry of `members` `(..., k)` the sum over those of the k items on `axis` of x that it marks."""
+    x = jnp.expand_dims(x, tuple(range(axis, axis + members.ndim - 1)))
+    batch = x.ndim - axis - members.ndim
+    return jnp.where(members.reshape(members.shape + (1,) * batch), x, 0.0).sum(axis + members.ndim - 1)
 
 
 def identity(n: int, batch_rank: int) -> Float[Array, "n n *ones"]:

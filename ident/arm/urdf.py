@@ -16,8 +16,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ident.arm.arm import Arm, Body, Joint, Point
-from ident.arm.file import LARGEST, NAME, idle, nearest, read_bytes
+from ident.arm.document import LARGEST
+from ident.arm.file import idle
 from ident.errors import InputError, Problem
+from ident.text import NAME, NAME_RULE, did_you_mean, one_line, read_bytes
 
 Pair = tuple[float, float]
 NUMBERS = {"xyz", "rpy", "value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"}
@@ -45,7 +47,7 @@ def read_urdf(
     Raises:
         InputError: the file is no URDF, the robot no serial arm of such joints, or a joint lacks a value.
     """
-    where = str(path)
+    where = one_line(str(path))
     robot = _parse(read_bytes(path, "a robot description (URDF)"), where)
     segments = _chain(robot, where)
     names = [segment.joint.name for segment in segments]
@@ -107,9 +109,7 @@ def _parse(data: bytes, where: str) -> Any:
         raise _refusal(where, got, "yourdfpy to read it", remedy) from None
     try:
         return URDF.load(io.BytesIO(data), build_scene_graph=False, load_meshes=False).robot
-    except (
-        Exception
-    ) as error:  # yourdfpy lets KeyError, TypeError, ValueError and others of its parser through
+    except Exception as error:  # yourdfpy lets KeyError, TypeError, ValueError and others of its parser through
         got = f"a robot that yourdfpy cannot read ({type(error).__name__}: {error})"
         raise _refusal(where, got, "a valid URDF", "run check_urdf on the file") from None
 
@@ -148,9 +148,7 @@ def _chain(robot: Any, where: str) -> list[_Segment]:
     while following:
         if len(following) > 1:
             names = ", ".join(joint.name for joint, _ in following)
-            raise _refusal(
-                where, f"a branch into {names}", "a serial arm", "remove the other arms from the URDF"
-            )
+            raise _refusal(where, f"a branch into {names}", "a serial arm", "remove the other arms from the URDF")
         joint, pose = following[0]
         segments.append(_Segment(joint, pose))
         following = _collect(segments[-1], joint.child, pose, links, children)
@@ -184,9 +182,9 @@ def _check_names(robot: Any, where: str) -> None:
     problems = []
     for kind, names in (("link", [x.name for x in robot.links]), ("joint", [x.name for x in robot.joints])):
         for name in dict.fromkeys(names):
-            if not re.match(NAME, name):
+            if not re.fullmatch(NAME, name):
                 got = f"the {kind} name {name!r}"
-                problems.append(Problem(where, got, "letters, digits, _ and - only", "rename it"))
+                problems.append(Problem(where, got, NAME_RULE, "rename it"))
             if names.count(name) > 1:
                 problems.append(Problem(where, f"two {kind}s {name}", "unique names", "rename one of them"))
     if problems:
@@ -203,13 +201,9 @@ def _check_tree(robot: Any, links: set[str], where: str) -> None:
             problems.append(Problem(place, f"type {joint.type}", "revolute, continuous or fixed", remedy))
         if joint.mimic is not None:
             remedy = "remove <mimic>, or fix the joint"
-            problems.append(
-                Problem(place, f"a mimic of {joint.mimic.joint}", "joints that turn on their own", remedy)
-            )
+            problems.append(Problem(place, f"a mimic of {joint.mimic.joint}", "joints that turn on their own", remedy))
         for link in {joint.parent, joint.child} - links:
-            problems.append(
-                Problem(place, f"unknown link {link}", "a link of this robot", "correct the name")
-            )
+            problems.append(Problem(place, f"unknown link {link}", "a link of this robot", "correct the name"))
         if carried.count(joint.child) > 1:
             got = f"link {joint.child}, which another joint carries too"
             problems.append(Problem(place, got, "one joint per child link", "open the loop"))
@@ -274,7 +268,7 @@ def _tip(segments: list[_Segment], tip: str | None, where: str) -> Point:
         if tip in segment.links:
             return Point("tip", segment.joint.name, segment.links[tip][:3, 3] - segment.origin)
     known = [link for segment in segments for link in segment.links]
-    remedy = nearest(tip, known) or f"one of {', '.join(known)}"
+    remedy = did_you_mean(tip, known, f"one of {', '.join(known)}")
     raise _refusal(where, f"the tip {tip!r}", "a moving link of this robot", remedy)
 
 
@@ -285,15 +279,11 @@ def _by_joint(
     given = values if isinstance(values, Mapping) else dict.fromkeys(names, values)
     for name in names:
         if name not in given:
-            problems.append(
-                Problem(f"joint {name}", f"no {what}", "a pair (bending, torsion)", f"add its {what}")
-            )
+            problems.append(Problem(f"joint {name}", f"no {what}", "a pair (bending, torsion)", f"add its {what}"))
     for name, pair in given.items():
         if name not in names:
-            remedy = nearest(name, names) or "leave it out"
-            problems.append(
-                Problem(f"{what} of {name}", "no such joint", f"one of {', '.join(names)}", remedy)
-            )
+            remedy = did_you_mean(name, names, "leave it out")
+            problems.append(Problem(f"{what} of {name}", "no such joint", f"one of {', '.join(names)}", remedy))
         elif not _in_range(pair, what):
             least = "> 0 N m/rad" if what == "stiffness" else ">= 0 s"
             problems.append(Problem(f"joint {name}", f"{what} {pair}", f"two numbers {least}", "correct it"))

@@ -99,9 +99,7 @@ def _modal(campaign: Campaign, kind: str, states: dict[tuple[tuple[float, ...], 
     for (_, m, state), label in zip(found, labels, strict=True):
         unnamed = sorted(n.value for _, n, other in found if other == state and not n.mode)
         ordinals.append(label.ordinal if label else unnamed.index(m.value) + 1)
-    return Modal(
-        tuple(i for i, _, _ in found), tuple(state for _, _, state in found), tuple(labels), tuple(ordinals)
-    )
+    return Modal(tuple(i for i, _, _ in found), tuple(state for _, _, state in found), tuple(labels), tuple(ordinals))
 
 
 def _loads(arm: Arm, cases: list[Load]) -> Loads:

@@ -1,6 +1,7 @@
 """Fit parameters to a campaign: least squares from several starts, with all that is needed to judge the answer."""
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,10 +15,13 @@ from scipy.stats import chi2
 
 from ident.errors import ModelError
 from ident.identify.information import Information, information
-from ident.identify.problem import Problem
+from ident.identify.problem import InverseProblem
 
 STARTS = 16
-"""Starts tried by default, the given one among them."""
+"""Starts tried at least, the given one among them."""
+PATIENCE = 6
+"""Starts tried at most, as a multiple of that, until the best optimum has been reached `AGAIN` times."""
+AGAIN = 3
 SPREAD = 1.0
 """Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
 SAME = 1e-3
@@ -59,7 +63,7 @@ class Fit:
         information: what data and prior tell there.
     """
 
-    problem: Problem
+    problem: InverseProblem
     optima: tuple[Optimum, ...]
     failed: int
     predicted: Float[np.ndarray, "D"]
@@ -111,37 +115,58 @@ class Fit:
 
 
 def fit(
-    problem: Problem,
+    problem: InverseProblem,
     *,
     starts: int = STARTS,
     spread: float = SPREAD,
     seed: int = 0,
-    progress: Callable[[Iterator[int]], Iterator[int]] = iter,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> Fit:
     """Fit the parameters by Levenberg-Marquardt from several starts.
 
+    After `starts` of them the search goes on, up to `PATIENCE` times as many, until `AGAIN` starts have ended in the
+    best optimum: an optimum that was met once only may not be the best one.
+
     Args:
         problem: model, data and unknowns.
-        starts: number of starts: the parameters' own, the others normal about it.
+        starts: number of starts at least: the parameters' own, the others normal about it; 1 for that one alone.
         spread: their standard deviation in theta.
         seed: of the starts.
-        progress: wraps the iterator over the starts, to show a bar.
+        progress: wraps the numbers of the starts, to show a bar.
 
     Raises:
         ModelError: no start reaches an optimum; says whether the model has an answer at the first one.
     """
     first = problem.parameters.theta(problem.parameters.column("start"))
-    noise = np.random.default_rng(seed).standard_normal((starts, len(first))) * spread
+    noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
     noise[0] = 0
-    ends = [_solve(problem, first + jnp.asarray(noise[i])) for i in progress(iter(range(starts)))]
-    reached = [_End(*(np.asarray(part) for part in end)) for end in ends if np.isfinite(end[1])]
+    reached: list[_End] = []
+    optima: tuple[Optimum, ...] = ()
+    tried = 0
+    for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
+        end = _solve(problem, first + jnp.asarray(noise[tried - 1]))
+        if np.isfinite(end.cost):
+            reached.append(_End(*(np.asarray(part) for part in end)))
+            optima = _distinct(problem, reached)
+        if tried >= starts and optima and optima[0].starts >= AGAIN:
+            break
     if not reached:
-        raise ModelError(_no_optimum(problem, first))
+        raise ModelError(_no_optimum(evaluate(problem).predicted))
     best = min(reached, key=lambda end: float(end.cost))
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
     known = information(scaled, np.asarray(problem.parameters.column("prior_sd")), problem.parameters.names)
-    optima = _distinct(problem, reached, scaled)
-    return Fit(problem, optima, starts - len(reached), best.predicted, best.jacobian, known)
+    return Fit(problem, optima, tried - len(reached), best.predicted, best.jacobian, known)
+
+
+def evaluate(problem: InverseProblem) -> "_End":
+    """Return predictions and their Jacobian at the parameters' starting values.
+
+    It is a fit without data and prior, so that what was compiled for the fit serves here as well.
+    """
+    blank = eqx.tree_at(lambda p: p.sigma, problem, jnp.full_like(problem.sigma, jnp.inf))
+    start = problem.parameters.theta(problem.parameters.column("start"))
+    free = tuple(eqx.tree_at(lambda q: q.prior_sd, item, math.inf) for item in problem.parameters.items)
+    return _solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
 
 
 class _End(NamedTuple):
@@ -159,23 +184,23 @@ class _End(NamedTuple):
 
 
 @eqx.filter_jit
-def _solve(problem: Problem, start: Float[Array, "P"]) -> _End:
+def _solve(problem: InverseProblem, start: Float[Array, "P"]) -> _End:
     """Run Levenberg-Marquardt from one start.
 
     The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
     affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
     """
 
-    def affine(theta: Array, problem: Problem) -> tuple[Array, _End]:
-        predicted, J = _with_jacobian(problem.predict, jax.lax.stop_gradient(theta))
-        residuals, slope = problem.weigh(predicted, J, theta)
-        end = _End(theta, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J)
-        return residuals + slope @ (theta - jax.lax.stop_gradient(theta)), jax.lax.stop_gradient(end)
+    def affine(theta: Array, problem: InverseProblem) -> Any:
+        here = jax.lax.stop_gradient(theta)
+        predicted, J = _with_jacobian(problem.predict, here)
+        residuals, slope = problem.weigh(predicted, J, here)
+        end = _End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J)
+        return residuals + slope @ (theta - here), end
 
-    solver = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
-    return optx.least_squares(
-        affine, solver, start, args=problem, max_steps=MAX_STEPS, throw=False, has_aux=True
-    ).aux
+    solver: Any = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
+    found: Any = optx.least_squares(affine, solver, start, args=problem, max_steps=MAX_STEPS, throw=False, has_aux=True)
+    return found.state.aux  # of the last accepted step; `found.aux` is one step behind in optimistix 0.1
 
 
 def _with_jacobian(f: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
@@ -185,17 +210,14 @@ def _with_jacobian(f: Callable[[Array], Array], x: Array) -> tuple[Array, Array]
     return jax.vmap(along, out_axes=(None, -1))(jnp.eye(x.shape[0]))
 
 
-def _distinct(
-    problem: Problem, ends: list[_End], scaled: np.ndarray
-) -> tuple[Optimum, ...]:
+def _distinct(problem: InverseProblem, ends: list[_End]) -> tuple[Optimum, ...]:
     """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long."""
     groups: list[list[_End]] = []
-    prior = 1 / np.asarray(problem.parameters.column("prior_sd"))
     for end in sorted(ends, key=lambda e: float(e.cost)):
         for group in groups:
             step = end.theta - group[0].theta
-            apart = np.linalg.norm(np.concatenate([scaled @ step, prior * step]))
-            if apart < SAME or np.abs(step).max() < SAME:
+            _, slope = problem.weigh(group[0].predicted, group[0].jacobian, group[0].theta)
+            if min(np.linalg.norm(slope @ step), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5:
                 group.append(end)
                 break
         else:
@@ -207,11 +229,11 @@ def _distinct(
     )
 
 
-def _no_optimum(problem: Problem, first: Array) -> str:
-    predicted = np.asarray(problem.predict(first))
-    if np.isfinite(predicted).all():
+def _no_optimum(predicted: Array) -> str:
+    missing = int(np.isnan(np.asarray(predicted)).sum())
+    if not missing:
         return "no start reached an optimum; give other starting values or a prior"
     return (
-        f"the model has no answer for {int(np.isnan(predicted).sum())} of {len(predicted)} values at the start: the arm"
-        " has no stable equilibrium there, or no mode of that label; raise the starting stiffness or check the labels"
+        f"the model has no answer for {missing} of {len(predicted)} values at the start: the arm has no stable"
+        " equilibrium there, or no mode of that label; raise the starting stiffness or check the labels"
     )

@@ -61,8 +61,8 @@ class Information:
 
     @property
     def supported(self) -> np.ndarray:
-        """Which parameters the data support an interval for."""
-        return (self.data_sd < FIXED_BELOW) & (self.prior_share < SUPPORTED_BELOW)
+        """Which parameters the data support an interval for: the prior adds next to nothing to it."""
+        return (self.sd < FIXED_BELOW) & (self.prior_share < SUPPORTED_BELOW)
 
     @property
     def correlation(self) -> Float[np.ndarray, "P P"]:
@@ -135,7 +135,7 @@ def _signed(v: np.ndarray) -> np.ndarray:
 
 def _echelon(rows: np.ndarray) -> list[tuple[int, np.ndarray]]:
     """Reduce a basis so that each row leads with one parameter of its own: reduced echelon form, full pivoting."""
-    rows, leads = rows.copy(), []
+    rows, leads = rows.copy(), list[int]()
     for i in range(len(rows)):
         rest = np.abs(rows[i:]).copy()
         rest[:, leads] = 0

@@ -80,7 +80,7 @@ class Parameters(eqx.Module):
         """Return the physical values by path, ties spelled out."""
         return {path: value for item, value in zip(self.items, values, strict=True) for path in item.paths}
 
-    def _aligned(self, x: Array) -> tuple[Array, Array]:
+    def _aligned(self, x: Array) -> tuple[np.ndarray, Array]:
         shape = (-1,) + (1,) * (x.ndim - 1)
         return self.positive.reshape(shape), self.column("scale").reshape(shape)
 
@@ -100,7 +100,7 @@ def parameter(
     Raises:
         InputError: no such number, or a positive quantity whose value is not.
     """
-    value = [float(arm.get(path)) for path in paths][0]
+    value = next(float(arm.get(path)) for path in paths)
     positive = all(path.split(".")[1] in POSITIVE for path in paths)
     start = value if start is None else start
     centre = value if centre is None else centre

@@ -25,7 +25,7 @@ from ident.identify.conditions import Conditions, Modal
 
 
 class ArmModel(eqx.Module):
-    """An arm and the conditions of a campaign, as the model of a `Problem`."""
+    """An arm and the conditions of a campaign, as the model of an `InverseProblem`."""
 
     arm: Arm
     conditions: Conditions
@@ -49,7 +49,8 @@ def predict(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> 
     """
     chain = chains(arm, parameters, conditions)
     system = linearize(chain)
-    rows, values = [], []
+    rows: list[int] = []
+    values: list[Array] = []
     if conditions.frequency.rows:
         rows += conditions.frequency.rows
         values.append(_frequencies(chain, system, conditions.frequency))

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ident.identify.parameters import Parameters
 
 
-class Problem(eqx.Module):
+class InverseProblem(eqx.Module):
     """Measured values and the model that predicts them.
 
     Attributes:
@@ -45,7 +45,7 @@ class Problem(eqx.Module):
         residuals = jnp.concatenate([(predicted - self.measured) / self.sigma, (theta - centre) / width])
         return residuals, jnp.concatenate([jacobian / self.sigma[:, None], jnp.diag(1 / width)])
 
-    def without(self, kind: str) -> "Problem":
+    def without(self, kind: str) -> "InverseProblem":
         """Return the problem in which values of one kind are predicted but not fitted."""
         sigma = np.where(np.array(self.kinds) == kind, np.inf, np.asarray(self.sigma))
         return eqx.tree_at(lambda p: p.sigma, self, jnp.asarray(sigma))

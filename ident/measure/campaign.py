@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from ident.errors import InputError, Problem
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
-from ident.measure.text import quoted
 from ident.measure.units import QUANTITIES
+from ident.text import quoted
 
 KINDS = {
     "frequency": "frequency",
@@ -147,9 +147,7 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
             expected = f"nothing, since a {kind} has no {name}"
             yield Problem("", quoted(given[name]), expected, "empty the cell or correct the kind", name)
     if "point" in ROLES[kind] and "point" not in given:
-        yield Problem(
-            "", "nothing", "the point whose deflection was read", "name a point of the arm", "point"
-        )
+        yield Problem("", "nothing", "the point whose deflection was read", "name a point of the arm", "point")
 
 
 def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Problem]:
@@ -189,9 +187,7 @@ _RANGES = {"frequency": (0.0, math.inf), "damping_ratio": (0.0, 1.0)}
 
 def _check_kind(m: Measurement) -> None:
     if m.kind not in KINDS:
-        raise InputError(
-            Problem(m.where, quoted(m.kind), f"one of {', '.join(KINDS)}", "correct the kind", "kind")
-        )
+        raise InputError(Problem(m.where, quoted(m.kind), f"one of {', '.join(KINDS)}", "correct the kind", "kind"))
 
 
 def _normalised(m: Measurement) -> dict[str, object]:

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ident.errors import InputError, Problem
-from ident.measure.text import format_number, parse_number, quoted
+from ident.measure.text import format_number, parse_number
 from ident.measure.units import to_si
+from ident.text import NAME, quoted
 
 Vector = tuple[float, float, float]
 
@@ -25,10 +26,9 @@ AXES: dict[str, Vector] = {
 LOAD_SYNTAX = "terms joined by ' + ', each like 'glass', '5 kg @ tip' or '20 N -z @ tip'"
 """The load syntax in words, for messages."""
 
-_NAME = r"[^\W\d][\w.-]*"
 _HUNG = re.compile(
     rf"(?P<amount>[+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*(?P<unit>[^\W\d_]+)"
-    rf"(?P<direction>\s[^@]+?)?\s*@\s*(?P<point>{_NAME})"
+    rf"(?P<direction>\s[^@]+?)?\s*@\s*(?P<point>{NAME})"
 )
 
 
@@ -42,9 +42,7 @@ def unit_vector(vector: Iterable[float]) -> Vector:
     length = math.hypot(*components)
     if len(components) != 3 or not 0 < length < math.inf:
         got = "the zero vector" if length == 0 else quoted(" ".join(map(str, components)))
-        raise InputError(
-            Problem("", got, "a direction", "give one of x, -z, ... or three numbers", "direction")
-        )
+        raise InputError(Problem("", got, "a direction", "give one of x, -z, ... or three numbers", "direction"))
     x, y, z = components if abs(length - 1) < 1e-15 else (component / length for component in components)
     return x, y, z
 
@@ -169,7 +167,7 @@ def _check_load(load: Load) -> None:
     problems = [
         _misread(name, "the name of a payload or point")
         for name in (*load.payloads, *(point for _, point in (*load.masses, *load.forces)))
-        if not re.fullmatch(_NAME, name)
+        if not re.fullmatch(NAME, name)
     ]
     problems += [
         _misread(f"{mass} kg @ {point}", "a finite mass above 0")

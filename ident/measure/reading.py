@@ -20,9 +20,10 @@ from ident.measure.campaign import (
 )
 from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
 from ident.measure.load import Load, parse_direction
-from ident.measure.table import Findings, Record, decode, read_records, sniff_delimiter
-from ident.measure.text import nearest, one_line, parse_fraction, parse_number, quoted
+from ident.measure.table import Findings, Record, read_records, sniff_delimiter
+from ident.measure.text import parse_fraction, parse_number
 from ident.measure.units import si_factor
+from ident.text import decode, nearest, one_line, quoted, read_bytes
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -42,13 +43,7 @@ def read_campaign(path: str | Path) -> Campaign:
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    try:
-        data = Path(path).read_bytes()
-    except (OSError, ValueError) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
-        remedy = "check the path and its permissions"
-        raise InputError(Problem(one_line(str(path)), reason, "a readable CSV file", remedy)) from None
-    return parse_campaign(data, path)
+    return parse_campaign(read_bytes(path, "a readable CSV file"), path)
 
 
 def parse_campaign(data: bytes, path: str | Path) -> Campaign:

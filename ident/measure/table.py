@@ -1,4 +1,4 @@
-"""Bytes into records: encoding, comments, delimiter and quoting of a CSV file, each record with its row."""
+"""Text into records: comments, delimiter and quoting of a CSV file, each record with its row."""
 
 import csv
 import io
@@ -22,33 +22,13 @@ Record = tuple[str, list[str]]
 class Findings(list[Problem]):
     """The problems found so far; reading goes on, so that all are reported."""
 
-    def attempt(
-        self, where: str, column: str, read: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs
-    ) -> T | None:
+    def attempt(self, where: str, column: str, read: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T | None:
         """Returns what `read` returns, or None where it raises InputError, whose problems are kept."""
         try:
             return read(*args, **kwargs)
         except InputError as error:
             self.extend(replace(p, where=where, column=column or p.column) for p in error.problems)
             return None
-
-
-def decode(data: bytes, file: str) -> str:
-    """Returns the bytes as text, with or without a byte order mark; no encoding but UTF-8 is guessed.
-
-    Raises:
-        InputError: the bytes are not UTF-8.
-    """
-    if b"\0" in data or data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        remedy = "save the table as CSV in UTF-8"
-        raise InputError(Problem(file, "UTF-16 or a binary file", "a text file in UTF-8", remedy))
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        before, byte = error.object[: error.start], error.object[error.start]
-        line = len((before + b".").splitlines())
-        got, remedy = f"the byte 0x{byte:02x}, which is no UTF-8", "save the file as UTF-8"
-        raise InputError(Problem(f"{file}:{line}", got, "text in UTF-8", remedy)) from None
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:

@@ -1,33 +1,13 @@
-"""One cell of text: quoted safely in a message, or read as a number."""
+"""One cell of text, read as a number."""
 
-import difflib
 import math
 import re
-from collections.abc import Iterable
 
 from ident.errors import InputError, Problem
+from ident.text import quoted
 
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 """Regular expression of a plain number with a decimal point."""
-
-LONGEST_QUOTE = 40
-"""Characters of a user's text that a message repeats."""
-
-
-def one_line(text: str) -> str:
-    """Escapes line breaks and control characters, so that a message stays on one line."""
-    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
-
-
-def quoted(text: str) -> str:
-    """Quotes a user's text for a message: escaped, and cut when it is long."""
-    cut = text if len(text) <= LONGEST_QUOTE else text[:LONGEST_QUOTE] + "…"
-    return f"'{one_line(cut)}'" if text else "nothing"
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Returns the known name that resembles `name` most, or an empty string."""
-    return next(iter(difflib.get_close_matches(name.lower(), list(known), n=1, cutoff=0.5)), "")
 
 
 def format_number(value: float) -> str:
@@ -48,9 +28,7 @@ def parse_number(text: str, decimal: str = ".") -> float:
     Raises:
         InputError: the text is no plain finite number with this decimal mark.
     """
-    if not re.fullmatch(NUMBER, text.replace(",", ".") if decimal == "," else text) or (
-        decimal == "," and "." in text
-    ):
+    if not re.fullmatch(NUMBER, text.replace(",", ".") if decimal == "," else text) or (decimal == "," and "." in text):
         raise InputError(_not_a_number(text, decimal))
     number = float(text.replace(",", "."))
     if math.isinf(number):

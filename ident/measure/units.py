@@ -1,19 +1,19 @@
-"""Units as people write them, turned into SI: the one place that asks pint.
+"""Units of measured quantities as people write them, turned into SI.
 
 A frequency counts cycles: 1 Hz is one cycle, 2 pi radians, per second. For pint alone the radian is a pure
 number, so that 1 Hz would be 1 rad/s and 60 rpm 6.28 Hz; here the angle is watched and the 2 pi put in.
 """
 
 import math
-import re
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import pint
 
 from ident.errors import InputError, Problem
-from ident.measure.text import quoted
+from ident.text import quoted
+from ident.units import in_base_units, parse_unit, registry
 
 NMM_PER_DEG = 1e-3 * 180 / math.pi
 """One newton millimetre per degree of joint rotation [N m/rad]."""
@@ -46,15 +46,6 @@ QUANTITIES = {
 """The quantities by name."""
 
 _FRACTIONS = {"": 1.0, "1": 1.0, "-": 1.0, "%": 0.01, "percent": 0.01}
-_FACTOR = r"(?:°|[^\W\d]\w*)(?:(?:\^|\*\*)-?[0-9])?"
-# Checked before pint sees the text: pint would evaluate numbers, and 9**9**9 takes for ever.
-_EXPRESSION = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/ ]\s*{_FACTOR})*")
-
-
-@cache
-def registry() -> pint.UnitRegistry:
-    """Returns the one unit registry; it takes a moment to build and is kept."""
-    return pint.UnitRegistry()
 
 
 @lru_cache(maxsize=256)
@@ -98,29 +89,14 @@ def stiffness_to_nmm_per_deg(stiffness: float) -> float:
 
 
 def _pint_factor(text: str, quantity: str) -> float | None:
-    unit = _parse(text)
+    unit = parse_unit(text)
     if unit is None:
         return None
-    factor, base = _in_base_units(unit)
+    factor, base = in_base_units(unit)
     if quantity == "frequency":
         return _cycles(unit, factor, base)
-    _, expected = _in_base_units(registry().Unit(QUANTITIES[quantity].si))
+    _, expected = in_base_units(registry().Unit(QUANTITIES[quantity].si))
     return factor if base == expected else None
-
-
-def _in_base_units(unit: pint.Unit) -> tuple[float, Any]:
-    factor: Any
-    factor, base = registry().get_base_units(unit)
-    return float(factor), base
-
-
-def _parse(text: str) -> pint.Unit | None:
-    if len(text) > 60 or not _EXPRESSION.fullmatch(text):
-        return None
-    try:
-        return registry().parse_units(text)
-    except Exception:  # pint raises many types on bad text, AttributeError and tokenizer errors among them
-        return None
 
 
 def _cycles(unit: pint.Unit, factor: float, base: Any) -> float | None:
@@ -131,7 +107,7 @@ def _cycles(unit: pint.Unit, factor: float, base: Any) -> float | None:
 
 
 def _wrong_unit(text: str, quantity: str) -> Problem:
-    unit = _parse(text)
+    unit = parse_unit(text)
     if quantity == "frequency" and unit is not None and unit.dimensionality == {"[time]": -1}:
         remedy = "write Hz for cycles or rad/s for radians per second"
         return Problem("", f"the ambiguous {quoted(text)}", QUANTITIES[quantity].expected, remedy)

@@ -11,8 +11,9 @@ from ident.measure.campaign import KINDS, Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.load import format_direction
 from ident.measure.reading import parse_campaign
-from ident.measure.text import format_number, one_line
+from ident.measure.text import format_number
 from ident.measure.units import si_factor
+from ident.text import one_line
 
 WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "damping_ratio": "1"}
 """Unit in which each measured quantity is written."""
@@ -63,7 +64,7 @@ _ALWAYS = ("kind", "value", "unit")
 
 
 def _degrees(m: Measurement) -> list[str]:
-    return [format_number(angle / si_factor("deg", "angle")) for angle in m.posture]
+    return [_written(angle, si_factor("deg", "angle")) for angle in m.posture]
 
 
 def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
@@ -73,11 +74,18 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
     yield "direction", format_direction(m.direction) if m.direction else ""
     yield "load", str(m.load) if m.load else ""
     yield "reference_load", str(m.reference_load) if m.reference_load else ""
-    yield from (("value", format_number(m.value / factor)), ("unit", unit))
+    yield from (("value", _written(m.value, factor)), ("unit", unit))
     if relative_sigma and m.sigma < abs(m.value):
-        yield "relative_sigma", format_number(m.sigma / abs(m.value))
+        yield "relative_sigma", _written(m.sigma, abs(m.value))
     else:
-        yield "sigma", format_number(m.sigma / factor)
+        yield "sigma", _written(m.sigma, factor)
+
+
+def _written(value: float, unit: float) -> str:
+    """Returns value/unit in the fewest digits, 15 at least, that read back as the same value; else in all."""
+    exact = value / unit
+    short = (float(f"{exact:.{digits}g}") for digits in (15, 16))
+    return format_number(next((number for number in short if number * unit == value), exact))
 
 
 def _replace_file(path: Path, data: bytes) -> None:

@@ -322,8 +322,8 @@ def written(tmp_path, data):
     [
         (b"", "an empty file"),
         (b" \n", "an empty file"),
-        (b"name = 1\nname2 = \xff", "arm.toml:2: got byte 0xff, which is not UTF-8"),
-        (b"\x00", "expected TOML"),
+        (b"name = 1\nname2 = \xff", "arm.toml:2: got the byte 0xff, which is no UTF-8"),
+        (b"\x00", "expected a text file in UTF-8"),
     ],
 )
 def test_a_file_that_is_no_text_is_refused(tmp_path, data, words):

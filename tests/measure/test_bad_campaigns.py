@@ -162,9 +162,9 @@ def test_decimal_marks_are_not_mixed(row, column, words):
 
 
 def test_a_load_has_the_files_decimal_mark():
-    row = "frequency;1,5;2,5 kg @ tip + 0,5 N 0,6 0 -0,8 @ p1.5;2,5;Hz;1"
+    row = "frequency;1,5;2,5 kg @ tip + 0,5 N 0,6 0 -0,8 @ p1-5;2,5;Hz;1"
     (measurement,) = parse(f"kind;q1 [deg];load;value;unit;sigma\n{row}\n")
-    assert measurement.load == Load.parse("2.5 kg @ tip + 0.5 N 0.6 0 -0.8 @ p1.5")
+    assert measurement.load == Load.parse("2.5 kg @ tip + 0.5 N 0.6 0 -0.8 @ p1-5")
 
 
 @pytest.mark.parametrize(

@@ -197,7 +197,7 @@ def test_postures_of_a_campaign_have_the_same_length():
 
 
 SIZES = st.floats(1e-9, 1e9)
-NAMES = st.from_regex(r"[A-Za-zäé_][A-Za-z0-9_.-]{0,8}", fullmatch=True)
+NAMES = st.from_regex(r"[A-Za-z][A-Za-z0-9_-]{0,8}", fullmatch=True)
 VECTORS = st.tuples(*[st.floats(-1, 1).map(lambda x: x if abs(x) > 1e-6 else 0.0)] * 3).filter(any)
 LOADS = st.builds(
     Load,

@@ -1,0 +1,75 @@
+"""Makes campaign.csv: what a campaign on the arm of arm.toml could have measured, noise included.
+
+python data/lcd_arm/synthesize.py
+"""
+
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ident.arm.arm import Arm
+from ident.arm.chain import hold
+from ident.arm.equilibrium import deflection, equilibrium
+from ident.arm.file import read_arm
+from ident.arm.modes import natural_frequencies
+from ident.measure import KINDS, Campaign, Measurement, to_si, write_campaign
+
+HERE = Path(__file__).parent
+ALPHA = (0.0, 30.0, 60.0, 80.0)
+"""Postures q = alpha (1, -2, 1) [deg], which move the hand straight where links are equal."""
+FREQUENCIES = 4
+SIGMA = {"frequency": 0.005, "deflection": 0.02}
+"""Standard deviation as a fraction of the value."""
+DECIMALS = {"frequency": 3, "deflection": 2}
+"""Decimals that are written [Hz, mm]."""
+SEED = 20261121
+COMMENTS = (
+    "SYNTHETIC: computed with ident, not measured on any robot.",
+    "Arm: arm.toml, so the joint stiffnesses of the paper's Table 1. Made by synthesize.py.",
+    "Postures q = alpha (1, -2, 1), alpha = 0, 30, 60, 80 deg: the lowest four natural frequencies,",
+    "ascending and not labelled, and the tip's deflection downwards under the arm's own weight.",
+    f"Noise: normal, 0.5 % of each frequency and 2 % of each deflection, numpy default_rng({SEED}).",
+)
+
+
+def synthesize(arm: Arm) -> Campaign:
+    """Return the campaign that the arm gives with this program's noise."""
+    postures = [
+        tuple(to_si(alpha * turn + 0.0, "deg", "angle") for turn in (1.0, -2.0, 1.0)) for alpha in ALPHA
+    ]
+    frequencies, down = _exact(arm, jnp.asarray(postures).T)
+    noise = np.random.default_rng(SEED).standard_normal((len(ALPHA), FREQUENCIES + 1))
+    rows = []
+    for posture, f, d, z in zip(postures, frequencies.T.tolist(), down.tolist(), noise.tolist(), strict=True):
+        rows += [_measured("frequency", "Hz", posture, *pair) for pair in zip(f, z[:-1], strict=True)]
+        rows += [_measured("deflection", "mm", posture, 1000 * d, z[-1], point="tip")]
+    return Campaign(measurements=tuple(rows))
+
+
+@jax.jit
+def _exact(arm: Arm, postures: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Return frequencies (4, postures) [Hz] and downward deflections (postures,) [m]."""
+    chain = hold(arm, postures)
+    return natural_frequencies(chain, FREQUENCIES), -deflection(chain, equilibrium(chain))[2, -1]
+
+
+def _measured(
+    kind: str, unit: str, posture: tuple[float, ...], true: float, z: float, point: str | None = None
+) -> Measurement:
+    """Return a true value, in the unit, as it is read off with noise."""
+    value = to_si(round(true * (1 + SIGMA[kind] * z), DECIMALS[kind]), unit, KINDS[kind])
+    return Measurement(kind=kind, posture=posture, value=value, sigma=SIGMA[kind] * value, point=point)
+
+
+def main(path: Path = HERE / "campaign.csv") -> None:
+    """Write the campaign."""
+    campaign = synthesize(read_arm(HERE / "arm.toml"))
+    write_campaign(campaign, path, header_comments=COMMENTS, relative_sigma=True)
+
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
+    sys.exit(main())

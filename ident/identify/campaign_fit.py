@@ -1,0 +1,93 @@
+"""The main job in one call: an arm and a campaign in, a judged fit out."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+
+from ident.arm.arm import Arm
+from ident.identify.conditions import bind
+from ident.identify.fit import STARTS, Fit, fit
+from ident.identify.judge import Tension, question_values, tensions
+from ident.identify.parameters import WEAK_PRIOR, Parameters, stiffness_parameters
+from ident.identify.predict import ArmModel
+from ident.identify.problem import InverseProblem
+from ident.measure import Campaign
+
+
+@dataclass(frozen=True)
+class CampaignFit:
+    """A fit of an arm to a campaign, with the tension between its kinds of data.
+
+    Attributes:
+        arm: with the numbers of its file.
+        campaign: what was measured.
+        fit: the fit.
+        tensions: each kind of measurement against the others.
+    """
+
+    arm: Arm
+    campaign: Campaign
+    fit: Fit
+    tensions: tuple[Tension, ...]
+
+    @property
+    def fitted_arm(self) -> Arm:
+        """The arm with the fitted numbers in place."""
+        return self.arm.replace(self.fit.parameters)
+
+
+def arm_problem(arm: Arm, campaign: Campaign, parameters: Parameters) -> InverseProblem:
+    """Pose the inverse problem of an arm and a campaign.
+
+    Raises:
+        InputError: the campaign speaks of points, payloads or modes that the arm has not.
+    """
+    return InverseProblem(
+        ArmModel(arm, bind(arm, campaign)),
+        jnp.asarray([m.value for m in campaign]),
+        jnp.asarray([m.sigma for m in campaign]),
+        parameters,
+        tuple(m.kind for m in campaign),
+    )
+
+
+def fit_campaign(
+    arm: Arm,
+    campaign: Campaign,
+    *,
+    fixed: Iterable[str] = (),
+    tied: Iterable[tuple[str, ...]] = (),
+    free: Mapping[str, float] | None = None,
+    prior_sd: float = WEAK_PRIOR,
+    starts: int = STARTS,
+    seed: int = 0,
+    trust_values: bool = False,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> CampaignFit:
+    """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
+
+    Args:
+        arm: its stiffnesses are starting values and centres of the priors.
+        campaign: the measurements.
+        fixed: paths to keep.
+        tied: groups of paths fitted as one number.
+        free: further paths, each with the width of its prior (`math.inf` for none).
+        prior_sd: width of the log-normal priors of stiffness and damping; `math.inf` for none.
+        starts: number of starts.
+        seed: of the starts.
+        trust_values: take values that the arm file makes implausible.
+        progress: wraps the numbers of the starts, to show a bar.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
+        ModelError: no optimum was reached.
+    """
+    damping = any(m.kind == "damping_ratio" for m in campaign)
+    parameters = stiffness_parameters(arm, fixed=fixed, tied=tied, free=free, prior_sd=prior_sd, damping=damping)
+    problem = arm_problem(arm, campaign, parameters)
+    if not trust_values:
+        question_values(problem, campaign)
+    found = fit(problem, starts=starts, seed=seed, progress=progress)
+    return CampaignFit(arm, campaign, found, tensions(found) if math.isfinite(prior_sd) else ())

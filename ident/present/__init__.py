@@ -1,0 +1,1 @@
+"""Results for people: report, figures, and the result file."""

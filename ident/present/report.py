@@ -1,0 +1,193 @@
+"""The printed fit report."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ident.identify.campaign_fit import CampaignFit
+from ident.identify.fit import Fit
+from ident.identify.information import Direction, TradeOff
+from ident.identify.judge import Tension
+from ident.measure import Measurement
+from ident.present.units import FIELDS, field_of, is_stiffness, nmm_per_deg, shown
+
+NOTABLE = 0.15
+"""Weight below which a parameter is left out when a direction is put into words."""
+SUSPICIOUS = 3.0
+"""Standard deviations from which a difference is called a contradiction."""
+
+
+def contradictory(result: CampaignFit) -> bool:
+    """Tell whether one kind of measurement contradicts the others."""
+    return any(np.abs(t.z).max() > SUSPICIOUS for t in result.tensions)
+
+
+def fit_report(result: CampaignFit) -> str:
+    """Return the report of a fit: parameters, measurements, what the data fix, contradictions, optima."""
+    sections = [
+        _heading(result),
+        _parameters(result.fit),
+        _measurements(result),
+        _information(result.fit),
+        _contradictions(result),
+        _optima(result.fit),
+    ]
+    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+
+
+def _heading(result: CampaignFit) -> Iterator[str]:
+    fit = result.fit
+    yield f"Fit of {result.arm.name} to {result.campaign.name}"
+    yield f"  {len(result.campaign)} measurements, {len(fit.information.names)} unknowns"
+    p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ""
+    yield f"  chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
+    if not fit.best.converged:
+        yield "  WARNING: the gradient does not vanish here; this is not an optimum"
+    if contradictory(result):
+        yield "  WARNING: the kinds of measurement contradict each other (below); intervals hold only for a right model"
+
+
+def _parameters(fit: Fit) -> Iterator[str]:
+    known, items = fit.information, fit.problem.parameters.items
+    yield "Parameters                fitted    95 % interval            arm file   ratio   known from"
+    rows = zip(items, fit.best.values, fit.interval(), strict=True)
+    for i, (item, value, (low, high)) in enumerate(rows):
+        interval = _interval(low, high) if known.supported[i] else "open: the data leave it"
+        source = _source(known.prior_share[i])
+        ratio = f"{value / float(item.centre):.3g}" if float(item.centre) else "-"
+        yield (
+            f"  {item.name:16s} {value:13.5g}    {interval:23s} {float(item.centre):10.4g} {ratio:>7s}   {source}"
+            f"   [{FIELDS[field_of(item.name)]}]"
+        )
+        for other in item.paths[1:]:
+            yield f"    = {other}"
+    stiff = [(item, v) for item, v in zip(items, fit.best.values, strict=True) if is_stiffness(item.name)]
+    if stiff:
+        yield "  in N mm/deg, the unit of the paper's Table 1 (arm file in brackets):"
+        for item, value in stiff:
+            yield f"    {item.name:16s} {nmm_per_deg(value):10.4g}   ({nmm_per_deg(float(item.centre)):.4g})"
+    yield f"  prior: {_prior(fit)}"
+
+
+def _interval(low: float, high: float) -> str:
+    return f"{low:.4g} to {high:.4g}"
+
+
+def _source(prior_share: float) -> str:
+    return f"data {1 - prior_share:4.0%}, prior {prior_share:4.0%}"
+
+
+def _prior(fit: Fit) -> str:
+    widths = {float(item.prior_sd) for item in fit.problem.parameters.items if item.positive}
+    if widths == {math.inf}:
+        return "none"
+    if len(widths) == 1:
+        factor = math.exp(1.96 * widths.pop())
+        return f"log-normal about the arm file's values, 95 % within a factor of {factor:.3g}"
+    return "of several widths, see the result file"
+
+
+def _measurements(result: CampaignFit) -> Iterator[str]:
+    fit = result.fit
+    yield "Measurements                                            measured  predicted   residual   res./sigma"
+    for m, predicted, z in zip(result.campaign, fit.predicted, fit.residuals, strict=True):
+        measured, unit = shown(m.kind, m.value)
+        model, _ = shown(m.kind, float(predicted))
+        yield (f"  {describe(m):52s} {measured:10.4g} {model:10.4g} {measured - model:10.3g} {-z:8.2f}   [{unit}]")
+
+
+def describe(m: Measurement) -> str:
+    """Say in a few words what was measured."""
+    posture = ", ".join(f"{math.degrees(q):.4g}" for q in m.posture)
+    what = m.mode or m.point or ""
+    loads = f" {m.load}" if m.load else ""
+    against = f" - {m.reference_load}" if m.kind == "deflection_difference" and m.reference_load else ""
+    return f"{m.kind.replace('_', ' ')} {what}{loads}{against} at ({posture}) deg".replace("  ", " ")
+
+
+def _information(fit: Fit) -> Iterator[str]:
+    known = fit.information
+    count = len(known.names)
+    yield f"What the data fix: {known.rank} of {count} directions"
+    for direction in known.directions:
+        if direction.fixed:
+            yield f"  known to {_percent(direction.sd)}: {product(direction, known.names)}"
+    open_trades = known.trade_offs()
+    if open_trades:
+        single = [n for n, ok in zip(known.names, known.supported, strict=True) if ok]
+        yield f"What they leave open: {count - known.rank} of {count} directions, filled by the prior alone"
+        for trade in open_trades:
+            yield f"  {in_words(trade, known.names)}"
+        yield f"  Single values that the data support: {', '.join(single) if single else 'none'}."
+
+
+def _percent(sd: float) -> str:
+    return f"{100 * sd:.2g} %" if sd < 0.3 else f"a factor of {math.exp(sd):.2g}"
+
+
+def product(direction: Direction, names: tuple[str, ...]) -> str:
+    """Write a direction as a product of powers of parameters."""
+    order = np.argsort(-np.abs(direction.weights))
+    parts = [(names[i], direction.weights[i]) for i in order if abs(direction.weights[i]) > NOTABLE]
+    if len(parts) == 1:
+        return parts[0][0]
+    return " * ".join(f"{name}^{weight:.2f}" for name, weight in parts)
+
+
+def in_words(trade: TradeOff, names: tuple[str, ...]) -> str:
+    """Say what else changes unnoticed when one parameter rises by 10 %."""
+    moved = [
+        f"{name} by {100 * (1.1**change - 1):+.2g} %"
+        for name, change in zip(names, trade.change, strict=True)
+        if name != trade.name and abs(change) > 0.05
+    ]
+    along = f" together with {' and '.join(moved)}" if moved else ""
+    return f"{trade.name} by +10 %{along}: the data would not notice"
+
+
+def _contradictions(result: CampaignFit) -> Iterator[str]:
+    if not result.tensions:
+        return
+    yield "Do the kinds of measurement agree? Each one, predicted from the others:"
+    for tension in result.tensions:
+        for i, row in enumerate(tension.rows):
+            if len(tension.rows) <= 6 or abs(tension.z[i]) > SUSPICIOUS:
+                yield f"  {_against(tension, i, result.campaign.measurements[row])}"
+        if len(tension.rows) > 6:
+            yield f"  {tension.kind}: {len(tension.rows)} values, largest |z| {np.abs(tension.z).max():.1f}"
+    if contradictory(result):
+        yield "  CONTRADICTION: no plausible stiffness explains all kinds together. Static deflection times the"
+        yield "  square of the frequency is nearly fixed by masses and lengths alone, so look there first (geometry,"
+        yield "  masses, payload), then at drives that are stiffer under load. The stiffnesses above are a compromise"
+        yield f"  that {_stretch(result.fit)}"
+
+
+def _against(tension: Tension, i: int, m: Measurement) -> str:
+    measured, unit = shown(m.kind, tension.measured[i])
+    predicted, _ = shown(m.kind, tension.predicted[i])
+    sd, _ = shown(m.kind, tension.sd[i])
+    return f"{describe(m)}: {predicted:.3g} +- {sd:.2g} {unit}, measured {measured:.3g}: {tension.z[i]:+.1f} sd"
+
+
+def _stretch(fit: Fit) -> str:
+    items = fit.problem.parameters.items
+    ratios = [
+        abs(math.log(v / float(p.centre))) if p.positive else 0.0 for p, v in zip(items, fit.best.values, strict=True)
+    ]
+    worst = int(np.argmax(ratios))
+    factor = fit.best.values[worst] / float(items[worst].centre)
+    return f"takes {items[worst].name} to {factor:.2g} times the arm file's value."
+
+
+def _optima(fit: Fit) -> Iterator[str]:
+    tried = sum(o.starts for o in fit.optima) + fit.failed
+    yield f"Optima: {len(fit.optima)} found from {tried} starts" + (f", {fit.failed} failed" if fit.failed else "")
+    for i, optimum in enumerate(fit.optima[:5]):
+        values = "  ".join(f"{v:.4g}" for v in optimum.values)
+        note = "" if optimum.converged else "  (not converged)"
+        mark = "answer" if i == 0 else "other "
+        yield f"  {mark}  cost {optimum.cost:10.4g}  starts {optimum.starts:3d}   {values}{note}"
+    rivals = [o for o in fit.optima[1:] if o.cost < fit.best.cost + 4]
+    if rivals:
+        yield f"  WARNING: {len(rivals)} other optimum fits about as well; the data do not choose between them"

@@ -1,0 +1,127 @@
+"""The result file of a fit: JSON that says what was fitted, from what, how, and what came out."""
+
+import json
+import math
+import os
+import platform
+import tempfile
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arm.file import ArmFile
+from ident.errors import InputError, Problem
+from ident.identify.campaign_fit import CampaignFit
+from ident.present.units import FIELDS, field_of
+
+FORMAT = "ident-fit/1"
+LIBRARIES = ("ident", "jax", "optimistix", "numpy", "scipy")
+
+
+def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Describe a fit as plain data, all numbers SI; infinite and undefined ones become null."""
+    fit, known = result.fit, result.fit.information
+    items = fit.problem.parameters.items
+    document = {
+        "format": FORMAT,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
+        "options": dict(options),
+        "inputs": {
+            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
+            "campaign": {"path": result.campaign.path, "sha256": result.campaign.sha256},
+        },
+        "parameters": [
+            {
+                "name": item.name,
+                "paths": list(item.paths),
+                "value": value,
+                "unit": FIELDS[field_of(item.name)],
+                "interval_95": list(interval),
+                "data_support_interval": bool(supported),
+                "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}",
+                "sd": sd,
+                "sd_by_data_alone": data_sd,
+                "prior_share": share,
+                "prior": {"median": item.centre, "sd": item.prior_sd},
+            }
+            for item, value, interval, supported, sd, data_sd, share in zip(
+                items,
+                fit.best.values,
+                fit.interval(),
+                known.supported,
+                known.sd,
+                known.data_sd,
+                known.prior_share,
+                strict=True,
+            )
+        ],
+        "covariance": known.covariance,
+        "correlation": known.correlation,
+        "directions": [{"weights": d.weights, "sd": d.sd, "fixed": d.fixed} for d in known.directions],
+        "rank": known.rank,
+        "chi_squared": fit.chi_squared,
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "p_value": fit.p_value,
+        "measurements": [
+            {
+                "kind": m.kind,
+                "posture": list(m.posture),
+                "mode": m.mode,
+                "point": m.point,
+                "direction": m.direction,
+                "load": str(m.load),
+                "reference_load": str(m.reference_load),
+                "measured": m.value,
+                "sigma": m.sigma,
+                "predicted": predicted,
+                "predicted_sd": sd,
+                "note": m.note,
+            }
+            for m, predicted, sd in zip(result.campaign, fit.predicted, fit.predicted_sd, strict=True)
+        ],
+        "tensions": [
+            {"kind": t.kind, "rows": list(t.rows), "predicted": t.predicted, "sd": t.sd, "z": t.z}
+            for t in result.tensions
+        ],
+        "optima": [
+            {"values": o.values, "cost": o.cost, "starts": o.starts, "converged": o.converged} for o in fit.optima
+        ],
+        "failed_starts": fit.failed,
+    }
+    return _plain(document)
+
+
+def write_json(document: Mapping[str, Any], path: Path) -> None:
+    """Write a document whole or not at all.
+
+    Raises:
+        InputError: the folder or the file can't be written; what was there before is untouched.
+    """
+    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
+            file.write(text)
+        os.replace(file.name, path)
+    except OSError as error:
+        remedy = "choose another folder with --out"
+        reason = error.strerror or str(error)
+        raise InputError(Problem(str(path), reason, "a folder that can be written to", remedy)) from None
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON knows it."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "shape"):
+        return _plain(np.asarray(value).tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -1,0 +1,73 @@
+"""What people write: files as text, words quoted safely in a message, the name that was meant."""
+
+import difflib
+from collections.abc import Iterable
+from os import PathLike
+from pathlib import Path
+
+from ident.errors import InputError, Problem
+
+NAME = "[A-Za-z][A-Za-z0-9_-]*"
+"""A part's name: nothing that a path `link1.com.x` or a load `5 kg @ tip` could confuse."""
+
+NAME_RULE = "letters, digits, _ and - only, a letter first"
+"""The same in words, for messages."""
+
+LONGEST_QUOTE = 40
+"""Characters of a user's text that a message repeats."""
+
+
+def one_line(text: str) -> str:
+    """Escape line breaks and control characters, so that a message stays on one line."""
+    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+
+
+def quoted(text: str) -> str:
+    """Quote a user's text for a message: escaped, and cut when it is long."""
+    cut = text if len(text) <= LONGEST_QUOTE else text[:LONGEST_QUOTE] + "…"
+    return f"'{one_line(cut)}'" if text else "nothing"
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the known name that resembles `name` most, in whatever case, or an empty string."""
+    spelt = {word.lower(): word for word in known}
+    near = difflib.get_close_matches(name.lower(), spelt, n=1, cutoff=0.5)
+    return spelt[near[0]] if near else ""
+
+
+def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
+    """Return a remedy for an unknown name: the nearest known one, or else the other remedy."""
+    near = nearest(name, known)
+    return f"did you mean {near}?" if near else otherwise
+
+
+def read_bytes(path: str | PathLike[str], expected: str) -> bytes:
+    """Return the bytes of a file; `expected` says in an error what the file should be.
+
+    Raises:
+        InputError: there is no such file, or it cannot be read.
+    """
+    try:
+        return Path(path).read_bytes()
+    except (OSError, ValueError) as error:
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        remedy = "check the path and its permissions"
+        raise InputError(Problem(one_line(str(path)), reason, expected, remedy)) from None
+
+
+def decode(data: bytes, file: str) -> str:
+    """Return bytes as text, with or without a byte order mark; no encoding but UTF-8 is guessed.
+
+    Raises:
+        InputError: the bytes are not UTF-8.
+    """
+    if b"\0" in data or data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        remedy = "save the file as text in UTF-8"
+        raise InputError(Problem(file, "UTF-16 or a binary file", "a text file in UTF-8", remedy))
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before, byte = error.object[: error.start], error.object[error.start]
+        line = len((before + b".").splitlines())
+        got, remedy = f"the byte 0x{byte:02x}, which is no UTF-8", "save the file as UTF-8"
+        raise InputError(Problem(f"{file}:{line}", got, "text in UTF-8", remedy)) from None

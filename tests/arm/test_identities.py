@@ -1,0 +1,402 @@
+"""What must hold between the quantities of an arm, and closed forms."""
+
+from functools import cache, partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg as sl
+from arms import lcd_arm, posture_of, random_arm, random_body, without_gravity
+from jaxtyping import Array
+
+from ident.arm.arm import Arm, Body, Joint, Payload, Point, stiffness_paths
+from ident.arm.chain import Chain, Loads, hold, no_loads
+from ident.arm.equilibrium import deflection, equilibrium
+from ident.arm.labels import mode_labels
+from ident.arm.mechanics import (
+    kinetic_energy,
+    mass_matrix,
+    point_positions,
+    potential_derivatives,
+    potential_energy,
+    potential_gradient,
+    unflatten,
+)
+from ident.arm.modes import Linearized, damped_eigenvalues, linearize, mac, modes, natural_frequencies
+
+G = 9.80665
+held = jax.jit(hold)
+all_modes = jax.jit(modes)
+settle = jax.jit(equilibrium)
+system_of = jax.jit(linearize)
+damped = jax.jit(damped_eigenvalues)
+
+
+@cache
+def sample(joints: int = 3, gravity: float = G) -> tuple[Arm, Array]:
+    rng = np.random.default_rng(7)
+    arm = random_arm(rng, joints, gravity=gravity)
+    return arm, posture_of(arm, rng)
+
+
+def worst(a: Array, b: Array) -> float:
+    """Largest difference by the largest entry of b."""
+    return float(jnp.abs(a - b).max() / jnp.abs(b).max())
+
+
+def a_phi(joints: int, seed: int = 8) -> Array:
+    return jnp.asarray(np.random.default_rng(seed).normal(size=(3, joints)) * 0.3)
+
+
+# energies
+
+
+def test_mass_matrix_is_the_hessian_of_kinetic_energy() -> None:
+    chain, phi = held(*sample()), a_phi(3)
+    energy = jax.jit(lambda c, v: kinetic_energy(c, phi, unflatten(v)))
+    hessian = jax.jit(jax.hessian(energy, 1))(chain, jnp.zeros(9))
+    assert worst(mass_matrix(chain, phi), hessian) < 1e-14
+
+
+def test_potential_derivatives_are_those_of_the_potential() -> None:
+    arm, posture = sample()
+    loads = Loads(jnp.array([1.0]), jnp.array([2.0, 1.0]), jnp.array([[50.0, 0], [-30, 20], [10, -90]]))
+    chain, phi = held(arm, posture, loads), a_phi(3)
+    chain = eqx.tree_at(lambda c: (c.bend, c.tors), chain, (chain.bend * 1e-3, chain.tors * 1e-3))
+
+    def energy(chain: Chain, x: Array) -> Array:
+        return potential_energy(chain, unflatten(x))
+
+    x = phi.T.reshape(-1)
+    gradient, hessian = potential_derivatives(chain, phi)
+    assert worst(gradient, jax.jit(jax.grad(energy, 1))(chain, x)) < 1e-13
+    assert worst(hessian, jax.jit(jax.hessian(energy, 1))(chain, x)) < 1e-13
+    assert worst(potential_gradient(chain, phi), gradient) < 1e-15
+
+
+# modes
+
+
+def test_modes_are_mass_normalised_and_orthogonal() -> None:
+    chain = held(*sample())
+    system, found = system_of(chain), all_modes(chain)
+    V, omega = found.shape, 2 * np.pi * found.frequency
+    assert jnp.abs(V.T @ system.M @ V - jnp.eye(9)).max() < 1e-11
+    assert jnp.abs(V.T @ system.H @ V / omega[:, None] / omega - jnp.eye(9)).max() < 1e-11
+
+
+def test_shares_sum_to_one() -> None:
+    found = all_modes(held(*sample()))
+    assert jnp.abs(found.bend.sum(0) + found.tors.sum(0) - 1).max() < 1e-14
+    assert found.bend.min() >= 0
+    assert found.tors.min() >= 0
+
+
+def test_frequency_slope_is_the_energy_share() -> None:
+    """df/dk = share f / (2 k). Exact without gravity only: with it the equilibrium moves with the stiffness."""
+    arm, posture = sample(3, 0.0)
+    paths = stiffness_paths(arm)
+    k = jnp.stack([arm.get(path) for path in paths])
+    chain = held(arm, posture)
+
+    @jax.jit
+    @partial(jax.jacfwd)
+    def slope(k: Array) -> Array:
+        return natural_frequencies(hold(arm.replace(dict(zip(paths, k, strict=True))), posture), 9)
+
+    found = all_modes(chain)
+    share = jnp.concatenate([found.bend, found.tors]).T
+    assert worst(slope(k), share * found.frequency[:, None] / (2 * k)) < 1e-10
+
+
+def test_frequencies_scale_with_the_root_of_stiffness() -> None:
+    """Exact without gravity, whose own stiffness does not scale."""
+    chain = held(*sample(3, 0.0))
+    stiff = eqx.tree_at(lambda c: (c.bend, c.tors), chain, (4 * chain.bend, 4 * chain.tors))
+    assert worst(all_modes(stiff).frequency, 2 * all_modes(chain).frequency) < 1e-12
+
+
+def test_motion_is_how_the_points_move() -> None:
+    """Against central differences of the positions, whose cut-off error is 1e-8 of the motion."""
+    chain = held(*sample())
+    phi, found, h = settle(chain), all_modes(chain), 1e-4
+    for i in range(3):
+        step = h * unflatten(found.shape[:, i])
+        moved = (point_positions(chain, phi + step) - point_positions(chain, phi - step)) / (2 * h)
+        assert worst(found.motion[:, :, i], moved) < 1e-7
+
+
+def test_mac() -> None:
+    rng = np.random.default_rng(0)
+    a, b = (jnp.asarray(rng.normal(size=(9, 4)) + 1j * rng.normal(size=(9, 4))) for _ in range(2))
+    assert jnp.allclose(mac(a, a), 1, rtol=1e-14)
+    assert jnp.allclose(mac(a, (2 - 3j) * a), 1, rtol=1e-14)
+    assert jnp.allclose(mac(a, b), mac(b, a), rtol=1e-14)
+    assert (mac(a, b) < 1).all()
+    assert mac(jnp.eye(3)[0], jnp.eye(3)[1]) == 0
+    assert jnp.allclose(mac(jnp.array([1.0, 1.0]), jnp.array([1.0, 0.0])), 0.5)
+
+
+def test_labels_of_the_lcd_arm() -> None:
+    found = all_modes(held(lcd_arm(), jnp.zeros(3)))
+    assert {str(label) for label in mode_labels(found)[:2]} == {"lateral torsion 1", "vertical bending 1"}
+
+
+# closed forms of one body on one bushing
+
+
+def pendulum(height: float, tilt: float = 0.0) -> Arm:
+    """A rod along z; gravity tilted in the x-z plane."""
+    inertia = np.diag([0.5, 0.6, 0.1])
+    body = Body("rod", 4.0, (0.0, 0.0, height), inertia)
+    down = G * np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
+    joint = Joint("j", k_bend=900.0, k_tors=200.0, tau_bend=2e-3, tau_tors=5e-4, link=(body,))
+    return Arm("pendulum", (joint,), points=(Point("end", "j", (0.0, 0.0, height)),), gravity=down)
+
+
+@pytest.mark.parametrize("height", [0.4, -0.4])
+def test_pendulum_frequencies(height: float) -> None:
+    """Standing, gravity takes m g h from the bending stiffness; hanging, it adds it; torsion does not feel it."""
+    about_x, about_y = (900 - 4 * G * height), (900 - 4 * G * height)
+    squared = [about_x / (0.5 + 4 * 0.16), about_y / (0.6 + 4 * 0.16), 200 / 0.1]
+    found = all_modes(held(pendulum(height), jnp.zeros(1)))
+    assert np.allclose(found.frequency, np.sort(np.sqrt(squared)) / (2 * np.pi), rtol=1e-13)
+
+
+@pytest.mark.parametrize("tilt", [0.3, np.pi / 2])
+def test_pendulum_deflection(tilt: float) -> None:
+    """k theta = m g h sin(tilt + theta), theta about y."""
+    chain = held(pendulum(0.4, tilt), jnp.zeros(1))
+    phi = settle(chain)
+    theta = float(phi[1, 0])
+    assert abs(900 * theta - 4 * G * 0.4 * np.sin(tilt + theta)) < 1e-11
+    assert np.abs(phi[::2]).max() < 1e-15
+    expected = [0.4 * np.sin(theta), 0.0, 0.4 * (np.cos(theta) - 1)]
+    assert np.abs(deflection(chain, phi)[:, 0] - np.array(expected)).max() < 1e-15
+
+
+# damping
+
+
+def test_damped_eigenvalues_of_single_modes() -> None:
+    """Without gravity C = tau K of each direction: s = -zeta w + i w sqrt(1 - zeta^2), zeta = tau w / 2."""
+    s = damped(system_of(held(without_gravity(pendulum(0.4)), jnp.zeros(1))))
+    omega = np.sqrt([900 / (0.6 + 0.64), 900 / (0.5 + 0.64), 200 / 0.1])
+    zeta = np.array([2e-3, 2e-3, 5e-4]) * omega / 2
+    expected = -zeta * omega + 1j * omega * np.sqrt(1 - zeta**2)
+    assert np.abs(s / expected - 1).max() < 1e-12
+
+
+def test_proportional_damping_on_a_whole_arm() -> None:
+    arm, posture = sample(3, 0.0)
+    tau = {path.replace("k_", "tau_"): 1e-4 for path in stiffness_paths(arm)}
+    system = system_of(held(arm.replace(tau), posture))
+    s = damped(system)
+    omega = 2 * np.pi * all_modes(held(arm, posture)).frequency
+    assert np.allclose(jnp.abs(s), omega, rtol=1e-10)
+    assert np.allclose(-s.real / jnp.abs(s), 1e-4 * omega / 2, rtol=1e-9)
+
+
+def test_damped_eigenvalues_against_the_state_matrix() -> None:
+    """The state matrix built without whitening; balanced by SciPy, good to 1e-9 of each eigenvalue here."""
+    system = system_of(held(*sample()))
+    M, C, H = (np.asarray(x) for x in system[1:])
+    state = np.block([[np.zeros((9, 9)), np.eye(9)], [-sl.solve(M, H), -sl.solve(M, C)]])
+    values = sl.eigvals(state)
+    upper = values[values.imag >= 0]
+    expected = upper[np.argsort(np.abs(upper))][:9]
+    assert np.abs(damped(system) / expected - 1).max() < 1e-9
+
+
+def test_overdamped_mode_has_two_real_eigenvalues() -> None:
+    one = jnp.ones((1, 1))
+    s = damped_eigenvalues(Linearized(jnp.zeros((3, 1)), one, 5 * one, 4 * one))
+    assert np.allclose(s, [-1.0], rtol=1e-14)
+
+
+# batches
+
+
+def varied(k: Array) -> Arm:
+    return sample()[0].replace({"j0.k_bend": k, "link1.mass": k / 2e4, "link1.com.x": k / 1e5})
+
+
+def test_batch_equals_one_at_a_time() -> None:
+    """Postures over the first of two axes, stiffnesses over the last."""
+    postures = jnp.asarray(np.random.default_rng(1).normal(size=(3, 2, 1)))
+    chain = held(varied(jnp.linspace(3e4, 9e4, 3)), postures)
+    found, moved = all_modes(chain), deflection(chain, settle(chain))
+    assert found.frequency.shape == (9, 2, 3)
+    assert found.motion.shape == (3, 2, 9, 2, 3)
+    for i, k in enumerate(np.linspace(3e4, 9e4, 3)):
+        for j in range(2):
+            single = held(varied(k), postures[:, j, 0])
+            alone = all_modes(single)
+            assert worst(found.frequency[:, j, i], alone.frequency) < 1e-12
+            assert worst(found.bend[:, :, j, i], alone.bend) < 1e-10
+            assert worst(moved[..., j, i], deflection(single, settle(single))) < 1e-12
+
+
+def test_a_batch_can_be_replaced_again() -> None:
+    many = varied(jnp.ones(3))
+    assert many.paths() == sample()[0].paths()
+    assert float(many.replace({"j0.k_bend": 5.0}).get("j0.k_bend")) == 5.0
+
+
+def test_vmap_equals_the_native_batch() -> None:
+    arm, posture = sample()
+    k = jnp.linspace(3e4, 9e4, 4)
+
+    def answers(k: Array, posture: Array) -> tuple[Array, Array, Array]:
+        chain = hold(arm.replace({"j1.k_bend": k}), posture)
+        system = linearize(chain)
+        return (
+            natural_frequencies(chain, 4),
+            deflection(chain, system.phi),
+            damped_eigenvalues(system),
+        )
+
+    native = jax.jit(answers)(k, posture[:, None])
+    mapped = jax.jit(jax.vmap(answers, in_axes=(0, None), out_axes=-1))(k, posture)
+    for a, b in zip(native, mapped, strict=True):
+        assert a.shape == b.shape
+        assert worst(a, b) < 1e-12
+
+
+@pytest.mark.parametrize("joints", [1, 2, 5, 12])
+def test_any_number_of_joints(joints: int) -> None:
+    chain = held(*sample(joints))
+    assert np.isfinite(natural_frequencies(chain, 2)).all()
+    assert settle(chain).shape == (3, joints)
+
+
+# loads, undriven joints, collapse
+
+
+def loaded_at_tip(arm: Arm, posture: Array, payload: float, mass: float, force: Array) -> Chain:
+    none = no_loads(arm)
+    return held(
+        arm,
+        posture,
+        Loads(none.payload + payload, none.mass.at[-1].set(mass), none.force.at[:, -1].set(force)),
+    )
+
+
+def built_in(arm: Arm, body: Body) -> Arm:
+    last = arm.joints[-1]
+    return eqx.tree_at(lambda a: a.joints[-1].link, arm, (*last.link, body))
+
+
+def same_chain(a: Chain, b: Chain) -> bool:
+    return all(
+        np.allclose(x, y, rtol=1e-13, atol=1e-13)
+        for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    )
+
+
+def test_payload_is_a_body_of_the_link() -> None:
+    arm, posture = sample()
+    extra = Body("extra", arm.payloads[0].body.mass, arm.payloads[0].body.com, arm.payloads[0].body.inertia)
+    chain = loaded_at_tip(arm, posture, 1.0, 0.0, jnp.zeros(3))
+    assert same_chain(chain, held(built_in(arm, extra), posture))
+    assert not same_chain(chain, held(arm, posture))
+
+
+def test_point_mass_is_a_body_of_the_link() -> None:
+    arm, posture = sample()
+    chain = loaded_at_tip(arm, posture, 0.0, 3.0, jnp.zeros(3))
+    assert same_chain(chain, held(built_in(arm, Body("extra", 3.0, arm.points[-1].position)), posture))
+
+
+def test_force_does_virtual_work_at_its_point() -> None:
+    arm, posture = sample()
+    force, phi = jnp.array([40.0, -20.0, 70.0]), a_phi(3)
+    loaded, bare = (loaded_at_tip(arm, posture, 0.0, 0.0, f) for f in (force, 0 * force))
+
+    def tip(x: Array) -> Array:
+        return point_positions(bare, unflatten(x))[:, -1]
+
+    jacobian = jax.jacfwd(tip)(phi.T.reshape(-1))
+    difference = potential_gradient(loaded, phi) - potential_gradient(bare, phi)
+    # the springs' moments, 1e5 N m, cancel in the difference
+    assert worst(difference, -jacobian.T @ force) < 1e-11
+
+
+def test_weight_as_a_force_sags_like_a_point_mass() -> None:
+    arm, posture = sample()
+    by_mass = loaded_at_tip(arm, posture, 0.0, 3.0, jnp.zeros(3))
+    by_force = loaded_at_tip(arm, posture, 0.0, 0.0, 3.0 * arm.gravity)
+    assert worst(settle(by_mass), settle(by_force)) < 1e-12
+    assert all_modes(by_mass).frequency[0] < all_modes(by_force).frequency[0]
+
+
+def test_small_force_moves_the_tip_by_the_compliance() -> None:
+    """Reciprocity: the tip compliance J H^-1 J' is symmetric and its column is the deflection per newton."""
+    arm, posture = sample()
+    system = system_of(loaded_at_tip(arm, posture, 0.0, 0.0, jnp.zeros(3)))
+    bare = loaded_at_tip(arm, posture, 0.0, 0.0, jnp.zeros(3))
+    J = jax.jacfwd(lambda x: point_positions(bare, unflatten(x))[:, -1])(system.phi.T.reshape(-1))
+    compliance = J @ jnp.linalg.solve(system.H, J.T)
+    moved = []
+    for force in np.eye(3):
+        ends = []
+        for sign in (1, -1):
+            chain = loaded_at_tip(arm, posture, 0.0, 0.0, sign * jnp.asarray(force))
+            ends.append(point_positions(chain, settle(chain))[:, -1])
+        moved.append((ends[0] - ends[1]) / 2)
+    assert worst(jnp.stack(moved, 1), compliance) < 1e-7
+
+
+def test_a_rigid_extra_bushing_changes_nothing() -> None:
+    """Split the last link by an undriven bushing of k -> infinity: the change falls like 1/k."""
+    arm, posture = sample()
+    last = arm.joints[-1]
+    tip = random_body(np.random.default_rng(3), "tip_body")
+
+    def split(k: float) -> Arm:
+        extra = Joint("extra", k_bend=k, k_tors=k, link=(tip,), driven=False)
+        points = (arm.points[0], Point("tip", "extra", arm.points[-1].position))
+        return Arm("split", (*arm.joints[:-1], last, extra), points, (), arm.gravity)
+
+    whole = held(built_in(arm, tip), posture)
+    frequency, sag = all_modes(whole).frequency[:4], deflection(whole, settle(whole))
+    errors = []
+    for k in (1e8, 1e10):
+        chain = held(split(k), posture)
+        errors.append(worst(all_modes(chain).frequency[:4], frequency))
+        errors.append(worst(deflection(chain, settle(chain)), sag))
+    assert max(errors[2:]) < 1e-4
+    assert errors[2] / errors[0] == pytest.approx(0.01, rel=0.05)
+    assert errors[3] / errors[1] == pytest.approx(0.01, rel=0.05)
+
+
+@pytest.mark.parametrize(("k_bend", "stands"), [(17.0, True), (15.0, False)])
+def test_equilibrium_is_nan_where_the_arm_buckles(k_bend: float, stands: bool) -> None:
+    """m g h = 15.69 N m: a softer bushing cannot hold the rod upright."""
+    chain = held(pendulum(0.4).replace({"j.k_bend": k_bend}), jnp.zeros(1))
+    assert bool(np.isfinite(settle(chain)).all()) is stands
+    assert bool(np.isfinite(all_modes(chain).frequency).all()) is stands
+
+
+def test_one_buckled_arm_leaves_the_others_of_a_batch_alone() -> None:
+    k = jnp.array([17.0, 15.0, 900.0])
+    frequency = all_modes(held(pendulum(0.4).replace({"j.k_bend": k}), jnp.zeros((1, 1)))).frequency
+    assert np.isnan(frequency[:, 1]).all()
+    assert np.isfinite(frequency[:, [0, 2]]).all()
+    alone = all_modes(held(pendulum(0.4), jnp.zeros(1))).frequency
+    assert worst(frequency[:, 2], alone) < 1e-13
+
+
+def test_integers_are_taken_as_numbers() -> None:
+    """A coordinate given as an int must not round what replaces it."""
+    arm = Arm("i", (Joint("j", k_bend=9, k_tors=2, offset=(0, 0, 1), link=(Body("b", 1, (0, 0, 1)),)),))
+    assert float(arm.replace({"j.offset.x": 0.5}).get("j.offset.x")) == 0.5
+    assert float(arm.replace({"b.com.z": 0.5}).get("b.com.z")) == 0.5
+
+
+def test_payload_off_by_default() -> None:
+    arm, posture = sample()
+    heavy = Arm("h", arm.joints, arm.points, (Payload("j2", Body("weight", 500.0)),), arm.gravity)
+    assert same_chain(held(heavy, posture), held(arm, posture))

@@ -1,0 +1,137 @@
+"""Small linear algebra against NumPy and SciPy."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg as sl
+
+from ident.arm.linalg import cholesky, largest_eigenpairs, lowest_modes, solve_lower, solve_positive
+
+EPS = 2.2e-16
+SIZES = (3, 6, 9, 18, 36)
+factor = jax.jit(cholesky)
+pairs = jax.jit(largest_eigenpairs, static_argnums=1)
+low = jax.jit(lowest_modes, static_argnums=2)
+
+
+def turned(eigenvalues: np.ndarray, seed: int = 0) -> np.ndarray:
+    """A full symmetric matrix of given eigenvalues."""
+    n = len(eigenvalues)
+    Q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(n, n)))
+    A = Q @ np.diag(eigenvalues) @ Q.T
+    return (A + A.T) / 2
+
+
+def random_positive(n: int, seed: int = 0) -> np.ndarray:
+    return turned(np.random.default_rng(seed).uniform(1, 100, n), seed)
+
+
+def block_diagonal(n: int) -> np.ndarray:
+    return sl.block_diag(*(random_positive(3, seed) for seed in range(n // 3)))
+
+
+SPECTRA = {
+    "random": random_positive,
+    "one repeated value": lambda n: turned(np.full(n, 3.0)),
+    "pairs": lambda n: turned(np.repeat(np.arange(1.0, n + 1), 2)[:n]),
+    "cluster of 1e-12": lambda n: turned(np.concatenate([2 + 1e-12 * np.arange(n - n // 3), np.ones(n // 3)])),
+    "graded by 1e8": lambda n: turned(np.logspace(-8, 0, n)),
+    "singular": lambda n: turned(np.concatenate([np.zeros(n // 2), np.arange(1.0, n - n // 2 + 1)])),
+    "unit": np.eye,
+    "diagonal": lambda n: np.diag(np.arange(1.0, n + 1)),
+    "diagonal with repeats": lambda n: np.diag((np.arange(n) // 3 + 1.0)),
+    "blocks": block_diagonal,
+    "equal blocks": lambda n: sl.block_diag(*[random_positive(3)] * (n // 3)),
+    "tridiagonal": lambda n: 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1),
+}
+
+
+@pytest.mark.parametrize("n", SIZES)
+@pytest.mark.parametrize("spectrum", SPECTRA)
+def test_eigenpairs(n: int, spectrum: str) -> None:
+    """Values, residual and orthonormality, each to rounding times the largest eigenvalue and a modest n."""
+    A = np.asarray(SPECTRA[spectrum](n), float)
+    values, V = (np.asarray(x) for x in pairs(jnp.asarray(A), n))
+    expected = np.linalg.eigvalsh(A)[::-1]
+    tolerance = 30 * n * EPS
+    assert np.abs(values - expected).max() < tolerance * expected[0]
+    assert np.abs(A @ V - V * values).max() < tolerance * expected[0]
+    assert np.abs(V.T @ V - np.eye(n)).max() < tolerance
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_a_few_pairs_are_the_first_of_all(n: int) -> None:
+    A = jnp.asarray(random_positive(n))
+    assert np.allclose(pairs(A, 2)[0], np.linalg.eigvalsh(A)[::-1][:2], rtol=30 * n * EPS)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_lowest_modes_against_scipy(n: int) -> None:
+    H, M = random_positive(n, 1), random_positive(n, 2)
+    values, V = (np.asarray(x) for x in low(jnp.asarray(H), jnp.asarray(M), n))
+    assert np.abs(values / sl.eigh(H, M, eigvals_only=True) - 1).max() < 1e-11
+    assert np.abs(V.T @ M @ V - np.eye(n)).max() < 1e-11
+    assert np.abs(V.T @ H @ V - np.diag(values)).max() < 1e-11 * values[-1]
+
+
+def test_lowest_of_a_graded_problem_is_the_most_accurate() -> None:
+    """Stiffnesses 1e8 apart: the lowest eigenvalues keep their digits, where eigh(H, M) loses eight."""
+    exact = np.logspace(0, 8, 9)
+    H = turned(exact)
+    values = np.asarray(low(jnp.asarray(H), jnp.eye(9), 3)[0])
+    reference = 1 / sl.eigh(np.eye(9), H, eigvals_only=True)[::-1][:3]
+    # the matrix itself holds its lowest eigenvalue to 1e8 * EPS only: both answers share that error
+    assert np.abs(values / reference - 1).max() < 1e-8
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_cholesky_and_solves(n: int) -> None:
+    A = random_positive(n)
+    L, b = factor(jnp.asarray(A)), np.random.default_rng(3).normal(size=n)
+    assert np.abs(L - np.linalg.cholesky(A)).max() < 1e-13 * np.sqrt(A.max())
+    assert np.allclose(solve_positive(L, jnp.asarray(b)), np.linalg.solve(A, b), rtol=1e-12, atol=1e-14)
+    B = np.random.default_rng(4).normal(size=(n, 2))
+    X = sl.solve_triangular(np.linalg.cholesky(A), B, lower=True)
+    assert np.allclose(solve_lower(L, jnp.asarray(B)), X, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("lowest", [-1.0, -1e-3])
+def test_indefinite_gives_nan(lowest: float) -> None:
+    A = jnp.asarray(turned(np.array([lowest, 1.0, 2.0, 3.0, 4.0, 5.0])))
+    assert np.isnan(factor(A)).any()
+    values, vectors = low(A, jnp.eye(6), 3)
+    assert np.isnan(values).all()
+    assert np.isnan(vectors).any()
+
+
+def test_nan_stays_in_its_own_entry_of_the_batch() -> None:
+    good, bad = random_positive(6), turned(np.array([-1.0, 1, 2, 3, 4, 5]))
+    H = jnp.stack([jnp.asarray(good), jnp.asarray(bad), jnp.asarray(good)], -1)
+    M = jnp.broadcast_to(jnp.eye(6)[..., None], H.shape)
+    values = low(H, M, 6)[0]
+    assert np.isnan(values[:, 1]).all()
+    assert np.allclose(values[:, [0, 2]], np.linalg.eigvalsh(good)[:, None], rtol=1e-12)
+
+
+def test_batch_equals_one_at_a_time() -> None:
+    A = jnp.stack([jnp.asarray(random_positive(6, seed)) for seed in range(5)], -1)
+    values, vectors = pairs(A, 3)
+    for i in range(5):
+        one = pairs(A[..., i], 3)
+        assert np.allclose(values[:, i], one[0], rtol=1e-14)
+        alignment = np.abs((vectors[..., i] * one[1]).sum(0))  # a vector's sign is free
+        assert np.allclose(alignment, 1, rtol=1e-13)
+    mapped = jax.vmap(partial(largest_eigenpairs, count=3), in_axes=-1, out_axes=-1)(A)
+    assert np.allclose(mapped[0], values, rtol=1e-14)
+
+
+@pytest.mark.parametrize("mode", ["fwd", "rev"])
+def test_solves_are_differentiable(mode: str) -> None:
+    A, b = random_positive(6), np.random.default_rng(5).normal(size=6)
+    jacobian = {"fwd": jax.jacfwd, "rev": jax.jacrev}[mode]
+    slope = jacobian(lambda s: solve_positive(cholesky(jnp.asarray(A) + s * jnp.eye(6)), jnp.asarray(b)))(0.0)
+    inverse = np.linalg.inv(A)
+    assert np.allclose(slope, -inverse @ inverse @ b, rtol=1e-10)

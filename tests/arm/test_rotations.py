@@ -1,0 +1,105 @@
+"""Rotations: against SciPy, against differences, and smooth at zero."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ident.arm.rotations import (
+    axial,
+    curvature,
+    left_jacobian,
+    matmul,
+    matvec,
+    outer,
+    rotation,
+    skew,
+    spin,
+    transpose,
+    turn_about,
+)
+
+ANGLES = (0.0, 1e-9, 1e-4, 0.1, 0.22, 0.23, 1.0, 2.0, 3.0)
+EPS = 2.2e-16
+
+
+def rotation_vectors() -> np.ndarray:
+    """(3, n): every angle about several axes."""
+    axes = np.random.default_rng(0).normal(size=(6, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    return np.concatenate([angle * axes for angle in ANGLES]).T
+
+
+def test_rotation_agrees_with_scipy() -> None:
+    phi = rotation_vectors()
+    expected = np.moveaxis(Rotation.from_rotvec(phi.T).as_matrix(), 0, -1)
+    assert np.abs(rotation(jnp.asarray(phi)) - expected).max() < 20 * EPS
+
+
+@pytest.mark.parametrize("angle", [-7.0, -1.0, 0.0, 3.1, 12.0])
+def test_turn_about_a_unit_axis_of_any_angle(angle: float) -> None:
+    axis = np.array([2.0, -3.0, 6.0]) / 7
+    expected = Rotation.from_rotvec(angle * axis).as_matrix()
+    assert np.abs(turn_about(jnp.asarray(axis), jnp.asarray(angle)) - expected).max() < 20 * EPS
+
+
+def test_left_jacobian_gives_the_angular_velocity() -> None:
+    """(dR/dt) R' = [J dphi/dt], the left side by central differences of SciPy's rotation; their error is 1e-10."""
+    rng, h = np.random.default_rng(1), 1e-5
+    for phi in rotation_vectors().T:
+        rate = rng.normal(size=3)
+        ahead, behind = (Rotation.from_rotvec(phi + s * h * rate).as_matrix() for s in (1, -1))
+        spun = (ahead - behind) / (2 * h) @ Rotation.from_rotvec(phi).as_matrix().T
+        omega = left_jacobian(jnp.asarray(phi)) @ rate
+        assert np.abs(skew(omega) - spun).max() < 1e-9
+
+
+def test_right_jacobian_is_the_transpose() -> None:
+    phi = jnp.asarray(rotation_vectors())
+    J = left_jacobian(phi)
+    assert jnp.abs(matmul(transpose(rotation(phi)), J) - transpose(J)).max() < 20 * EPS
+
+
+def test_curvature_is_the_symmetric_slope_of_the_jacobian() -> None:
+    rng = np.random.default_rng(2)
+    for phi in rotation_vectors().T:
+        moment = jnp.asarray(rng.normal(size=3))
+        slope = jax.jacfwd(lambda p, m=moment: left_jacobian(p).T @ m)(jnp.asarray(phi))
+        assert jnp.abs(curvature(jnp.asarray(phi), moment) - (slope + slope.T) / 2).max() < 20 * EPS
+
+
+def test_derivatives_at_zero_are_those_of_the_series() -> None:
+    """exp[phi] = 1 + [phi] + [phi]^2/2 + ..., J = 1 + [phi]/2 + [phi]^2/6 + ...: first and second derivatives."""
+    zero = jnp.zeros(3)
+    generators = np.stack([skew(jnp.asarray(e)) for e in np.eye(3)], -1)
+    products = np.einsum("ika,kjb->ijab", generators, generators)
+    squares = products + np.swapaxes(products, 2, 3)
+    for function, first, second in ((rotation, 1.0, 1 / 2), (left_jacobian, 1 / 2, 1 / 6)):
+        assert jnp.abs(jax.jacfwd(function)(zero) - first * generators).max() < EPS
+        assert jnp.abs(jax.jacrev(function)(zero) - first * generators).max() < EPS
+        assert jnp.abs(jax.hessian(function)(zero) - second * squares).max() < EPS
+
+
+@pytest.mark.parametrize("function", [rotation, left_jacobian])
+@pytest.mark.parametrize("angle", [1e-6, 0.2235, 0.2237, 1.5, 2.9])
+def test_second_derivatives_are_smooth(function: object, angle: float) -> None:
+    """Against differences of the first derivative (cut-off 1e-10); 0.2236 = sqrt(0.05) once switched formulas."""
+    phi = angle * jnp.array([2.0, -3.0, 6.0]) / 7
+    second, h = jax.jacfwd(jax.jacrev(function))(phi), 1e-5
+    for a, e in enumerate(jnp.eye(3)):
+        ahead, behind = (jax.jacrev(function)(phi + s * h * e) for s in (1, -1))
+        assert jnp.abs(second[..., a] - (ahead - behind) / (2 * h)).max() < 1e-9
+
+
+def test_dyad_rules() -> None:
+    """axial gives a x b; spin the map w -> b x (w x a)."""
+    a, b, w = jnp.asarray(np.random.default_rng(3).normal(size=(3, 3)))
+    assert jnp.abs(axial(outer(a, b)) - jnp.cross(a, b)).max() < 10 * EPS
+    assert jnp.abs(matvec(spin(outer(a, b)), w) - jnp.cross(b, jnp.cross(w, a))).max() < 20 * EPS
+
+
+def test_batch_is_last() -> None:
+    phi = jnp.asarray(np.random.default_rng(4).normal(size=(3, 4, 5)) * 0.5)
+    assert rotation(phi).shape == (3, 3, 4, 5)
+    assert jnp.abs(rotation(phi)[..., 2, 3] - rotation(phi[:, 2, 3])).max() < EPS

@@ -1,0 +1,17 @@
+"""Double precision, run-time checks of shapes and types, and a compilation cache for every test."""
+
+import os
+import tempfile
+
+from jaxtyping import install_import_hook
+
+CACHE = os.environ.setdefault(
+    "JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache")
+)
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+
+install_import_hook("ident", "beartype.beartype")
+
+import jax  # noqa: E402
+
+jax.config.update("jax_enable_x64", True)

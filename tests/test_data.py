@@ -1,0 +1,81 @@
+"""The shipped arm and campaigns are what they say, and the programs that made them make them again."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ident.arm.file import read_arm, read_arm_file
+from ident.measure import read_campaign
+
+LCD = Path(__file__).parents[1] / "data" / "lcd_arm"
+
+
+def program(name):
+    spec = importlib.util.spec_from_file_location(name, LCD / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_shipped_arm_gives_table_1_to_every_printed_digit():
+    found = program("calibrate").predict((LCD / "arm.toml").read_text())
+    assert f"{found['vertical bending 1 [Hz]']:.2f}" == "4.80"
+    assert f"{found['lateral torsion 1 [Hz]']:.2f}" == "4.12"
+    assert f"{found['tip down [mm]']:.1f}" == "26.3"
+    assert list(found)[:2] == ["lateral torsion 1 [Hz]", "vertical bending 1 [Hz]"]
+
+
+def test_only_the_solved_numbers_are_called_calibrated():
+    origins = read_arm_file(LCD / "arm.toml").origins
+    calibrated = {path for path, origin in origins.items() if origin == "calibrated"}
+    assert calibrated == {
+        "joint2.offset.x",
+        "joint2.offset.y",
+        "joint2.offset.z",
+        "link2.mass",
+        "fingers.mass",
+    }
+    assert set(origins.values()) == {"paper", "assumed", "calibrated", "derived"}
+
+
+def test_calibrating_again_changes_nothing_and_check_passes():
+    calibrate = program("calibrate")
+    text = (LCD / "arm.toml").read_text()
+    assert calibrate.calibrate(text) == text
+    command = [sys.executable, str(LCD / "calibrate.py"), "--check"]
+    assert subprocess.run(command, cwd=LCD.parents[1], timeout=120).returncode == 0
+
+
+def test_calibration_from_the_nominal_numbers_finds_the_shipped_arm():
+    calibrate = program("calibrate")
+    text = (LCD / "arm.toml").read_text()
+    assert calibrate.calibrate(calibrate.revise(text, calibrate.NOMINAL, origin="calibrated")) == text
+
+
+def test_synthesize_reproduces_the_shipped_campaign(tmp_path):
+    program("synthesize").main(tmp_path / "campaign.csv")
+    assert (tmp_path / "campaign.csv").read_bytes() == (LCD / "campaign.csv").read_bytes()
+
+
+def test_the_shipped_campaign_is_four_frequencies_and_a_deflection_at_four_postures():
+    campaign = read_campaign(LCD / "campaign.csv")
+    assert len(campaign.postures) == 4
+    assert len(campaign.of_kind("frequency")) == 16
+    assert len(campaign.of_kind("deflection")) == 4
+    assert {m.mode for m in campaign} == {None}
+    assert [m.sigma / m.value for m in campaign.of_kind("frequency")] == pytest.approx([0.005] * 16)
+    assert [m.sigma / m.value for m in campaign.of_kind("deflection")] == pytest.approx([0.02] * 4)
+
+
+def test_table_1_has_the_measured_values_of_the_paper():
+    campaign = read_campaign(LCD / "table1.csv")
+    assert [(m.mode or m.point, m.value) for m in campaign] == [
+        ("vertical bending 1", 4.38),
+        ("lateral torsion 1", 4.38),
+        ("tip", pytest.approx(0.022)),
+    ]
+    assert {m.note for m in campaign} == {"paper, Table 1 (measured)"}
+    assert campaign.joints == len(read_arm(LCD / "arm.toml").driven)

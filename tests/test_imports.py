@@ -1,0 +1,51 @@
+"""The house has one way through: no room imports from one further on, and each library has its room."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "ident"
+BOTTOM = {"errors", "text", "units", "__init__"}
+ALLOWED = {
+    "arm": BOTTOM,
+    "measure": BOTTOM,
+    "identify": BOTTOM | {"arm", "measure"},
+    "vibrate": BOTTOM | {"arm"},
+    "present": BOTTOM | {"arm", "measure", "identify", "vibrate"},
+    "cli": BOTTOM | {"arm", "measure", "identify", "vibrate", "present"},
+}
+ONLY_IN = {"matplotlib": "present", "optimistix": "identify/fit", "pydantic": "arm", "typer": "cli", "rich": "cli"}
+
+
+def imports(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+def modules():
+    return sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
+
+
+@pytest.mark.parametrize("module", modules(), ids=str)
+def test_no_arrow_points_up(module):
+    room = module.parts[0].removesuffix(".py")
+    for name in imports(PACKAGE / module):
+        parts = name.split(".")
+        if parts[0] == "ident" and len(parts) > 1 and room in ALLOWED:
+            assert parts[1] in ALLOWED[room] | {room}, f"{module} imports {name}"
+
+
+@pytest.mark.parametrize("module", modules(), ids=str)
+def test_each_library_has_its_room(module):
+    for name in imports(PACKAGE / module):
+        room = ONLY_IN.get(name.split(".")[0])
+        assert room is None or str(module).startswith(room), f"{module} imports {name}"
+
+
+def test_the_check_sees_imports():
+    assert "ident.errors" in set(imports(PACKAGE / "arm" / "arm.py"))
+    assert len(modules()) > 20
