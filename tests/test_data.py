@@ -65,7 +65,9 @@ def test_the_shipped_campaign_is_four_frequencies_and_a_deflection_at_four_postu
     assert len(campaign.postures) == 4
     assert len(campaign.of_kind("frequency")) == 16
     assert len(campaign.of_kind("deflection")) == 4
-    assert {m.mode for m in campaign} == {None}
+    assert all(m.mode for m in campaign.of_kind("frequency"))
+    assert campaign.measurements[0].mode == "lateral torsion 1"
+    assert campaign.measurements[15].mode == "vertical bending 1", "the two lowest branches have crossed"
     assert [m.sigma / m.value for m in campaign.of_kind("frequency")] == pytest.approx([0.005] * 16)
     assert [m.sigma / m.value for m in campaign.of_kind("deflection")] == pytest.approx([0.02] * 4)
 

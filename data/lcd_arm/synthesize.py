@@ -14,7 +14,8 @@ from ident.arm.arm import Arm
 from ident.arm.chain import hold
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.arm.file import read_arm
-from ident.arm.modes import natural_frequencies
+from ident.arm.labels import mode_labels
+from ident.arm.modes import Modes, modes
 from ident.measure import KINDS, Campaign, Measurement, to_si, write_campaign
 
 HERE = Path(__file__).parent
@@ -29,39 +30,36 @@ SEED = 20261121
 COMMENTS = (
     "SYNTHETIC: computed with ident, not measured on any robot.",
     "Arm: arm.toml, so the joint stiffnesses of the paper's Table 1. Made by synthesize.py.",
-    "Postures q = alpha (1, -2, 1), alpha = 0, 30, 60, 80 deg: the lowest four natural frequencies,",
-    "ascending and not labelled, and the tip's deflection downwards under the arm's own weight.",
+    "Postures q = alpha (1, -2, 1), alpha = 0, 30, 60, 80 deg: the lowest four natural frequencies, labelled as",
+    "two accelerometers would tell them, and the tip's deflection downwards under the arm's own weight.",
     f"Noise: normal, 0.5 % of each frequency and 2 % of each deflection, numpy default_rng({SEED}).",
 )
 
 
 def synthesize(arm: Arm) -> Campaign:
     """Return the campaign that the arm gives with this program's noise."""
-    postures = [
-        tuple(to_si(alpha * turn + 0.0, "deg", "angle") for turn in (1.0, -2.0, 1.0)) for alpha in ALPHA
-    ]
-    frequencies, down = _exact(arm, jnp.asarray(postures).T)
+    postures = [tuple(to_si(alpha * turn + 0.0, "deg", "angle") for turn in (1.0, -2.0, 1.0)) for alpha in ALPHA]
     noise = np.random.default_rng(SEED).standard_normal((len(ALPHA), FREQUENCIES + 1))
     rows = []
-    for posture, f, d, z in zip(postures, frequencies.T.tolist(), down.tolist(), noise.tolist(), strict=True):
-        rows += [_measured("frequency", "Hz", posture, *pair) for pair in zip(f, z[:-1], strict=True)]
-        rows += [_measured("deflection", "mm", posture, 1000 * d, z[-1], point="tip")]
+    for posture, z in zip(postures, noise.tolist(), strict=True):
+        shapes, down = _exact(arm, jnp.asarray(posture))
+        for label, f, part in zip(mode_labels(shapes), shapes.frequency.tolist(), z[:-1], strict=True):
+            rows.append(_measured("frequency", "Hz", posture, f, part, mode=str(label)))
+        rows.append(_measured("deflection", "mm", posture, 1000 * float(down), z[-1], point="tip"))
     return Campaign(measurements=tuple(rows))
 
 
 @jax.jit
-def _exact(arm: Arm, postures: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return frequencies (4, postures) [Hz] and downward deflections (postures,) [m]."""
-    chain = hold(arm, postures)
-    return natural_frequencies(chain, FREQUENCIES), -deflection(chain, equilibrium(chain))[2, -1]
+def _exact(arm: Arm, posture: jax.Array) -> tuple[Modes, jax.Array]:
+    """Return the lowest modes and the downward deflection [m]."""
+    chain = hold(arm, posture)
+    return modes(chain, FREQUENCIES), -deflection(chain, equilibrium(chain))[2, -1]
 
 
-def _measured(
-    kind: str, unit: str, posture: tuple[float, ...], true: float, z: float, point: str | None = None
-) -> Measurement:
+def _measured(kind: str, unit: str, posture: tuple[float, ...], true: float, z: float, **what: str) -> Measurement:
     """Return a true value, in the unit, as it is read off with noise."""
     value = to_si(round(true * (1 + SIGMA[kind] * z), DECIMALS[kind]), unit, KINDS[kind])
-    return Measurement(kind=kind, posture=posture, value=value, sigma=SIGMA[kind] * value, point=point)
+    return Measurement(kind=kind, posture=posture, value=value, sigma=SIGMA[kind] * value, **what)
 
 
 def main(path: Path = HERE / "campaign.csv") -> None:

@@ -213,6 +213,7 @@ def _with_jacobian(f: Callable[[Array], Array], x: Array) -> tuple[Array, Array]
 def _distinct(problem: InverseProblem, ends: list[_End]) -> tuple[Optimum, ...]:
     """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long."""
     groups: list[list[_End]] = []
+    sigma, prior_sd = np.asarray(problem.sigma), np.asarray(problem.parameters.column("prior_sd"))
     for end in sorted(ends, key=lambda e: float(e.cost)):
         for group in groups:
             step = end.theta - group[0].theta

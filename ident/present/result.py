@@ -2,9 +2,7 @@
 
 import json
 import math
-import os
 import platform
-import tempfile
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -14,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ident.arm.file import ArmFile
-from ident.errors import InputError, Problem
 from ident.identify.campaign_fit import CampaignFit
+from ident.present.files import replace_file
 from ident.present.units import FIELDS, field_of
 
 FORMAT = "ident-fit/1"
@@ -103,15 +101,7 @@ def write_json(document: Mapping[str, Any], path: Path) -> None:
         InputError: the folder or the file can't be written; what was there before is untouched.
     """
     text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
-            file.write(text)
-        os.replace(file.name, path)
-    except OSError as error:
-        remedy = "choose another folder with --out"
-        reason = error.strerror or str(error)
-        raise InputError(Problem(str(path), reason, "a folder that can be written to", remedy)) from None
+    replace_file(path, lambda file: file.write(text.encode("utf-8")))
 
 
 def _plain(value: Any) -> Any:

@@ -78,8 +78,7 @@ def relative(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("quantity", ["mass_matrix", "gravity_gradient", "gravity_hessian"])
 def test_mechanics_at_any_phi(engine: type, joints: int, quantity: str) -> None:
     errors = [
-        relative(mine[quantity], getattr(engine(arm, posture), quantity)(x))
-        for arm, posture, x, mine in cases(joints)
+        relative(mine[quantity], getattr(engine(arm, posture), quantity)(x)) for arm, posture, x, mine in cases(joints)
     ]
     assert max(errors) < 1e-12
 

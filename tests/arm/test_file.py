@@ -256,9 +256,7 @@ def test_a_misspelt_key_is_missing_and_unknown(old, new, missing, unknown):
 def test_all_problems_are_listed_in_the_order_of_the_file():
     text = changed("value = 2.0", "value = -2").replace("[-90, 90]", "[9, -9]").replace('"tip"', '"link1"')
     text = text.replace("[10, 20, 30]", "[10, 20]")
-    assert [message.split(",")[0] for message in problems(text)] == [
-        f"arm.toml:{n}" for n in (12, 23, 35, 44)
-    ]
+    assert [message.split(",")[0] for message in problems(text)] == [f"arm.toml:{n}" for n in (12, 23, 35, 44)]
 
 
 def test_a_chain_that_ends_without_mass_is_refused():
@@ -269,9 +267,7 @@ def test_a_chain_that_ends_without_mass_is_refused():
 
 
 def test_a_rotation_that_moves_no_mass_is_refused():
-    text = changed("value = 6.0", "value = 0").replace(
-        'kind = "box", size = [10, 20, 30], unit = "cm", origin', "#"
-    )
+    text = changed("value = 6.0", "value = 0").replace('kind = "box", size = [10, 20, 30], unit = "cm", origin', "#")
     text = text.replace('shape = { # = "assumed" }', 'shape = { kind = "point" }')
     assert "a rotation that moves no mass" in problems(text)[0]
 
@@ -288,9 +284,7 @@ def test_lines_are_right_after_a_multi_line_text():
     assert problems(text.replace("value = 2.0", "value = -2"))[0].startswith("arm.toml:16, joint[0]")
 
 
-@pytest.mark.parametrize(
-    "text", ["a = " + "[" * 5000, "a = 1" + "0" * 5000, "a = '''", "[[joint]]\n[joint]", "a = 1e"]
-)
+@pytest.mark.parametrize("text", ["a = " + "[" * 5000, "a = 1" + "0" * 5000, "a = '''", "[[joint]]\n[joint]", "a = 1e"])
 def test_hostile_toml_is_a_sentence(text):
     assert "expected TOML" in problems(text)[0]
 
@@ -359,9 +353,7 @@ def test_revised_text_changes_the_numbers_and_nothing_else():
 
 
 def test_revising_a_full_tensor_finds_its_diagonal():
-    assert (
-        parse_arm(revise(TEXT, {"glass.inertia.yy": 2.5}, origin="measured")).get("glass.inertia.yy") == 2.5
-    )
+    assert parse_arm(revise(TEXT, {"glass.inertia.yy": 2.5}, origin="measured")).get("glass.inertia.yy") == 2.5
 
 
 def test_revising_every_written_number_to_itself_keeps_the_arm():

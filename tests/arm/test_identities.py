@@ -291,8 +291,7 @@ def built_in(arm: Arm, body: Body) -> Arm:
 
 def same_chain(a: Chain, b: Chain) -> bool:
     return all(
-        np.allclose(x, y, rtol=1e-13, atol=1e-13)
-        for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+        np.allclose(x, y, rtol=1e-13, atol=1e-13) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
     )
 
 

@@ -135,9 +135,7 @@ def test_tip_is_the_end_of_the_chain_or_the_named_link(load, poses):
     assert load(tip="motor").points[-1].joint == "j2"
 
 
-BRANCH = (
-    '<joint name="j4" type="revolute"><parent link="b"/><child link="d"/></joint><link name="d"/></robot>'
-)
+BRANCH = '<joint name="j4" type="revolute"><parent link="b"/><child link="d"/></joint><link name="d"/></robot>'
 LOOSE = '<link name="d"/></robot>'
 
 # Each row: what is replaced, by what, and words that the message must contain.

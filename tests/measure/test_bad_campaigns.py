@@ -131,9 +131,7 @@ def test_a_header_problem_does_not_hide_or_multiply_the_rows():
 
 
 def test_all_problems_are_told_at_once():
-    found = problems(
-        HEADER + "frequency,x,,,,,,y,z,0,,\n" + GOOD + "deflection,1,sway,,up,5 tip,a + a,1,mm,,,\n"
-    )
+    found = problems(HEADER + "frequency,x,,,,,,y,z,0,,\n" + GOOD + "deflection,1,sway,,up,5 tip,a + a,1,mm,,,\n")
     assert [(p.where, p.column) for p in found if p.where.endswith(":2")] == [
         ("table.csv:2", column) for column in ("value", "sigma", "unit", "q1")
     ]

@@ -1,0 +1,147 @@
+"""Predictions of a campaign: order, labels, loads, batches, and what does not fit the arm."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arms import lcd_arm
+
+from ident.arm.chain import hold
+from ident.arm.equilibrium import deflection, equilibrium
+from ident.arm.labels import mode_labels, parse_label
+from ident.arm.modes import damped_eigenvalues, linearize, modes
+from ident.errors import InputError
+from ident.identify.conditions import bind
+from ident.identify.parameters import stiffness_parameters
+from ident.identify.predict import predict
+from ident.measure import Campaign, Load, Measurement
+
+UNFOLDED, BENT = (0.0, 0.0, 0.0), tuple(np.deg2rad([80.0, -160.0, 80.0]))
+KILOGRAMS = Load.parse("5 kg @ tip")
+
+
+def frequency(value, posture=UNFOLDED, **more):
+    return Measurement(kind="frequency", posture=posture, value=value, sigma=0.02, **more)
+
+
+def predicted(*measurements, parameters=None):
+    campaign = Campaign(measurements=measurements)
+    return np.asarray(jax.jit(lambda: predict(lcd_arm(), parameters or {}, bind(lcd_arm(), campaign)))())
+
+
+def exact(posture):
+    chain = hold(lcd_arm(), jnp.asarray(posture))
+    return chain, modes(chain)
+
+
+def test_values_come_in_the_order_of_the_campaign_not_of_size_or_kind():
+    _, found = exact(UNFOLDED)
+    values = predicted(
+        Measurement(kind="deflection", posture=UNFOLDED, value=0.02, sigma=0.001, point="tip"),
+        frequency(14.0),
+        frequency(4.1),
+        frequency(4.8),
+    )
+    np.testing.assert_allclose(values[1:], np.asarray(found.frequency)[[2, 0, 1]], rtol=1e-12)
+    assert values[0] == pytest.approx(0.0263, abs=5e-5)
+
+
+def test_labels_find_their_modes_where_the_order_is_reversed():
+    chain, found = exact(BENT)
+    names = [str(label) for label in mode_labels(found)]
+    assert names[:2] == ["vertical bending 1", "lateral torsion 1"], "the two branches have crossed by 80 degrees"
+    values = predicted(
+        frequency(4.0, BENT, mode="lateral torsion 1"),
+        frequency(5.0, BENT, mode="vertical bending 1"),
+        frequency(6.0, BENT, mode="torsion 1"),
+    )
+    np.testing.assert_allclose(values, np.asarray(found.frequency)[[1, 0, 1]], rtol=1e-12)
+
+
+def test_values_without_label_take_the_lowest_modes_that_no_label_took():
+    _, found = exact(UNFOLDED)
+    values = predicted(frequency(15.0), frequency(4.1, mode="lateral torsion 1"), frequency(4.8))
+    np.testing.assert_allclose(values, np.asarray(found.frequency)[[2, 0, 1]], rtol=1e-12)
+
+
+def test_damping_ratios_belong_to_the_modes_of_their_labels():
+    chain, found = exact(BENT)
+    s = np.asarray(damped_eigenvalues(linearize(chain)))
+    ratio = -s.real / abs(s)
+    values = predicted(
+        Measurement(kind="damping_ratio", posture=BENT, value=0.03, sigma=0.01, mode="lateral torsion 1"),
+        Measurement(kind="damping_ratio", posture=BENT, value=0.003, sigma=0.001, mode="vertical bending 1"),
+    )
+    np.testing.assert_allclose(values, ratio[[1, 0]], rtol=1e-10)
+
+
+def test_a_deflection_difference_is_the_difference_of_two_deflections():
+    base = Measurement(kind="deflection", posture=BENT, value=0.01, sigma=0.001, point="tip", direction=(0, 0.6, -0.8))
+    loaded = dataclasses.replace(base, load=KILOGRAMS)
+    difference = dataclasses.replace(loaded, kind="deflection_difference")
+    values = predicted(base, loaded, difference)
+    assert values[2] == pytest.approx(values[1] - values[0], rel=1e-12)
+    assert values[2] > 1e-3
+
+
+def test_a_weight_is_a_mass_and_a_force_is_not():
+    weight = -5 * float(lcd_arm().gravity[2])
+    hung = Measurement(kind="deflection", posture=UNFOLDED, value=0.03, sigma=0.001, point="tip", load=KILOGRAMS)
+    pulled = dataclasses.replace(hung, load=Load.parse(f"{weight} N -z @ tip"))
+    values = predicted(hung, pulled, frequency(3.9, load=KILOGRAMS), frequency(4.1, load=pulled.load))
+    assert values[0] == pytest.approx(values[1], rel=1e-10)
+    assert values[2] < 0.98 * values[3]
+
+
+def test_a_batch_of_parameters_equals_one_at_a_time():
+    campaign = Campaign(measurements=(frequency(4.1, mode="torsion 1"), frequency(5.0, BENT), frequency(6.0, BENT)))
+    conditions, parameters = bind(lcd_arm(), campaign), stiffness_parameters(lcd_arm())
+    draws = parameters.column("start")[:, None] * np.exp(np.random.default_rng(0).normal(size=(6, 5)) * 0.3)
+    together = predict(lcd_arm(), parameters.by_path(draws), conditions)
+    alone = [predict(lcd_arm(), parameters.by_path(draws[:, i]), conditions) for i in range(5)]
+    np.testing.assert_allclose(together, np.stack(alone, 1), rtol=1e-11)
+
+
+def test_no_equilibrium_gives_nan_not_a_number():
+    assert np.isnan(predicted(frequency(4.1), parameters={"joint1.k_bend": 10.0})).all()
+
+
+@pytest.mark.parametrize("text", ["vertical bending 1", "Lateral  Torsion 2", "torsion 3", "vertical 2"])
+def test_labels_are_read(text):
+    assert str(parse_label(text)) == " ".join(text.lower().split())
+
+
+@pytest.mark.parametrize("text", ["", "1", "bending", "bending 0", "sideways bending 1", "bending 1 2"])
+def test_other_labels_are_not(text):
+    assert parse_label(text) is None
+
+
+@pytest.mark.parametrize(
+    ("measurement", "column", "words"),
+    [
+        (frequency(4.0, (0.0, 0.0)), "posture", "2 joint angles"),
+        (frequency(4.0, mode="first wobble"), "mode", "vertical bending 1"),
+        (frequency(4.0, mode="bending 10"), "mode", "bending 10"),
+        (frequency(4.0, load=Load.parse("glas")), "load", "did you mean 'glass'"),
+        (frequency(4.0, load=Load.parse("5 kg @ top")), "load", "one of tip"),
+        (
+            Measurement(kind="deflection", posture=UNFOLDED, value=0.02, sigma=0.001, point="tipp"),
+            "point",
+            "did you mean 'tip'",
+        ),
+    ],
+)
+def test_what_does_not_fit_the_arm_is_named(measurement, column, words):
+    placed = dataclasses.replace(measurement, where="c.csv:7")
+    with pytest.raises(InputError) as error:
+        bind(lcd_arm(), Campaign(measurements=(placed,)))
+    assert str(error.value).startswith(f"c.csv:7, {column}: ")
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_an_empty_campaign_is_refused():
+    with pytest.raises(InputError, match="no measurement"):
+        bind(lcd_arm(), Campaign())
