@@ -9,6 +9,8 @@ from jaxtyping import Array, Float, Inexact
 Vector = Float[Array, "3 *#batch"]
 Matrix = Float[Array, "3 3 *#batch"]
 
+CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
+"""Entry (i, k) of [v] is CROSS[i, k] . v."""
 TERMS = 13
 """Terms of the power series below; the first one left out is below 1e-17 for angles up to 3 rad."""
 
@@ -47,14 +49,12 @@ def identity(n: int, batch_rank: int) -> Float[Array, "n n *ones"]:
 
 def skew(v: Vector) -> Matrix:
     """Return [v] such that [v] w = v x w."""
-    x, y, z = v
-    zero = jnp.zeros_like(x)
-    return jnp.stack([zero, -z, y, z, zero, -x, -y, x, zero]).reshape((3, 3) + v.shape[1:])
+    return (CROSS.reshape((3, 3, 3) + (1,) * (v.ndim - 1)) * v).sum(2)
 
 
 def axial(S: Matrix) -> Vector:
     """Return the sum of a x b over the dyads a b' that S is made of."""
-    return jnp.stack([S[1, 2] - S[2, 1], S[2, 0] - S[0, 2], S[0, 1] - S[1, 0]])
+    return -(CROSS.reshape((3, 3, 3) + (1,) * (S.ndim - 2)) * S).sum((1, 2))
 
 
 def spin(S: Matrix) -> Matrix:

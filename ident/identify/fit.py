@@ -1,6 +1,5 @@
 """Fit parameters to a campaign: least squares from several starts, with all that is needed to judge the answer."""
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -92,7 +91,7 @@ class Fit:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of fitted values less the number of directions that they fix."""
+        """Number of fitted values less the number of directions that they see."""
         return int(np.isfinite(self.problem.sigma).sum()) - self.information.rank
 
     @property
@@ -165,7 +164,7 @@ def evaluate(problem: InverseProblem) -> "_End":
     """
     blank = eqx.tree_at(lambda p: p.sigma, problem, jnp.full_like(problem.sigma, jnp.inf))
     start = problem.parameters.theta(problem.parameters.column("start"))
-    free = tuple(eqx.tree_at(lambda q: q.prior_sd, item, math.inf) for item in problem.parameters.items)
+    free = tuple(eqx.tree_at(lambda q: q.prior_sd, item, jnp.asarray(jnp.inf)) for item in problem.parameters.items)
     return _solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
 
 
@@ -217,8 +216,8 @@ def _distinct(problem: InverseProblem, ends: list[_End]) -> tuple[Optimum, ...]:
     for end in sorted(ends, key=lambda e: float(e.cost)):
         for group in groups:
             step = end.theta - group[0].theta
-            _, slope = problem.weigh(group[0].predicted, group[0].jacobian, group[0].theta)
-            if min(np.linalg.norm(slope @ step), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5:
+            apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])
+            if min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5:
                 group.append(end)
                 break
         else:

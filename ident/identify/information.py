@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-FIXED_BELOW = 1.0
-"""Data fix a direction whose standard deviation in theta is below this: for a stiffness, a factor of e."""
+WEAK_ABOVE = 0.5
+"""Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6."""
 SUPPORTED_BELOW = 0.1
 """Share of the prior in a parameter's information above which no interval is quoted as the data's."""
 RANK_TOLERANCE = 1e-8
@@ -26,9 +26,14 @@ class Direction:
     sd: float
 
     @property
-    def fixed(self) -> bool:
-        """Whether the data alone fix it."""
-        return self.sd < FIXED_BELOW
+    def seen(self) -> bool:
+        """Whether the data say anything about it."""
+        return bool(np.isfinite(self.sd))
+
+    @property
+    def weak(self) -> bool:
+        """Whether they say little."""
+        return self.seen and self.sd > WEAK_ABOVE
 
 
 @dataclass(frozen=True)
@@ -51,8 +56,8 @@ class Information:
 
     @property
     def rank(self) -> int:
-        """Number of directions that the data fix."""
-        return sum(direction.fixed for direction in self.directions)
+        """Number of directions that the data see."""
+        return sum(direction.seen for direction in self.directions)
 
     @property
     def sd(self) -> Float[np.ndarray, "P"]:
@@ -62,7 +67,7 @@ class Information:
     @property
     def supported(self) -> np.ndarray:
         """Which parameters the data support an interval for: the prior adds next to nothing to it."""
-        return (self.sd < FIXED_BELOW) & (self.prior_share < SUPPORTED_BELOW)
+        return (self.sd < WEAK_ABOVE) & (self.prior_share < SUPPORTED_BELOW)
 
     @property
     def correlation(self) -> Float[np.ndarray, "P P"]:
@@ -76,8 +81,8 @@ class Information:
         return self.directions[-1].sd / self.directions[0].sd
 
     def trade_offs(self) -> tuple["TradeOff", ...]:
-        """Say for each direction that stays open which parameter may move, and what then moves along."""
-        open_space = np.array([d.weights for d in self.directions if not d.fixed])
+        """Say for each direction that the data do not see which parameter may move, and what then moves along."""
+        open_space = np.array([d.weights for d in self.directions if not d.seen])
         return tuple(TradeOff(self.names[lead], row) for lead, row in _echelon(open_space))
 
 
@@ -135,7 +140,8 @@ def _signed(v: np.ndarray) -> np.ndarray:
 
 def _echelon(rows: np.ndarray) -> list[tuple[int, np.ndarray]]:
     """Reduce a basis so that each row leads with one parameter of its own: reduced echelon form, full pivoting."""
-    rows, leads = rows.copy(), list[int]()
+    rows = rows.copy()
+    leads: list[int] = []
     for i in range(len(rows)):
         rest = np.abs(rows[i:]).copy()
         rest[:, leads] = 0

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -36,10 +37,19 @@ class Parameter(eqx.Module):
 
     paths: tuple[str, ...] = eqx.field(static=True)
     positive: bool = eqx.field(static=True)
-    start: float | Float[Array, ""]
-    centre: float | Float[Array, ""]
-    prior_sd: float | Float[Array, ""] = math.inf
-    scale: float | Float[Array, ""] = 1.0
+    start: Float[Array, ""]
+    centre: Float[Array, ""]
+    prior_sd: Float[Array, ""]
+    scale: Float[Array, ""]
+
+    def __init__(
+        self, paths: tuple[str, ...], positive: bool, start: Any, centre: Any, prior_sd: Any = math.inf, scale: Any = 1.0
+    ):
+        self.paths, self.positive = paths, positive
+        # arrays, so that other values need no new compilation
+        self.start, self.centre, self.prior_sd, self.scale = (
+            jnp.asarray(x, float) for x in (start, centre, prior_sd, scale)
+        )
 
     @property
     def name(self) -> str:
@@ -59,7 +69,7 @@ class Parameters(eqx.Module):
 
     def column(self, field: str) -> Float[Array, "P"]:
         """Return one field of all parameters."""
-        return jnp.stack([jnp.asarray(getattr(item, field), float) for item in self.items])
+        return jnp.stack([getattr(item, field) for item in self.items])
 
     @property
     def positive(self) -> np.ndarray:

@@ -83,17 +83,17 @@ def survey(arm: Arm, posture: tuple[float, ...], load: Load, modes: int) -> Surv
     found = _solve(arm, conditions.posture, conditions.loads)
     if not np.isfinite(found.modes.frequency).all():
         raise ModelError(_collapse(arm, asked.posture, load))
-    first = jax.tree.map(lambda x: x[:modes], (found.ambiguous, -found.s.real / jnp.abs(found.s)))
-    lowest = _lowest(found.modes, modes)
+    lowest, ratio = _lowest(found.modes, modes), -found.s.real / jnp.abs(found.s)
     return Survey(
-        arm,
-        asked.posture,
-        load,
-        jax.device_get(lowest),
-        tuple(mode_labels(lowest)),
-        *jax.device_get(first),
-        {point.name: np.asarray(found.moved[:, i]) for i, point in enumerate(arm.points)},
-        np.asarray(found.phi),
+        arm=arm,
+        posture=asked.posture,
+        load=load,
+        modes=jax.device_get(lowest),
+        labels=tuple(mode_labels(lowest)),
+        ambiguous=np.asarray(found.ambiguous[:modes]),
+        damping_ratio=np.asarray(ratio[:modes]),
+        deflection={point.name: np.asarray(found.moved[:, i]) for i, point in enumerate(arm.points)},
+        equilibrium=np.asarray(found.phi),
     )
 
 

@@ -1,7 +1,6 @@
-"""Figures of results; with `mode_figures` the only modules with matplotlib.
+"""Figures of a fit, and figures as files. With `style` and `mode_figures` the only modules with matplotlib.
 
-Figures are made without pyplot, so that nothing global is touched. Texts from files are drawn as they are: a `$` in a
-name is no formula (`parse_math=False`).
+Figures are made without pyplot, so that nothing global is touched.
 """
 
 import math
@@ -11,38 +10,53 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ident.identify.campaign_fit import CampaignFit
 from ident.identify.fit import Fit
-from ident.identify.information import FIXED_BELOW, Direction
-from ident.measure import Measurement
+from ident.identify.information import WEAK_ABOVE, Direction
+from ident.identify.parameters import Parameter
+from ident.measure import Campaign, Measurement
 from ident.present.files import replace_file
 from ident.present.report import NOTABLE, SUSPICIOUS
+from ident.present.style import (
+    BLUE,
+    FILLED,
+    GREEN,
+    HOLLOW,
+    ORANGE,
+    PALE,
+    PALE_BLUE,
+    PINK,
+    Style,
+    engineering,
+    heading,
+    plain,
+    ratio_axis,
+    rows,
+)
 from ident.present.units import FIELDS, field_of, is_stiffness, nmm_per_deg, shown
 from ident.present.words import cut, degrees
 
-BLUE, ORANGE, GREEN, PINK, GREY, PALE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#666666", "#B8C4CE"
-"""Colours that a colour-blind reader tells apart (Okabe and Ito), and two greys."""
-KINDS = {
-    "frequency": (BLUE, "o"),
-    "deflection": (ORANGE, "s"),
-    "deflection_difference": (PINK, "D"),
-    "damping_ratio": (GREEN, "^"),
+KIND_STYLES: dict[str, Style] = {
+    "frequency": {"color": BLUE, "marker": "o"},
+    "deflection": {"color": ORANGE, "marker": "s"},
+    "deflection_difference": {"color": PINK, "marker": "D"},
+    "damping_ratio": {"color": GREEN, "marker": "^"},
 }
-ROW = 0.27
-"""Height of one row [inch]."""
-PANEL = 1.0
-"""Height of a panel's heading and axis [inch]."""
+LENGTHS = ("com", "offset", "position")
+"""Fields of either sign, drawn by how far they move."""
+ROW, PANEL = 0.27, 1.15
+"""Height of one row, and of a panel's heading and axis [inch]."""
 DENSE = 60
-"""Measurements from which rows are counted instead of described."""
+"""Measurements above which the rows are numbered instead of described."""
 REACH = 30.0
-"""Factor beyond the fitted values at which an interval is cut off by the frame."""
+"""Factor beyond the fitted values at which the frame cuts an interval off."""
+FARTHEST = 100.0
+"""Standard deviation of a direction at which its marker stays within the frame."""
 DPI = 130
 
 
@@ -58,73 +72,41 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def fit_figure(result: CampaignFit) -> Figure:
-    """Draw a fit at one glance: parameters, measured against predicted, what the data fix, what contradicts.
+    """Draw a fit at one glance: parameters, what the data fix, measured against predicted, contradictions.
 
     Filled markers are what the data support, hollow ones what they leave open.
     """
+    items = result.fit.problem.parameters.items
+    moved = [i for i, item in enumerate(items) if not item.positive and field_of(item.name) in LENGTHS]
+    scaled = [i for i in range(len(items)) if i not in moved]
     notes = list(_notes(result))
-    P, D = len(result.fit.information.names), len(result.campaign)
-    left = _heights(P, P)
-    right = _heights(min(D, DENSE), 0.75 * len(notes) - 1.5)
-    height = max(sum(left), sum(right))
-    figure = Figure(figsize=(13.5, height + 0.5), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.08)
-    title = f"Fit of {cut(result.arm.name, 50)} to {cut(result.campaign.name, 50) or 'a campaign'}"
+    left = [len(group) for group in (scaled, moved, items) if group]
+    right = [min(len(result.campaign), DENSE), 0.8 * len(notes)]
+    heights = [[PANEL + ROW * count for count in column] for column in (left, right)]
+    total = max(map(sum, heights))
+    heights[1][1] = total - heights[1][0]
+    figure = Figure(figsize=(13.5, total + 0.5), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06, wspace=0.04))
+    title = f"Fit of {cut(result.arm.name, 50)} to {cut(result.campaign.name, 50) or 'measurements'}"
     figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
     columns = figure.add_gridspec(1, 2)
-    _parameters(*_split(figure, columns[0], left, height), result.fit)
-    _measurements(*_split(figure, columns[1], right, height), result, notes)
+    *values, directions = _stack(figure, columns[0], heights[0])
+    for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
+        _values(axes, result.fit, group, shift=group is moved)
+    _directions(directions, result.fit.information.directions, result.fit.information.names)
+    residuals, words = _stack(figure, columns[1], heights[1])
+    _residuals(residuals, result.campaign, result.fit.residuals)
+    _write(words, notes)
     return figure
 
 
-def _heights(upper: float, lower: float) -> tuple[float, float]:
-    return PANEL + ROW * upper, PANEL + ROW * lower
-
-
-def _split(figure: Figure, cell: SubplotSpec, heights: tuple[float, float], total: float) -> tuple[Axes, Axes]:
-    """Return two axes, one above the other; the lower one takes what is left of the height."""
-    grid = cell.subgridspec(2, 1, height_ratios=[heights[0], max(heights[1], total - heights[0])])
-    return figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
-
-
-def _rows(axes: Axes, labels: Sequence[str], side: str = "left") -> None:
-    """Make one row for each label, from the top down."""
-    axes.set_ylim(len(labels) - 0.4, -0.6)
-    axes.set_yticks(range(len(labels)), labels, parse_math=False, fontsize=8)
-    axes.tick_params(axis="y", length=0)
-    axes.tick_params(axis="x", labelsize=8)
-    if side == "left":
-        axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
-        axes.set_axisbelow(True)
-    for spine in ("top", "right", "left"):
-        axes.spines[spine].set_visible(False)
-
-
-def _key(axes: Axes, title: str, entries: Sequence[tuple[str, dict[str, object]]]) -> None:
-    """Put heading and key above the axes, where they hide nothing."""
-    handles = [Line2D([], [], label=label, linestyle="", **style) for label, style in entries]
-    legend = axes.legend(
-        handles=handles,
-        title=title,
-        alignment="left",
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=len(handles),
-        frameon=False,
-        fontsize=8,
-        borderaxespad=0.1,
-        handletextpad=0.3,
-        columnspacing=1.2,
-    )
-    legend.get_title().set(fontweight="bold", fontsize=10)
-
-
-FILLED = {"marker": "o", "color": BLUE, "markersize": 6}
-HOLLOW = {"marker": "o", "color": GREY, "markersize": 6, "markerfacecolor": "white"}
+def _stack(figure: Figure, cell: SubplotSpec, heights: Sequence[float]) -> list[Axes]:
+    """Return axes one above the other."""
+    grid = cell.subgridspec(len(heights), 1, height_ratios=heights)
+    return [figure.add_subplot(grid[i]) for i in range(len(heights))]
 
 
 class _Row(NamedTuple):
-    """A parameter as it is drawn, relative to the arm file."""
+    """A parameter as it is drawn: relative to the arm file, or as a shift [mm] from it."""
 
     value: float
     low: float
@@ -132,39 +114,181 @@ class _Row(NamedTuple):
     supported: bool
 
 
-def _parameters(upper: Axes, lower: Axes, fit: Fit) -> None:
-    _values(upper, fit)
-    _directions(lower, fit)
+def _values(axes: Axes, fit: Fit, group: Sequence[int], *, shift: bool) -> None:
+    items = fit.problem.parameters.items
+    interval, supported = fit.interval(), fit.information.supported
+    drawn = [_row(items[i], float(fit.best.values[i]), interval[i], bool(supported[i]), shift) for i in group]
+    left, right = _shift_span(drawn) if shift else _ratio_span(drawn)
+    rows(axes, [cut(items[i].name, 30) for i in group])
+    if shift:
+        axes.set_xlim(left, right)
+    else:
+        ratio_axis(axes, left, right)
+    axes.axvline(0.0 if shift else 1.0, color="black", linewidth=0.8, zorder=1.5)
+    for y, row in enumerate(drawn):
+        ends = [max(row.low, left), min(row.high, right)]
+        line: Style = {"color": BLUE, "linewidth": 2.2} if row.supported else {"color": PALE, "linewidth": 5.0}
+        axes.plot(ends, [y, y], solid_capstyle="butt", zorder=2, **line)
+        axes.plot([row.value], [y], linestyle="", zorder=3, **(FILLED if row.supported else HOLLOW))
+    axes.set_xlabel("fitted - arm file [mm]" if shift else "fitted / arm file [-]", fontsize=9)
+    keys = _key([row.supported for row in drawn], "known, 95 % interval", "open, interval with prior")
+    heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
+    texts = [_value_text(items[i].name, fit.best.values[i], interval[i], bool(supported[i])) for i in group]
+    rows(axes.twinx(), texts, side="right")
 
 
-def _values(axes: Axes, fit: Fit) -> None:
-    """Draw the fitted parameters relative to the arm file; for lengths, by ten to the power of the shift [m]."""
-    known, items = fit.information, fit.problem.parameters.items
-    _rows(axes, [cut(item.name, 30) for item in items])
-    rows = [
-        _Row(*_relative(item, value, *interval), bool(ok))
-        for item, value, interval, ok in zip(
-            items, fit.best.values, fit.interval(), known.supported, strict=True
-        )
-    ]
-    left, right = _span(rows)
+def _row(item: Parameter, value: float, interval: np.ndarray, supported: bool, shift: bool) -> _Row:
+    centre = float(item.centre)
+
+    def relative(x: float) -> float:
+        return 1e3 * (x - centre) if shift else x / centre if centre else math.nan
+
+    return _Row(relative(value), relative(float(interval[0])), relative(float(interval[1])), supported)
+
+
+def _ratio_span(drawn: Sequence[_Row]) -> tuple[float, float]:
+    """Return limits with all values, and with the intervals' ends as far as they are within reach."""
+    values = [1.0, *(row.value for row in drawn if 0 < row.value < math.inf)]
+    low, high = min(values), max(values)
+    ends = [end for row in drawn for end in (row.low, row.high) if math.isfinite(end)]
+    left = min([low, *(max(end, low / REACH) for end in ends)])
+    right = max([high, *(min(end, high * REACH) for end in ends)])
+    pad = (right / left) ** 0.06 * 1.001
+    return left / pad, right * pad
+
+
+def _shift_span(drawn: Sequence[_Row]) -> tuple[float, float]:
+    size = max([1e-3, *(abs(row.value) for row in drawn)])
+    ends = [abs(end) for row in drawn for end in (row.low, row.high) if math.isfinite(end)]
+    size = 1.1 * max([size, *(min(end, REACH * size) for end in ends)])
+    return -size, size
+
+
+def _value_text(name: str, value: float, interval: np.ndarray, supported: bool) -> str:
+    numbers = (value, *interval)
+    if is_stiffness(name):
+        numbers, unit = tuple(nmm_per_deg(float(v)) for v in numbers), "N mm/deg"
+    elif field_of(name) in LENGTHS:
+        numbers, unit = tuple(1e3 * v for v in numbers), "mm"
+    else:
+        unit = FIELDS[field_of(name)]
+    best, low, high = engineering(*map(float, numbers))
+    return f"{best} {unit}\n{low} to {high}" if supported else f"open\n({best} {unit})"
+
+
+def _directions(axes: Axes, directions: Sequence[Direction], names: Sequence[str]) -> None:
+    """Draw the standard deviation of each direction; those that the data do not see stand at the edge."""
+    known = [min(d.sd, FARTHEST) for d in directions if d.seen]
+    left, edge = min([0.01, *known]) / 2, 4 * max([2 * WEAK_ABOVE, *known])
+    rows(axes, [_direction_name(direction, names) for direction in directions])
     axes.set_xscale("log")
-    axes.set_xlim(left, right)
-    axes.axvline(1.0, color="black", linewidth=0.8)
-    for i, row in enumerate(rows):
-        ends = [max(row.low, left / 10), min(row.high, right * 10)]
-        colour, width = (BLUE, 2.2) if row.supported else (PALE, 4.0)
-        axes.plot(ends, [i, i], color=colour, linewidth=width, solid_capstyle="butt", zorder=2)
-        axes.plot([row.value], [i], **(FILLED if row.supported else HOLLOW), zorder=3, linestyle="")
-    _ratio_ticks(axes, left, right)
-    axes.set_xlabel("fitted value / arm file's value [-]", fontsize=9)
-    entries = [("fitted, 95 % interval", FILLED), ("open: interval is mostly the prior's", HOLLOW)]
-    _key(axes, "Parameters: fitted against the arm file", entries)
-    words = axes.twinx()
-    texts = [
-        _value_text(item.name, value, interval, ok)
-        for item, value, interval, ok in zip(
-            items, fit.best.values, fit.interval(), known.supported, strict=True
+    axes.set_xlim(left, 4 * edge)
+    axes.axvspan(WEAK_ABOVE, 4 * edge, color="#F3F3F3", zorder=0)
+    axes.axvline(WEAK_ABOVE, color="black", linewidth=0.8, linestyle="--")
+    for y, direction in enumerate(directions):
+        place = min(direction.sd, FARTHEST) if direction.seen else edge
+        axes.plot([place], [y], linestyle="", **_direction_style(direction))
+        word = "weak" if direction.weak else "" if direction.seen else "open"
+        axes.annotate(word, (place, y), xytext=(7, 0), textcoords="offset points", va="center", fontsize=8)
+    ticks = {1e-4: "0.01 %", 1e-3: "0.1 %", 1e-2: "1 %", 1e-1: "10 %", WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
+    axes.set_xticks([t for t in ticks if t > left], [label for t, label in ticks.items() if t > left])
+    axes.set_xticks([], minor=True)
+    axes.set_xlabel("standard deviation by the data alone, of ln(value) [-]", fontsize=9)
+    keys = _key([d.seen for d in directions], "seen by the data", "open: only the prior fills it")
+    heading(axes, f"Directions: the data fix {len(known)} of {len(directions)}", keys)
+
+
+def _direction_style(direction: Direction) -> Style:
+    if not direction.seen:
+        return HOLLOW
+    return {**FILLED, "markerfacecolor": PALE_BLUE} if direction.weak else FILLED
+
+
+def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:
+    """Explain the markers that are there."""
+    return {text: style for text, style in ((solid, FILLED), (hollow, HOLLOW)) if (style is FILLED) in filled}
+
+
+def _direction_name(direction: Direction, names: Sequence[str]) -> str:
+    """Name a direction by its main parameters: a product, or a ratio where they are traded against each other."""
+    order = [i for i in np.argsort(-np.abs(direction.weights)) if abs(direction.weights[i]) > NOTABLE]
+    first, *others = order[:2]
+    signs = [" / " if direction.weights[i] * direction.weights[first] < 0 else " · " for i in others]
+    more = " …" if len(order) > 2 else ""
+    return cut(names[first], 24) + "".join(s + cut(names[i], 24) for s, i in zip(signs, others, strict=True)) + more
+
+
+def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray) -> None:
+    """Draw measured minus predicted in standard deviations, a row for each measurement, sorted by kind."""
+    kinds = [kind for kind in KIND_STYLES if any(m.kind == kind for m in campaign)]
+    order = sorted(range(len(campaign)), key=lambda i: kinds.index(campaign.measurements[i].kind))
+    z = -np.asarray(residuals)
+    reach = 1.1 * max(3.0, float(np.abs(z).max()))
+    if len(order) <= DENSE:
+        rows(axes, [cut(_short(campaign.measurements[i]), 52) for i in order])
+    else:
+        plain(axes)
+        axes.set_ylim(len(order), -1)
+        axes.set_ylabel("measurement, sorted by kind [-]", fontsize=9)
+    axes.set_xlim(-reach, reach)
+    axes.axvspan(-2, 2, color="#EAF1F6", zorder=0)
+    axes.axvline(0.0, color="black", linewidth=0.8)
+    for y, i in enumerate(order):
+        style = KIND_STYLES[campaign.measurements[i].kind]
+        axes.plot([0.0, z[i]], [y, y], color=style["color"], linewidth=1.2)
+        axes.plot([z[i]], [y], linestyle="", markersize=5, **style)
+    axes.set_xlabel("(measured - predicted) / sigma [-]; shaded: within ±2", fontsize=9)
+    keys = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
+    heading(axes, "Measured against predicted", keys)
+
+
+def _short(m: Measurement) -> str:
+    """Say in a few words what was measured, with its value."""
+    value, unit = shown(m.kind, m.value)
+    what = m.mode or m.point or ""
+    loads = f", {m.load}" if m.load else ""
+    against = f" - {m.reference_load}" if m.kind == "deflection_difference" else ""
+    return f"{f'{what}:' if what else ''} {value:.4g} {unit}{loads}{against} at {degrees(m.posture)}".strip()
+
+
+def _notes(result: CampaignFit) -> Iterator[tuple[str, bool]]:
+    """Yield what must be said in words, each line with whether it is a warning."""
+    fit = result.fit
+    p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ": nothing is left to test the model with"
+    yield f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}", False
+    if not fit.best.converged:
+        yield "The gradient does not vanish here: this is not an optimum", True
+    rivals = sum(o.cost < fit.best.cost + 4 for o in fit.optima[1:])
+    if rivals:
+        yield f"{rivals} other optimum fits about as well: the data do not choose between them", True
+    doubts = sorted(
+        ((t, i) for t in result.tensions for i in range(len(t.rows)) if abs(t.z[i]) > SUSPICIOUS),
+        key=lambda pair: -abs(pair[0].z[pair[1]]),
+    )
+    if doubts:
+        yield "CONTRADICTION: the kinds disagree; the fit joins them only by implausible values.", True
+    elif result.tensions:
+        worst = max(float(np.abs(t.z).max()) for t in result.tensions)
+        yield f"The kinds of measurement agree: each from the others within {worst:.1f} sd", False
+    for t, i in doubts[:4]:
+        m = result.campaign.measurements[t.rows[i]]
+        (value, unit), (sd, _) = shown(m.kind, float(t.predicted[i])), shown(m.kind, float(t.sd[i]))
+        yield f"   {cut(_short(m), 60)}:", False
+        yield f"      the other kinds predict {value:.3g} ± {sd:.2g} {unit}, {abs(t.z[i]):.1f} sd away", False
+
+
+def _write(axes: Axes, notes: Sequence[tuple[str, bool]]) -> None:
+    """Write lines on empty axes, from the top down."""
+    axes.set_axis_off()
+    for i, (line, warning) in enumerate(notes):
+        axes.annotate(
+            line,
+            (0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(-150, -14 * i),
+            textcoords="offset points",
+            va="top",
+            fontsize=9,
+            color=ORANGE if warning else "black",
+            parse_math=False,
         )
-    ]
-    _rows(words, texts, "right")

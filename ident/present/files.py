@@ -34,6 +34,4 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
     except OSError as error:
         remedy = "choose another folder with --out"
         reason = (error.strerror or str(error)).lower()
-        raise InputError(
-            Problem(one_line(str(path)), reason, "a file that can be written", remedy)
-        ) from None
+        raise InputError(Problem(one_line(str(path)), reason, "a file that can be written", remedy)) from None

@@ -53,7 +53,7 @@ def _parameters(fit: Fit) -> Iterator[str]:
     yield "Parameters                fitted    95 % interval            arm file   ratio   known from"
     rows = zip(items, fit.best.values, fit.interval(), strict=True)
     for i, (item, value, (low, high)) in enumerate(rows):
-        interval = _interval(low, high) if known.supported[i] else "open: the data leave it"
+        interval = _interval(low, high) if known.supported[i] else "open"
         source = _source(known.prior_share[i])
         ratio = f"{value / float(item.centre):.3g}" if float(item.centre) else "-"
         yield (
@@ -111,14 +111,15 @@ def _information(fit: Fit) -> Iterator[str]:
     count = len(known.names)
     yield f"What the data fix: {known.rank} of {count} directions"
     for direction in known.directions:
-        if direction.fixed:
-            yield f"  known to {_percent(direction.sd)}: {product(direction, known.names)}"
-    open_trades = known.trade_offs()
-    if open_trades:
-        single = [n for n, ok in zip(known.names, known.supported, strict=True) if ok]
+        if direction.seen:
+            weak = "weakly known, to" if direction.weak else "known to"
+            yield f"  {weak} {_percent(direction.sd)}: {product(direction, known.names)}"
+    if known.rank < count:
         yield f"What they leave open: {count - known.rank} of {count} directions, filled by the prior alone"
-        for trade in open_trades:
+        for trade in known.trade_offs():
             yield f"  {in_words(trade, known.names)}"
+    single = [name for name, ok in zip(known.names, known.supported, strict=True) if ok]
+    if len(single) < count:
         yield f"  Single values that the data support: {', '.join(single) if single else 'none'}."
 
 

@@ -60,7 +60,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
         ],
         "covariance": known.covariance,
         "correlation": known.correlation,
-        "directions": [{"weights": d.weights, "sd": d.sd, "fixed": d.fixed} for d in known.directions],
+        "directions": [{"weights": d.weights, "sd": d.sd, "seen": d.seen, "weak": d.weak} for d in known.directions],
         "rank": known.rank,
         "chi_squared": fit.chi_squared,
         "degrees_of_freedom": fit.degrees_of_freedom,

@@ -28,7 +28,7 @@ def _modes(survey: Survey) -> Iterator[str]:
     yield "Natural frequencies about the static equilibrium, and where the strain energy of each mode sits [%]"
     yield f"{'':47s}" + "".join(f"{name:>{width}s}" for name in names)
     halves = f"{'bend tors':>{width}s}" * len(names)
-    yield f"  mode  frequency [Hz]  label                 damping" + halves
+    yield "  mode  frequency [Hz]  label                 damping" + halves
     for i, label in enumerate(survey.labels):
         shares = "".join(
             f"{f'{100 * b:4.0f} {100 * t:4.0f}':>{width}s}"

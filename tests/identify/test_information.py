@@ -59,3 +59,10 @@ def test_no_data_at_all_leave_everything_to_the_prior():
     assert known.rank == 0
     np.testing.assert_allclose(known.prior_share, 1)
     assert not known.supported.any()
+
+
+def test_a_direction_known_within_a_factor_of_four_is_weak():
+    known = information(np.diag([100.0, 100.0, 1 / np.log(4)]), NONE, NAMES)
+    assert [d.weak for d in known.directions] == [False, False, True]
+    assert known.rank == 3
+    assert known.supported.tolist() == [True, True, False]

@@ -1,0 +1,76 @@
+"""How ident's figures look: colours, rows, headings, ticks.
+
+Texts from files are drawn as they are: a `$` in a name is no formula (`parse_math=False`).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
+BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+"""Colours that a colour-blind reader tells apart (Okabe and Ito, 2002)."""
+GREY, PALE, PALE_BLUE = "#555555", "#B8C4CE", "#A8D0E8"
+
+Style = Mapping[str, Any]
+FILLED: Style = {"marker": "o", "color": BLUE, "markersize": 6}
+HOLLOW: Style = {"marker": "o", "color": GREY, "markersize": 6, "markerfacecolor": "white"}
+
+
+def rows(axes: Axes, labels: Sequence[str], *, side: str = "left") -> None:
+    """Make one row for each label, from the top down; the labels stand on the left or the right."""
+    axes.set_ylim(len(labels) - 0.4, -0.6)
+    axes.set_yticks(range(len(labels)), labels, parse_math=False, fontsize=8)
+    axes.tick_params(axis="y", length=0)
+    if side == "left":
+        axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
+    plain(axes, left=False)
+
+
+def plain(axes: Axes, *, left: bool = True) -> None:
+    """Leave out the lines of the frame that carry no ticks."""
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+    for spine in ("top", "right") if left else ("top", "right", "left"):
+        axes.spines[spine].set_visible(False)
+
+
+def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: int = 2) -> None:
+    """Put heading and key above the axes, where they hide nothing."""
+    handles = [Line2D([], [], **{"label": label, "linestyle": "", **style}) for label, style in entries.items()]
+    legend = axes.legend(
+        handles=handles,
+        title=title,
+        alignment="left",
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=columns,
+        frameon=False,
+        fontsize=8,
+        borderpad=0.2,
+        handletextpad=0.3,
+        columnspacing=1.2,
+    )
+    legend.get_title().set(fontweight="bold", fontsize=10, parse_math=False)
+
+
+def ratio_axis(axes: Axes, left: float, right: float) -> None:
+    """Make the x axis a logarithmic one of ratios with plain numbers as ticks, however narrow it is."""
+    axes.set_xscale("log")
+    axes.set_xlim(left, right)
+    steps = (1.0, 2.0, 5.0) if right / left < 1e3 else (1.0,)
+    wide = right / left > 5
+    axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=12) if wide else MaxNLocator(6))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:.6g}"))
+
+
+def engineering(*values: float) -> tuple[str, ...]:
+    """Write numbers with the first one's power of a thousand, as `12.5e6`."""
+    size = abs(values[0])
+    power = 3 * math.floor(math.log10(size) / 3) if 0 < size < math.inf else 0
+    end = f"e{power}" if power else ""
+    return tuple(f"{value / 10.0**power:.4g}{end}" for value in values)

@@ -1,0 +1,209 @@
+"""The command line on good input and on bad: exit codes, one line that says what is wrong, nothing written."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ident import __version__, cli
+
+DATA = Path(__file__).parents[1] / "data" / "lcd_arm"
+HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,point,value,unit,relative_sigma"
+ROW = "frequency,0,0,0,,,4.38,Hz,0.5%"
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run ident in this process, in an empty folder; return exit code, output and error text."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["ident", *map(str, arguments)])
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+def files(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path):
+    code, out, _ = run("fit", DATA / "table1.csv")
+    assert code == 0
+    assert "What the data fix: 3 of 6 directions" in out
+    assert "CONTRADICTION" in out
+    assert files(tmp_path) == ["out/table1.fit.json", "out/table1.fit.png"]
+    result = json.loads((tmp_path / "out/table1.fit.json").read_text())
+    assert result["format"] == "ident-fit/1"
+    assert result["rank"] == 3
+    assert len(result["inputs"]["campaign"]["sha256"]) == 64
+    assert result["software"]["ident"] == __version__
+    assert result["parameters"][0]["sd_by_data_alone"] is None, "infinite is null in JSON"
+
+
+def test_options_reach_the_fit(run, tmp_path):
+    code, out, _ = run(
+        "fit",
+        DATA / "campaign.csv",
+        "--fix=joint1.k_bend",
+        "--tie=joint2.k_tors=joint3.k_tors",
+        "--starts=1",
+        "--no-figure",
+        "--no-prior",
+        "--out=results",
+    )
+    assert code == 0
+    assert files(tmp_path) == ["results/campaign.fit.json"]
+    result = json.loads((tmp_path / "results/campaign.fit.json").read_text())
+    names = [p["name"] for p in result["parameters"]]
+    assert names == ["joint2.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors"]
+    assert result["parameters"][3]["paths"] == ["joint2.k_tors", "joint3.k_tors"]
+    assert result["options"]["fix"] == ["joint1.k_bend"]
+    assert "prior: none" in out
+
+
+def test_predict_prints_modes_and_deflection(run):
+    code, out, _ = run("predict", DATA / "arm.toml", "--posture=0,0,0")
+    assert code == 0
+    for text in ("4.12", "lateral torsion 1", "4.80", "vertical bending 1", "26.3"):
+        assert text in out
+
+
+def test_version_and_help(run):
+    assert run("--version")[:2] == (0, __version__ + "\n")
+    code, out, _ = run("fit", "--help")
+    assert code == 0
+    assert "--no-prior" in out
+
+
+def test_python_m_ident_is_the_same_program(tmp_path):
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    command = [sys.executable, "-m", "ident", "fit", str(tmp_path / "none.csv")]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"ident: {tmp_path / 'none.csv'}: got no such file")
+    assert "Traceback" not in done.stderr
+
+
+BAD_CAMPAIGNS = {
+    "missing column": ([HEADER.replace(",unit", ""), ROW.replace(",Hz", "")], "unit"),
+    "unknown unit": ([HEADER, ROW.replace("Hz", "Hx")], "c.csv:2, unit"),
+    "unknown kind": ([HEADER, ROW.replace("frequency", "frequence")], "c.csv:2, kind"),
+    "not a number": ([HEADER, ROW.replace("4.38", "4.3.8")], "c.csv:2, value"),
+    "NaN": ([HEADER, ROW.replace("4.38", "nan")], "c.csv:2, value"),
+    "zero sigma": ([HEADER, ROW.replace("0.5%", "0")], "c.csv:2, relative_sigma"),
+    "short posture": ([HEADER.replace(",q3 [deg]", ""), ROW.replace("0,0,0", "0,0")], "c.csv:2, posture"),
+    "unknown point": ([HEADER, "deflection,0,0,0,,nose,22,mm,2%"], "c.csv:2, point"),
+    "duplicate row": ([HEADER, ROW, ROW], "c.csv:3"),
+    "rad/s as Hz": ([HEADER, ROW.replace("4.38", "27.52")], "c.csv:2, value"),
+    "unknown label": ([HEADER, ROW.replace(",,,4.38", ",wobble,,4.38")], "c.csv:2, mode"),
+    "decimal commas between commas": ([HEADER, ROW.replace("4.38", "4,38")], "c.csv:2"),
+    "empty": ([], "c.csv"),
+    "header only": ([HEADER], "c.csv"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CAMPAIGNS)
+def test_a_bad_campaign_is_one_clear_line_and_nothing_is_written(run, tmp_path, case):
+    lines, place = BAD_CAMPAIGNS[case]
+    path = tmp_path / "c.csv"
+    path.write_text("".join(line + "\n" for line in lines))
+    code, out, err = run("fit", path, "--arm", DATA / "arm.toml")
+    assert code == 2
+    assert out == ""
+    assert f"{tmp_path}/{place}" in err or place in err
+    assert all(line.startswith("ident: ") for line in err.splitlines())
+    assert "expected" in err
+    assert files(tmp_path) == ["c.csv"]
+
+
+def test_european_spreadsheets_are_read(run, tmp_path):
+    path = tmp_path / "c.csv"
+    text = "\n".join([HEADER, ROW, ROW.replace("4.38", "4.41")]).replace(",", ";").replace(".", ",")
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode() + b"\r\n")
+    code, out, _ = run("fit", path, "--arm", DATA / "arm.toml", "--no-figure", "--starts=1")
+    assert code == 0
+    assert "4.41" in out
+
+
+def test_latin_1_is_refused(run, tmp_path):
+    path = tmp_path / "c.csv"
+    path.write_bytes((HEADER + ",note\n" + ROW + ",Größe\n").encode("latin-1"))
+    code, _, err = run("fit", path, "--arm", DATA / "arm.toml")
+    assert code == 2
+    assert "UTF-8" in err
+
+
+BAD_ARMS = {
+    "negative mass": ("value = 42.0", "value = -42.0", "mass"),
+    "no mass": (
+        'mass = { value = 20.0, unit = "kg", origin = "assumed"',
+        '# = { value = 20.0, unit = "kg", x = "y"',
+        "mass",
+    ),
+    "not TOML": ("[[joint]]", "[[joint", "arm.toml"),
+    "unknown key": ("k_bend", "k_bent", "k_bend"),
+    "infinite": ("12.52e6", "inf", "k_bend"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_ARMS)
+def test_a_bad_arm_is_one_clear_line_and_nothing_is_written(run, tmp_path, case):
+    old, new, word = BAD_ARMS[case]
+    text = (DATA / "arm.toml").read_text()
+    assert old in text
+    arm = tmp_path / "arm.toml"
+    arm.write_text(text.replace(old, new, 1))
+    code, out, err = run("fit", DATA / "table1.csv", "--arm", arm)
+    assert (code, out) == (2, "")
+    assert word in err
+    assert all(line.startswith(f"ident: {arm}") for line in err.splitlines())
+    assert files(tmp_path) == ["arm.toml"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--fix=joint1.kbend"], "did you mean"),
+        (["--tie=joint1.k_bend=joint9.k_bend"], "joint9.k_bend"),
+        (["--free=link2.mass:heavy"], "'heavy'"),
+        (["--free=link7.mass"], "link7.mass"),
+        (["--prior-sd=-1"], "width"),
+        (["--arm=nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_bad_options_are_named(run, tmp_path, options, words):
+    code, out, err = run("fit", DATA / "table1.csv", *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "options", [["--posture=0,0"], ["--posture=a,b,c"], ["--load=glas"], ["--set=link2.mas=3"], ["--set=link2.mass"]]
+)
+def test_bad_predictions_are_named(run, options):
+    code, out, err = run("predict", DATA / "arm.toml", *options)
+    assert (code, out) == (2, "")
+    assert err.startswith("ident: ")
+    assert "Traceback" not in err
+
+
+def test_a_result_that_cannot_be_written_leaves_the_old_one(run, tmp_path):
+    (tmp_path / "out").write_text("a file, where a folder should be")
+    code, _, err = run("fit", DATA / "table1.csv", "--starts=1")
+    assert code == 2
+    assert "--out" in err
+    assert files(tmp_path) == ["out"]
