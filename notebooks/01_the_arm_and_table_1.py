@@ -49,7 +49,8 @@ arm = arm_file.arm
 # Three vertical joints. Each one is a bushing that gives way in bending (`k_bend`, two directions alike) and in torsion
 # about the joint axis (`k_tors`); links and fingers are rigid. Stiffness and damping are the paper's. Lengths and
 # masses are not in the paper: they are those of an arm of this class, and three of them were calibrated so that the
-# paper's stiffnesses give the values that the paper computed with them. The arm file says of every number which it is.
+# paper's stiffnesses give the values that the paper computed with them.
+# The arm file says of every number which it is (a vector as a whole).
 
 # %%
 for origin in ("paper", "calibrated", "assumed"):
@@ -69,7 +70,7 @@ print(survey_report(unfolded))
 mode_figure(arm, (0.0, 0.0, 0.0))
 
 # %% [markdown]
-# While the arm moves its hand straight, q = alpha (1, -2, 1), the two lowest branches come together and cross near 67
+# While the arm moves its hand straight, q = alpha (1, -2, 1), the two lowest branches come together and cross near 66
 # degrees. So a measured frequency belongs to a mode by what moves, not by its place in the list. The two upper branches
 # do not cross: they exchange their shapes, and in between their names are a near draw.
 

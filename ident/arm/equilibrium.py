@@ -17,8 +17,8 @@ from ident.arm.mechanics import (
 
 MAX_STEPS = 30
 """Newton steps at most; stiff arms need three or four."""
-CLOSE = 1e-9
-"""Step [rad] after which the next error, its square, is below rounding."""
+CLOSE = 1e-15
+"""Error [rad] at which Newton's method ends."""
 LONGEST = 0.5
 """Longest step of one bushing coordinate [rad], so that a soft arm is not thrown over."""
 
@@ -34,21 +34,23 @@ def equilibrium(chain: Chain) -> Phi:
         `(3, N, *batch)` [rad]
     """
 
-    def unfinished(state: tuple[Phi, Array, Array]) -> Array:
-        _, size, count = state
-        return (count < MAX_STEPS) & jnp.any(size > CLOSE)
+    def unfinished(state: tuple[Phi, Array, Array, Array]) -> Array:
+        _, _, error, count = state
+        return (count < MAX_STEPS) & jnp.any(error > CLOSE)
 
-    def step(state: tuple[Phi, Array, Array]) -> tuple[Phi, Array, Array]:
-        phi, _, count = state
+    def step(state: tuple[Phi, Array, Array, Array]) -> tuple[Phi, Array, Array, Array]:
+        phi, before, _, count = state
         gradient, hessian = potential_derivatives(chain, phi)
         move = unflatten(solve_positive(hessian, gradient))
         size = jnp.abs(move).max((0, 1))
-        return phi - move * jnp.minimum(1.0, LONGEST / size), size, count + 1
+        # convergence is quadratic: as this step is to the square of the one before, so the error is to its square
+        error = size * (size / before) ** 2
+        return phi - move * jnp.minimum(1.0, LONGEST / size), size, error, count + 1
 
     start = jnp.zeros((3, *_shape(chain)))
-    first = jnp.full(start.shape[2:], jnp.inf)
-    phi, size, _ = jax.lax.while_loop(unfinished, step, (start, first, jnp.array(0)))
-    return jnp.where(size > CLOSE, jnp.nan, phi)
+    none = jnp.zeros(start.shape[2:])
+    phi, _, error, _ = jax.lax.while_loop(unfinished, step, (start, none, none + jnp.inf, jnp.array(0)))
+    return jnp.where(error > CLOSE, jnp.nan, phi)
 
 
 @equilibrium.defjvp

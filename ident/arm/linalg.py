@@ -175,5 +175,5 @@ def _indices(A: Square) -> Array:
 
 
 def _diagonal(A: Float[Array, "n m *batch"]) -> Float[Array, "n *batch"]:
-    unit = np.eye(*A.shape[:2], dtype=bool).reshape(A.shape[:2] + (1,) * (A.ndim - 2))
+    unit = np.eye(A.shape[0], A.shape[1]).astype(bool).reshape(A.shape[:2] + (1,) * (A.ndim - 2))
     return jnp.where(unit, A, 0.0).sum(1)

@@ -1,5 +1,6 @@
-"""Exact mechanics of a held chain: where its bodies are, its energies, mass matrix, and the slope and curvature
-of its potential. Coordinates are the bushings' rotation vectors phi `(3, N, *batch)`; no angle is taken as small.
+"""Exact mechanics of a held chain: places, energies, mass matrix, slope and curvature of the potential.
+
+Coordinates are the bushings' rotation vectors phi `(3, N, *batch)`; no angle is taken as small.
 
 Flat vectors and matrices run joint by joint: entry 3 j + a is component a of joint j.
 
@@ -75,7 +76,7 @@ def straight_positions(chain: Chain) -> Float[Array, "3 P *#batch"]:
 
 
 def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
-    """Return V = -sum_j m_j g.r_j - sum f.r + sum_j phi_j' K_j phi_j / 2 [J], gravity and forces counted from phi = 0."""
+    """Return V = -sum_j m_j g.r_j - sum f.r + sum_j phi_j' K_j phi_j / 2 [J]."""
     at = place(chain, phi)
     gravity = chain.gravity.reshape((3,) + (1,) * (phi.ndim - 1))
     moment = chain.mass * at.centre + matvec(at.axes, chain.moment)
@@ -165,15 +166,15 @@ def _moved_by_both(n: int) -> np.ndarray:
 
 
 def _flat(x: Phi) -> Float[Array, "n *#batch"]:
-    return jnp.swapaxes(x, 0, 1).reshape((-1,) + x.shape[2:])
+    return jnp.swapaxes(x, 0, 1).reshape((-1, *x.shape[2:]))
 
 
 def unflatten(x: Float[Array, "n *#batch"]) -> Phi:
     """Return a flat vector as `(3, N, *batch)`."""
-    return jnp.swapaxes(x.reshape((-1, 3) + x.shape[1:]), 0, 1)
+    return jnp.swapaxes(x.reshape((-1, 3, *x.shape[1:])), 0, 1)
 
 
 def flatten_blocks(blocks: Float[Array, "3 3 N N *batch"]) -> Float[Array, "n n *#batch"]:
     """Return blocks, one for each pair of joints, as one flat matrix."""
     n = 3 * blocks.shape[2]
-    return jnp.moveaxis(blocks, (2, 0, 3, 1), (0, 1, 2, 3)).reshape((n, n) + blocks.shape[4:])
+    return jnp.moveaxis(blocks, (2, 0, 3, 1), (0, 1, 2, 3)).reshape((n, n, *blocks.shape[4:]))

@@ -64,8 +64,8 @@ def lowest_eigenpairs(
 
 @lowest_eigenpairs.defjvp
 def _lowest_eigenpairs_jvp(count: int, primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
-    values, vectors = lowest_modes(*primals, count)
-    dH, dM = tangents
+    (H, M), (dH, dM) = primals, tangents
+    values, vectors = lowest_modes(H, M, count)
     change = _quadratic(dH, vectors) - values * _quadratic(dM, vectors)
     return (values, vectors), (change, jnp.zeros_like(vectors))
 

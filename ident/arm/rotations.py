@@ -96,7 +96,7 @@ def curvature(phi: Vector, moment: Vector) -> Matrix:
 
     J' m = m - b phi x m + c phi x (phi x m), with b and c functions of phi'phi.
     """
-    b, c, b_dash, c_dash = _series((phi * phi).sum(0), SERIES)
+    c, b_dash, c_dash = _series((phi * phi).sum(0), SERIES[1:])
     along, size = (phi * moment).sum(0), (phi * phi).sum(0)
     cross = matvec(skew(phi), moment)
     slope = -2 * b_dash * outer(cross, phi) + 2 * c_dash * outer(phi * along - size * moment, phi)

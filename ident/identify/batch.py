@@ -3,15 +3,14 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-CHUNK = 64
+from ident.jit import jit
+
+CHUNK = 32
 """Sets computed together: as many as leave all arrays of the model in the processor's cache."""
-FEWER_KERNELS = {"xla_cpu_use_fusion_emitters": False}
-"""Compiler option: XLA's older CPU code generator, a third faster to compile these many small kernels and to run them."""
 
 
 def in_batches(
@@ -27,14 +26,15 @@ def in_batches(
         threads: parts of the batch that are computed at the same time; f must not call LAPACK then.
     """
 
-    @eqx.filter_jit(compiler_options=FEWER_KERNELS)
-    def run(x: Array) -> Array:
+    def in_chunks(x: Array) -> Array:
         size = x.shape[-1]
         missing = -size % chunk
         padded = jnp.concatenate([x, jnp.repeat(x[..., -1:], missing, -1)], -1)
         chunks = jnp.moveaxis(padded.reshape((*x.shape[:-1], -1, chunk)), -2, 0)
         y = jnp.moveaxis(jax.lax.map(f, chunks), 0, -2)
         return y.reshape((*y.shape[:-2], -1))[..., :size]
+
+    run = jit(in_chunks)
 
     def run_in_threads(x: Array) -> Array:
         parts = jnp.array_split(x, threads, -1)

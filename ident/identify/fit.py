@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from ident.errors import ModelError
 from ident.identify.information import Information, information
 from ident.identify.problem import InverseProblem
+from ident.jit import jit
 
 STARTS = 16
 """Starts tried at least, the given one among them."""
@@ -164,7 +165,7 @@ def evaluate(problem: InverseProblem) -> "_End":
     """
     blank = eqx.tree_at(lambda p: p.sigma, problem, jnp.full_like(problem.sigma, jnp.inf))
     start = problem.parameters.theta(problem.parameters.column("start"))
-    free = tuple(eqx.tree_at(lambda q: q.prior_sd, item, jnp.asarray(jnp.inf)) for item in problem.parameters.items)
+    free = tuple(eqx.tree_at(lambda q: q.prior_sd, item, jnp.full_like(item.prior_sd, jnp.inf)) for item in problem.parameters.items)
     return _solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
 
 
@@ -182,7 +183,7 @@ class _End(NamedTuple):
         return bool(np.abs(self.gradient).max() < STATIONARY * (1 + self.cost))
 
 
-@eqx.filter_jit
+@jit
 def _solve(problem: InverseProblem, start: Float[Array, "P"]) -> _End:
     """Run Levenberg-Marquardt from one start.
 
@@ -192,7 +193,7 @@ def _solve(problem: InverseProblem, start: Float[Array, "P"]) -> _End:
 
     def affine(theta: Array, problem: InverseProblem) -> Any:
         here = jax.lax.stop_gradient(theta)
-        predicted, J = _with_jacobian(problem.predict, here)
+        predicted, J = _with_jacobian(problem, here)
         residuals, slope = problem.weigh(predicted, J, here)
         end = _End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J)
         return residuals + slope @ (theta - here), end
@@ -202,11 +203,14 @@ def _solve(problem: InverseProblem, start: Float[Array, "P"]) -> _End:
     return found.state.aux  # of the last accepted step; `found.aux` is one step behind in optimistix 0.1
 
 
-def _with_jacobian(f: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
-    def along(direction: Array) -> tuple[Array, Array]:
-        return jax.jvp(f, (x,), (direction,))
+@eqx.filter_jit
+def _with_jacobian(problem: InverseProblem, theta: Array) -> tuple[Array, Array]:
+    """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
 
-    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(x.shape[0]))
+    def along(direction: Array) -> tuple[Array, Array]:
+        return jax.jvp(problem.predict, (theta,), (direction,))
+
+    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(theta.shape[0]))
 
 
 def _distinct(problem: InverseProblem, ends: list[_End]) -> tuple[Optimum, ...]:

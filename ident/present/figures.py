@@ -19,9 +19,9 @@ from ident.identify.campaign_fit import CampaignFit
 from ident.identify.fit import Fit
 from ident.identify.information import WEAK_ABOVE, Direction
 from ident.identify.parameters import Parameter
-from ident.measure import Campaign, Measurement
+from ident.measure import Campaign
 from ident.present.files import replace_file
-from ident.present.report import NOTABLE, SUSPICIOUS
+from ident.present.report import SUSPICIOUS
 from ident.present.style import (
     BLUE,
     FILLED,
@@ -39,7 +39,7 @@ from ident.present.style import (
     rows,
 )
 from ident.present.units import FIELDS, field_of, is_stiffness, nmm_per_deg, shown
-from ident.present.words import cut, degrees
+from ident.present.words import cut, direction_name, short
 
 KIND_STYLES: dict[str, Style] = {
     "frequency": {"color": BLUE, "marker": "o"},
@@ -51,6 +51,8 @@ LENGTHS = ("com", "offset", "position")
 """Fields of either sign, drawn by how far they move."""
 ROW, PANEL = 0.27, 1.15
 """Height of one row, and of a panel's heading and axis [inch]."""
+LABEL, LETTER = 52, 0.063
+"""Longest label of a measurement, and the width of a letter [inch]."""
 DENSE = 60
 """Measurements above which the rows are numbered instead of described."""
 REACH = 30.0
@@ -85,7 +87,8 @@ def fit_figure(result: CampaignFit) -> Figure:
     heights = [[PANEL + ROW * count for count in column] for column in (left, right)]
     total = max(map(sum, heights))
     heights[1][1] = total - heights[1][0]
-    figure = Figure(figsize=(13.5, total + 0.5), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06, wspace=0.04))
+    engine = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06, wspace=0.04)
+    figure = Figure(figsize=(_width(result), total + 0.5), layout=engine)
     title = f"Fit of {cut(result.arm.name, 50)} to {cut(result.campaign.name, 50) or 'measurements'}"
     figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
     columns = figure.add_gridspec(1, 2)
@@ -97,6 +100,14 @@ def fit_figure(result: CampaignFit) -> Figure:
     _residuals(residuals, result.campaign, result.fit.residuals)
     _write(words, notes)
     return figure
+
+
+def _width(result: CampaignFit) -> float:
+    """Return the width [inch] that leaves room for the panels beside what is written in the rows."""
+    known = result.fit.information
+    left = max(len(direction_name(direction, known.names)) for direction in known.directions)
+    right = max(len(cut(short(m), LABEL)) for m in result.campaign)
+    return 8.6 + LETTER * (max(left, 20) + max(right, 20) + 20)
 
 
 def _stack(figure: Figure, cell: SubplotSpec, heights: Sequence[float]) -> list[Axes]:
@@ -180,7 +191,7 @@ def _directions(axes: Axes, directions: Sequence[Direction], names: Sequence[str
     """Draw the standard deviation of each direction; those that the data do not see stand at the edge."""
     known = [min(d.sd, FARTHEST) for d in directions if d.seen]
     left, edge = min([0.01, *known]) / 2, 4 * max([2 * WEAK_ABOVE, *known])
-    rows(axes, [_direction_name(direction, names) for direction in directions])
+    rows(axes, [direction_name(direction, names) for direction in directions])
     axes.set_xscale("log")
     axes.set_xlim(left, 4 * edge)
     axes.axvspan(WEAK_ABOVE, 4 * edge, color="#F3F3F3", zorder=0)
@@ -190,8 +201,11 @@ def _directions(axes: Axes, directions: Sequence[Direction], names: Sequence[str
         axes.plot([place], [y], linestyle="", **_direction_style(direction))
         word = "weak" if direction.weak else "" if direction.seen else "open"
         axes.annotate(word, (place, y), xytext=(7, 0), textcoords="offset points", va="center", fontsize=8)
-    ticks = {1e-4: "0.01 %", 1e-3: "0.1 %", 1e-2: "1 %", 1e-1: "10 %", WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
-    axes.set_xticks([t for t in ticks if t > left], [label for t, label in ticks.items() if t > left])
+    ticks = {WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
+    for power in range(-1, -9, -1):
+        if math.log(min(ticks) / 10.0**power) > 0.17 * math.log(4 * edge / left) and 10.0**power > left:
+            ticks[10.0**power] = f"{10.0 ** (power + 2):g} %"
+    axes.set_xticks(list(ticks), list(ticks.values()))
     axes.set_xticks([], minor=True)
     axes.set_xlabel("standard deviation by the data alone, of ln(value) [-]", fontsize=9)
     keys = _key([d.seen for d in directions], "seen by the data", "open: only the prior fills it")
@@ -209,15 +223,6 @@ def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:
     return {text: style for text, style in ((solid, FILLED), (hollow, HOLLOW)) if (style is FILLED) in filled}
 
 
-def _direction_name(direction: Direction, names: Sequence[str]) -> str:
-    """Name a direction by its main parameters: a product, or a ratio where they are traded against each other."""
-    order = [i for i in np.argsort(-np.abs(direction.weights)) if abs(direction.weights[i]) > NOTABLE]
-    first, *others = order[:2]
-    signs = [" / " if direction.weights[i] * direction.weights[first] < 0 else " · " for i in others]
-    more = " …" if len(order) > 2 else ""
-    return cut(names[first], 24) + "".join(s + cut(names[i], 24) for s, i in zip(signs, others, strict=True)) + more
-
-
 def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray) -> None:
     """Draw measured minus predicted in standard deviations, a row for each measurement, sorted by kind."""
     kinds = [kind for kind in KIND_STYLES if any(m.kind == kind for m in campaign)]
@@ -225,7 +230,7 @@ def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray) -> None:
     z = -np.asarray(residuals)
     reach = 1.1 * max(3.0, float(np.abs(z).max()))
     if len(order) <= DENSE:
-        rows(axes, [cut(_short(campaign.measurements[i]), 52) for i in order])
+        rows(axes, [cut(short(campaign.measurements[i]), LABEL) for i in order])
     else:
         plain(axes)
         axes.set_ylim(len(order), -1)
@@ -240,15 +245,6 @@ def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray) -> None:
     axes.set_xlabel("(measured - predicted) / sigma [-]; shaded: within ±2", fontsize=9)
     keys = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
     heading(axes, "Measured against predicted", keys)
-
-
-def _short(m: Measurement) -> str:
-    """Say in a few words what was measured, with its value."""
-    value, unit = shown(m.kind, m.value)
-    what = m.mode or m.point or ""
-    loads = f", {m.load}" if m.load else ""
-    against = f" - {m.reference_load}" if m.kind == "deflection_difference" else ""
-    return f"{f'{what}:' if what else ''} {value:.4g} {unit}{loads}{against} at {degrees(m.posture)}".strip()
 
 
 def _notes(result: CampaignFit) -> Iterator[tuple[str, bool]]:
@@ -273,7 +269,7 @@ def _notes(result: CampaignFit) -> Iterator[tuple[str, bool]]:
     for t, i in doubts[:4]:
         m = result.campaign.measurements[t.rows[i]]
         (value, unit), (sd, _) = shown(m.kind, float(t.predicted[i])), shown(m.kind, float(t.sd[i]))
-        yield f"   {cut(_short(m), 60)}:", False
+        yield f"   {cut(short(m), 60)}:", False
         yield f"      the other kinds predict {value:.3g} ± {sd:.2g} {unit}, {abs(t.z[i]):.1f} sd away", False
 
 

@@ -80,6 +80,7 @@ def test_mechanics_at_any_phi(engine: type, joints: int, quantity: str) -> None:
     errors = [
         relative(mine[quantity], getattr(engine(arm, posture), quantity)(x)) for arm, posture, x, mine in cases(joints)
     ]
+    # measured: 2e-15 for M and gradient, 7e-14 for MuJoCo's Hessian by differences, 2e-15 for Pinocchio's
     assert max(errors) < 1e-12
 
 
@@ -90,6 +91,7 @@ def test_static_deflection(engine: type, joints: int) -> None:
     for index, (_, _, _, mine) in enumerate(cases(joints)):
         other, _, x = settle(engine, joints, index)
         errors.append(relative(mine["deflection"], other.point(x) - other.point(0 * x)))
+    # measured: 2e-11, of the root-finder; most arms 1e-13
     assert max(errors) < 1e-10
 
 
@@ -109,5 +111,6 @@ def test_natural_frequencies(engine: type, joints: int) -> None:
         error = np.abs(mine["frequency"] * 2 * np.pi * np.sqrt(mu) - 1)
         lowest.append(error[:3].max())
         all_modes.append(error.max())
+    # measured: 2e-15 for the lowest three, 2e-13 for all
     assert max(lowest) < 1e-11
     assert max(all_modes) < 1e-8

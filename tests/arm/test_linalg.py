@@ -42,7 +42,7 @@ SPECTRA = {
     "singular": lambda n: turned(np.concatenate([np.zeros(n // 2), np.arange(1.0, n - n // 2 + 1)])),
     "unit": np.eye,
     "diagonal": lambda n: np.diag(np.arange(1.0, n + 1)),
-    "diagonal with repeats": lambda n: np.diag((np.arange(n) // 3 + 1.0)),
+    "diagonal with repeats": lambda n: np.diag(np.arange(n) // 3 + 1.0),
     "blocks": block_diagonal,
     "equal blocks": lambda n: sl.block_diag(*[random_positive(3)] * (n // 3)),
     "tridiagonal": lambda n: 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1),

@@ -77,8 +77,11 @@ def boxes(figure):
     for axes in figure.axes:
         texts = [*axes.texts, axes.title, axes.xaxis.label, axes.yaxis.label]
         texts += axes.get_legend().get_texts() if axes.get_legend() else []
-        texts += axes.get_yticklabels() if axes.axison else []
-        texts += axes.get_xticklabels() if axes.axison and axes.xaxis.get_visible() else []
+        for axis in (axes.xaxis, axes.yaxis) if axes.axison else ():
+            low, high = sorted(axis.get_view_interval())
+            for tick in axis.get_major_ticks():
+                if low <= tick.get_loc() <= high and axis.get_visible():
+                    texts += [label for label in (tick.label1, tick.label2) if label.get_visible()]
         words += [(t.get_text(), t.get_window_extent(renderer)) for t in texts if t.get_text() and t.get_visible()]
     words += [(t.get_text(), t.get_window_extent(renderer)) for t in figure.texts]
     return words
