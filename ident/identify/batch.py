@@ -21,7 +21,7 @@ def in_batches(
     Keep what is returned: every call of `in_batches` compiles anew, as does another size of batch.
 
     Args:
-        f: works on a trailing batch; `Problem.predict` does, and is differentiable before and after.
+        f: works on a trailing batch; `InverseProblem.predict` does. Differentiate f, not what is returned.
         chunk: entries computed together.
         threads: parts of the batch that are computed at the same time; f must not call LAPACK then.
     """

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import jax.numpy as jnp
+import numpy as np
 
 from ident.arm.arm import Arm
 from ident.identify.conditions import bind
@@ -14,6 +15,9 @@ from ident.identify.parameters import WEAK_PRIOR, Parameters, stiffness_paramete
 from ident.identify.predict import ArmModel
 from ident.identify.problem import InverseProblem
 from ident.measure import Campaign
+
+SUSPICIOUS = 3.0
+"""Standard deviations from which a difference is called a contradiction."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,16 @@ class CampaignFit:
     campaign: Campaign
     fit: Fit
     tensions: tuple[Tension, ...]
+
+    @property
+    def contradictory(self) -> bool:
+        """Whether one kind of measurement contradicts the others."""
+        return any(np.abs(tension.z).max() > SUSPICIOUS for tension in self.tensions)
+
+    @property
+    def supported(self) -> np.ndarray:
+        """Which parameters an interval may be quoted for: none where the data contradict each other."""
+        return self.fit.information.supported & (not self.contradictory)
 
     @property
     def fitted_arm(self) -> Arm:

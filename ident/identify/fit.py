@@ -165,7 +165,10 @@ def evaluate(problem: InverseProblem) -> "_End":
     """
     blank = eqx.tree_at(lambda p: p.sigma, problem, jnp.full_like(problem.sigma, jnp.inf))
     start = problem.parameters.theta(problem.parameters.column("start"))
-    free = tuple(eqx.tree_at(lambda q: q.prior_sd, item, jnp.full_like(item.prior_sd, jnp.inf)) for item in problem.parameters.items)
+    free = tuple(
+        eqx.tree_at(lambda q: q.prior_sd, item, jnp.full_like(item.prior_sd, jnp.inf))
+        for item in problem.parameters.items
+    )
     return _solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
 
 

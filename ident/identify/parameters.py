@@ -43,7 +43,13 @@ class Parameter(eqx.Module):
     scale: Float[Array, ""]
 
     def __init__(
-        self, paths: tuple[str, ...], positive: bool, start: Any, centre: Any, prior_sd: Any = math.inf, scale: Any = 1.0
+        self,
+        paths: tuple[str, ...],
+        positive: bool,
+        start: Any,
+        centre: Any,
+        prior_sd: Any = math.inf,
+        scale: Any = 1.0,
     ):
         self.paths, self.positive = paths, positive
         # arrays, so that other values need no new compilation

@@ -15,13 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from ident.identify.campaign_fit import CampaignFit
-from ident.identify.fit import Fit
+from ident.identify.campaign_fit import SUSPICIOUS, CampaignFit
 from ident.identify.information import WEAK_ABOVE, Direction
 from ident.identify.parameters import Parameter
 from ident.measure import Campaign
 from ident.present.files import replace_file
-from ident.present.report import SUSPICIOUS
 from ident.present.style import (
     BLUE,
     FILLED,
@@ -94,7 +92,7 @@ def fit_figure(result: CampaignFit) -> Figure:
     columns = figure.add_gridspec(1, 2)
     *values, directions = _stack(figure, columns[0], heights[0])
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
-        _values(axes, result.fit, group, shift=group is moved)
+        _values(axes, result, group, shift=group is moved)
     _directions(directions, result.fit.information.directions, result.fit.information.names)
     residuals, words = _stack(figure, columns[1], heights[1])
     _residuals(residuals, result.campaign, result.fit.residuals)
@@ -125,9 +123,10 @@ class _Row(NamedTuple):
     supported: bool
 
 
-def _values(axes: Axes, fit: Fit, group: Sequence[int], *, shift: bool) -> None:
+def _values(axes: Axes, result: CampaignFit, group: Sequence[int], *, shift: bool) -> None:
+    fit = result.fit
     items = fit.problem.parameters.items
-    interval, supported = fit.interval(), fit.information.supported
+    interval, supported = fit.interval(), result.supported
     drawn = [_row(items[i], float(fit.best.values[i]), interval[i], bool(supported[i]), shift) for i in group]
     left, right = _shift_span(drawn) if shift else _ratio_span(drawn)
     rows(axes, [cut(items[i].name, 30) for i in group])
@@ -142,7 +141,9 @@ def _values(axes: Axes, fit: Fit, group: Sequence[int], *, shift: bool) -> None:
         axes.plot(ends, [y, y], solid_capstyle="butt", zorder=2, **line)
         axes.plot([row.value], [y], linestyle="", zorder=3, **(FILLED if row.supported else HOLLOW))
     axes.set_xlabel("fitted - arm file [mm]" if shift else "fitted / arm file [-]", fontsize=9)
-    keys = _key([row.supported for row in drawn], "known, 95 % interval", "open, interval with prior")
+    keys = _key(
+        [row.supported for row in drawn], "known, 95 % interval", "not supported by the data; interval with prior"
+    )
     heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
     texts = [_value_text(items[i].name, fit.best.values[i], interval[i], bool(supported[i])) for i in group]
     rows(axes.twinx(), texts, side="right")
@@ -184,7 +185,7 @@ def _value_text(name: str, value: float, interval: np.ndarray, supported: bool) 
     else:
         unit = FIELDS[field_of(name)]
     best, low, high = engineering(*map(float, numbers))
-    return f"{best} {unit}\n{low} to {high}" if supported else f"open\n({best} {unit})"
+    return f"{best} {unit}\n{low} to {high}" if supported else f"not supported\n({best} {unit})"
 
 
 def _directions(axes: Axes, directions: Sequence[Direction], names: Sequence[str]) -> None:

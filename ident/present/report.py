@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.identify.campaign_fit import CampaignFit
+from ident.identify.campaign_fit import SUSPICIOUS, CampaignFit
 from ident.identify.fit import Fit
 from ident.identify.information import Direction, TradeOff
 from ident.identify.judge import Tension
@@ -14,22 +14,15 @@ from ident.present.units import FIELDS, field_of, is_stiffness, nmm_per_deg, sho
 
 NOTABLE = 0.15
 """Weight below which a parameter is left out when a direction is put into words."""
-SUSPICIOUS = 3.0
-"""Standard deviations from which a difference is called a contradiction."""
-
-
-def contradictory(result: CampaignFit) -> bool:
-    """Tell whether one kind of measurement contradicts the others."""
-    return any(np.abs(t.z).max() > SUSPICIOUS for t in result.tensions)
 
 
 def fit_report(result: CampaignFit) -> str:
     """Return the report of a fit: parameters, measurements, what the data fix, contradictions, optima."""
     sections = [
         _heading(result),
-        _parameters(result.fit),
+        _parameters(result),
         _measurements(result),
-        _information(result.fit),
+        _information(result),
         _contradictions(result),
         _optima(result.fit),
     ]
@@ -44,16 +37,17 @@ def _heading(result: CampaignFit) -> Iterator[str]:
     yield f"  chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
     if not fit.best.converged:
         yield "  WARNING: the gradient does not vanish here; this is not an optimum"
-    if contradictory(result):
-        yield "  WARNING: the kinds of measurement contradict each other (below); intervals hold only for a right model"
+    if result.contradictory:
+        yield "  WARNING: the kinds of measurement contradict each other (below); so no interval is quoted"
 
 
-def _parameters(fit: Fit) -> Iterator[str]:
+def _parameters(result: CampaignFit) -> Iterator[str]:
+    fit = result.fit
     known, items = fit.information, fit.problem.parameters.items
     yield "Parameters                fitted    95 % interval            arm file   ratio   known from"
     rows = zip(items, fit.best.values, fit.interval(), strict=True)
     for i, (item, value, (low, high)) in enumerate(rows):
-        interval = _interval(low, high) if known.supported[i] else "open"
+        interval = _interval(low, high) if result.supported[i] else ("withheld" if known.supported[i] else "open")
         source = _source(known.prior_share[i])
         ratio = f"{value / float(item.centre):.3g}" if float(item.centre) else "-"
         yield (
@@ -106,8 +100,8 @@ def describe(m: Measurement) -> str:
     return f"{m.kind.replace('_', ' ')} {what}{loads}{against} at ({posture}) deg".replace("  ", " ")
 
 
-def _information(fit: Fit) -> Iterator[str]:
-    known = fit.information
+def _information(result: CampaignFit) -> Iterator[str]:
+    known = result.fit.information
     count = len(known.names)
     yield f"What the data fix: {known.rank} of {count} directions"
     for direction in known.directions:
@@ -118,7 +112,7 @@ def _information(fit: Fit) -> Iterator[str]:
         yield f"What they leave open: {count - known.rank} of {count} directions, filled by the prior alone"
         for trade in known.trade_offs():
             yield f"  {in_words(trade, known.names)}"
-    single = [name for name, ok in zip(known.names, known.supported, strict=True) if ok]
+    single = [name for name, ok in zip(known.names, result.supported, strict=True) if ok]
     if len(single) < count:
         yield f"  Single values that the data support: {', '.join(single) if single else 'none'}."
 
@@ -157,7 +151,7 @@ def _contradictions(result: CampaignFit) -> Iterator[str]:
                 yield f"  {_against(tension, i, result.campaign.measurements[row])}"
         if len(tension.rows) > 6:
             yield f"  {tension.kind}: {len(tension.rows)} values, largest |z| {np.abs(tension.z).max():.1f}"
-    if contradictory(result):
+    if result.contradictory:
         yield "  CONTRADICTION: no plausible stiffness explains all kinds together. Static deflection times the"
         yield "  square of the frequency is nearly fixed by masses and lengths alone, so look there first (geometry,"
         yield "  masses, payload), then at drives that are stiffer under load. The stiffnesses above are a compromise"

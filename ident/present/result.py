@@ -51,7 +51,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
                 items,
                 fit.best.values,
                 fit.interval(),
-                known.supported,
+                result.supported,
                 known.sd,
                 known.data_sd,
                 known.prior_share,

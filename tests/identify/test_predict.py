@@ -9,7 +9,6 @@ import pytest
 from arms import lcd_arm
 
 from ident.arm.chain import hold
-from ident.arm.equilibrium import deflection, equilibrium
 from ident.arm.labels import mode_labels, parse_label
 from ident.arm.modes import damped_eigenvalues, linearize, modes
 from ident.errors import InputError

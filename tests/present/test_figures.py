@@ -128,7 +128,7 @@ def test_fit_figure_shows_every_parameter_direction_and_measurement(name, count,
     figure = fit_figure(result)
     known = result.fit.information
     parameters, directions = panel(figure, "Parameters"), panel(figure, "Directions")
-    assert [filled for _, _, filled in markers(parameters)] == known.supported.tolist()
+    assert [filled for _, _, filled in markers(parameters)] == result.supported.tolist()
     ratios = result.fit.best.values / np.asarray(result.fit.problem.parameters.column("centre"))
     np.testing.assert_allclose([x for x, _, _ in markers(parameters)], ratios)
     assert [filled for _, _, filled in markers(directions)] == [d.seen for d in known.directions]
