@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ident.jit import jit
 
-CHUNK = 32
+CHUNK = 64
 """Sets computed together: as many as leave all arrays of the model in the processor's cache."""
 
 

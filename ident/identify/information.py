@@ -146,7 +146,8 @@ def _echelon(rows: np.ndarray) -> list[tuple[int, np.ndarray]]:
         rest = np.abs(rows[i:]).copy()
         rest[:, leads] = 0
         pivot, lead = np.unravel_index(np.argmax(rest), rest.shape)
-        rows[[i, i + pivot]] = rows[[i + pivot, i]]
+        swap = np.array([i, i + pivot])
+        rows[swap] = rows[swap[::-1]]
         rows[i] /= rows[i, lead]
         others = np.arange(len(rows)) != i
         rows[others] -= np.outer(rows[others, lead], rows[i])

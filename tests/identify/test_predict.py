@@ -48,7 +48,7 @@ def test_values_come_in_the_order_of_the_campaign_not_of_size_or_kind():
 
 
 def test_labels_find_their_modes_where_the_order_is_reversed():
-    chain, found = exact(BENT)
+    _, found = exact(BENT)
     names = [str(label) for label in mode_labels(found)]
     assert names[:2] == ["vertical bending 1", "lateral torsion 1"], "the two branches have crossed by 80 degrees"
     values = predicted(
@@ -66,7 +66,7 @@ def test_values_without_label_take_the_lowest_modes_that_no_label_took():
 
 
 def test_damping_ratios_belong_to_the_modes_of_their_labels():
-    chain, found = exact(BENT)
+    chain, _ = exact(BENT)
     s = np.asarray(damped_eigenvalues(linearize(chain)))
     ratio = -s.real / abs(s)
     values = predicted(
