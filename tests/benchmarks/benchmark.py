@@ -6,31 +6,24 @@ Times are minimum and median over repetitions. No test depends on them.
 import argparse
 import dataclasses
 import os
-import platform
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import equinox as eqx  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 import scipy.linalg as sl  # noqa: E402
 from peer import Peer  # noqa: E402
 from scipy.optimize import least_squares  # noqa: E402
+from shell import DATA, command  # noqa: E402
+from sizes import MODES, predictor, sizes  # noqa: E402
+from timing import machine, table, timed  # noqa: E402
 
-from ident.arm.arm import Arm, Body, Joint, Point, stiffness_paths  # noqa: E402
-from ident.arm.chain import hold  # noqa: E402
-from ident.arm.equilibrium import deflection  # noqa: E402
+from ident.arm.arm import Arm, stiffness_paths  # noqa: E402
 from ident.arm.file import read_arm  # noqa: E402
-from ident.arm.modes import linearize, lowest_eigenpairs, to_hertz  # noqa: E402
 from ident.identify.batch import in_batches  # noqa: E402
 from ident.identify.conditions import bind  # noqa: E402
 from ident.identify.fit import fit  # noqa: E402
@@ -38,42 +31,6 @@ from ident.identify.parameters import stiffness_parameters  # noqa: E402
 from ident.identify.predict import ArmModel  # noqa: E402
 from ident.identify.problem import InverseProblem  # noqa: E402
 from ident.measure import Campaign, read_campaign  # noqa: E402
-
-ROOT = Path(__file__).parents[2]
-DATA = ROOT / "data" / "lcd_arm"
-MODES = 4
-
-
-def timed(f: Callable[[], Any], repeat: int, per: int = 1) -> tuple[float, float]:
-    """Return minimum and median time [us] of one of `per` results."""
-    f()
-    times = []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        jax.block_until_ready(f())
-        times.append((time.perf_counter() - start) / per * 1e6)
-    return min(times), float(np.median(times))
-
-
-def table(title: str, rows: list[tuple[str, tuple[float, float]]], reference: int = 0) -> None:
-    """Print times and their ratio to one of the rows."""
-    print(f"\n{title}\n{'':58s}{'min us':>11s}{'median us':>11s}{'ratio':>9s}")
-    for name, (low, middle) in rows:
-        print(f"  {name:56s}{low:11.4g}{middle:11.4g}{low / rows[reference][1][0]:9.3g}")
-
-
-def predictor(arm: Arm, posture: np.ndarray) -> Callable[[Any], Any]:
-    """Return frequencies and the last point's drop as a function of the stiffnesses (P, *batch)."""
-    paths = stiffness_paths(arm)
-
-    def predict(k: Any) -> Any:
-        q = jnp.asarray(posture).reshape(posture.shape + (1,) * (k.ndim - posture.ndim))
-        chain = hold(arm.replace(dict(zip(paths, k, strict=True))), q)
-        system = linearize(chain)
-        values = to_hertz(lowest_eigenpairs(system.H, system.M, min(MODES, system.H.shape[0]))[0])
-        return jnp.concatenate([values, -deflection(chain, system.phi)[2, -1:]])
-
-    return predict
 
 
 def with_slopes(f: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -101,20 +58,29 @@ def predictions(arm: Arm, quick: bool) -> None:
     exact = np.array([np.append(*peer.exact(s, MODES)) for s in sets.T[:some]]).T
     off = np.abs(found[:, :some] / exact - 1)
     print(
-        f"\nident and MuJoCo + SciPy agree to {off[:MODES].max():.1e} in frequency, {off[MODES].max():.1e} in deflection"
+        f"\nident and MuJoCo + SciPy agree to {off[:MODES].max():.1e} (frequencies), {off[MODES].max():.1e} (deflection)"
     )
     assert off.max() < 1e-7
     mass = np.stack([a @ a.T + np.eye(9) for a in np.random.default_rng(1).standard_normal((count, 9, 9))])
+    lapack = {"eigvals_only": True, "subset_by_index": [0, MODES - 1]}
+    K = np.diag(start[peer.pick])
+
+    def each(f: Callable[[Any], Any], items: Any) -> tuple[float, float]:
+        return timed(lambda: [f(item) for item in items[:some]], repeat, some)
+
     rows = [
         ("ident, two threads", timed(lambda: two(k), repeat, count)),
         ("ident, one thread", timed(lambda: one(k), repeat, count)),
         ("ident, with all six derivatives of all five, one thread", timed(lambda: slopes(k), repeat, count)),
-        ("MuJoCo + SciPy, the same numbers", timed(lambda: [peer.exact(s, MODES) for s in sets.T[:some]], repeat, some)),
-        ("MuJoCo + SciPy, linearized at phi = 0: other numbers", timed(lambda: [peer.lean(s, MODES) for s in sets.T[:some]], repeat, some)),
-        ("LAPACK's eigenvalues only (numpy eigvalsh, 9 x 9 stack)", timed(lambda: np.linalg.eigvalsh(mass), repeat, count)),
-        ("LAPACK's pairs only (numpy eigh, 9 x 9 stack)", timed(lambda: np.linalg.eigh(mass), repeat, count)),
-        ("LAPACK's 4 of K v = lambda M v (scipy eigh, one by one)", timed(lambda: [sl.eigh(np.diag(start[peer.pick]), m, eigvals_only=True, subset_by_index=[0, 3]) for m in mass[:some]], repeat, some)),
-    ]  # fmt: skip
+        ("MuJoCo + SciPy, the same numbers", each(lambda x: peer.exact(x, MODES), sets.T)),
+        ("MuJoCo + SciPy, linearized at phi = 0: other numbers", each(lambda x: peer.lean(x, MODES), sets.T)),
+        (
+            "LAPACK, eigenvalues only (numpy eigvalsh, 9 x 9 stack)",
+            timed(lambda: np.linalg.eigvalsh(mass), repeat, count),
+        ),
+        ("LAPACK, pairs (numpy eigh, 9 x 9 stack)", timed(lambda: np.linalg.eigh(mass), repeat, count)),
+        ("LAPACK, 4 of K v = lambda M v (scipy eigh, each)", each(lambda M: sl.eigh(K, M, **lapack), mass)),
+    ]
     table(f"Four frequencies and a deflection, {count} stiffness sets, one posture", rows)
     print(f"  six derivatives cost {rows[2][1][0] / rows[1][1][0]:.2f} predictions, the prediction included")
 
@@ -123,12 +89,11 @@ def warm_fit(arm: Arm, quick: bool) -> None:
     """Six parameters of the shipped campaign; modes in ascending order, as the peer can."""
     read = read_campaign(DATA / "campaign.csv")
     campaign = Campaign(read.path, measurements=tuple(dataclasses.replace(m, mode=None) for m in read))
-    paths, known = stiffness_parameters(arm), np.array([m.value for m in campaign])
+    names, known = stiffness_parameters(arm).names, np.array([m.value for m in campaign])
     sigma = np.array([m.sigma for m in campaign])
     kinds = tuple(m.kind for m in campaign)
-    problem = InverseProblem(
-        ArmModel(arm, bind(arm, campaign)), jnp.asarray(known), jnp.asarray(sigma), stiffness_parameters(arm, prior_sd=np.inf), kinds
-    )  # fmt: skip
+    model, unknown = ArmModel(arm, bind(arm, campaign)), stiffness_parameters(arm, prior_sd=np.inf)
+    problem = InverseProblem(model, jnp.asarray(known), jnp.asarray(sigma), unknown, kinds)
     postures = list(dict.fromkeys(m.posture for m in campaign))
     peers = [Peer(arm, np.array(posture)) for posture in postures]
     places = [[i for i, m in enumerate(campaign) if m.posture == p and m.kind == "frequency"] for p in postures]
@@ -142,108 +107,19 @@ def warm_fit(arm: Arm, quick: bool) -> None:
             values[drop] = fall
         return (values - known) / sigma
 
-    start = np.log([float(arm.get(path)) for path in paths.names])
+    start = np.log([float(arm.get(path)) for path in names])
     ours = fit(problem, starts=1)
-    theirs = least_squares(residuals, start, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12)
+    options = {"method": "lm", "x_scale": "jac", "xtol": 1e-12, "ftol": 1e-12}
+    theirs = least_squares(residuals, start, **options)
     print(f"\nThe two optima differ by {np.abs(ours.best.theta - theirs.x).max():.1e} in ln(stiffness)")
     print(f"and by {abs(ours.best.cost / (2 * theirs.cost) - 1):.1e} of the cost")
     assert np.abs(ours.best.theta - theirs.x).max() < 1e-5
     repeat = 3 if quick else 10
     rows = [
         ("ident, one start", timed(lambda: fit(problem, starts=1), 3 * repeat)),
-        ("SciPy's MINPACK on MuJoCo, finite differences", timed(lambda: least_squares(residuals, start, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12), min(repeat, 3))),
-    ]  # fmt: skip
+        ("SciPy's MINPACK on MuJoCo, differences", timed(lambda: least_squares(residuals, start, **options), 3)),
+    ]
     table("Warm fit of six stiffnesses to 16 frequencies and 4 deflections", rows)
-
-
-def column(joints: int) -> Arm:
-    """Return an arm of equal joints, its axes in turn y and z."""
-    body = {"mass": 20 / joints, "com": (0.5 / joints, 0.0, 0.02), "inertia": np.diag([0.05, 0.2, 0.2]) / joints}
-    axes = [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
-    return Arm(
-        f"column{joints}",
-        tuple(
-            Joint(
-                f"j{j}",
-                axis=axes[j % 2],
-                offset=(1 / joints, 0.0, 0.02),
-                k_bend=3e5,
-                k_tors=2e5,
-                link=(Body(f"l{j}", **body),),
-            )
-            for j in range(joints)
-        ),
-        points=(Point("tip", f"j{joints - 1}", (1 / joints, 0.0, 0.0)),),
-    )
-
-
-def sizes(quick: bool) -> None:
-    """Cost against the number of joints and of postures."""
-    print("\nOne compiled prediction of an arm of N joints at S postures: us for each posture, and CPU s to compile")
-    postures = (1, 8) if quick else (1, 4, 16, 64)
-    print("  N \\ S" + "".join(f"{s:>20d}" for s in postures))
-    for joints in (1, 3, 6) if quick else (1, 2, 3, 4, 6, 8, 12):
-        arm, line = column(joints), f"{joints:7d}"
-        for size in postures:
-            q = np.random.default_rng(0).uniform(-1, 1, (joints, size))
-            k = jnp.asarray([arm.get(path) for path in stiffness_paths(arm)])
-            f, begin = eqx.filter_jit(predictor(arm, q)), time.process_time()
-            program = jax.jit(lambda k, f=f: f(k[:, None])).lower(k).compile()
-            spent = time.process_time() - begin
-            line += f"{timed(lambda: program(k), 20, size)[0]:12.4g} ({spent:4.1f})"  # noqa: B023
-        print(line, flush=True)
-
-
-STAGES = """
-import time; t = [time.perf_counter()]
-import ident.cli as cli; cli._start()
-import jax, equinox as eqx
-from pathlib import Path
-from ident.arm.file import read_arm; from ident.measure import read_campaign
-from ident.identify import fit as stage; from ident.identify.conditions import bind
-from ident.identify.parameters import stiffness_parameters; from ident.identify.predict import ArmModel
-from ident.identify.problem import InverseProblem
-t.append(time.perf_counter())
-import jax.numpy as jnp
-arm, campaign = read_arm("ARM"), read_campaign("CAMPAIGN")
-p = stiffness_parameters(arm)
-column = lambda field: jnp.asarray([getattr(m, field) for m in campaign])
-problem = InverseProblem(ArmModel(arm, bind(arm, campaign)), column("value"), column("sigma"), p, tuple(m.kind for m in campaign))
-start = p.theta(p.column("start"))
-t.append(time.perf_counter())
-lowered = stage._solve.lower(problem, start)
-t.append(time.perf_counter())
-program = lowered.compile()
-t.append(time.perf_counter())
-jax.block_until_ready(program(problem, start))
-t.append(time.perf_counter())
-import ident.present.figures
-t.append(time.perf_counter())
-names = "imports", "read and bind", "trace and lower", "compile or load", "one start", "import matplotlib"
-print(", ".join(f"{n} {b - a:.2f}" for n, a, b in zip(names, t, t[1:])))
-"""
-
-
-def command() -> None:
-    """`ident fit` from the shell, the first time and the next."""
-    print("\n`ident fit` from the shell [s], and the stages of one start in a process of its own")
-    with tempfile.TemporaryDirectory() as folder:
-        caches = [{**os.environ, "JAX_COMPILATION_CACHE_DIR": str(Path(folder) / name)} for name in ("shell", "stages")]
-        line = [sys.executable, "-m", "ident", "fit", str(DATA / "table1.csv"), "--out", folder]
-        script = STAGES.replace("ARM", str(DATA / "arm.toml")).replace("CAMPAIGN", str(DATA / "table1.csv"))
-        for run in ("first", "next"):
-            begin = time.perf_counter()
-            done = subprocess.run(line, env=caches[0], cwd=ROOT, capture_output=True, text=True, check=False)
-            spent = time.perf_counter() - begin
-            shown = subprocess.run([sys.executable, "-c", script], env=caches[1], cwd=ROOT, capture_output=True, text=True, check=False)  # fmt: skip
-            print(f"  {run:6s}{spent:6.2f} (exit {done.returncode})   {shown.stdout.strip() or shown.stderr[-300:]}")
-
-
-def machine() -> str:
-    """Say what the times were taken on."""
-    model = next((x.split(":")[1].strip() for x in open("/proc/cpuinfo") if x.startswith("model name")), "?") if sys.platform == "linux" else platform.processor()  # fmt: skip  # noqa: SIM115
-    load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
-    return f"{model}, {os.cpu_count()} cores, load {load}; Python {platform.python_version()}, jax {jax.__version__}, numpy {np.__version__}"
 
 
 def main() -> None:

@@ -37,7 +37,7 @@ class Peer:
         axes = [np.abs(np.asarray(joint.axis)) for joint in arm.joints]
         if not all(np.isclose(axis.max(), 1) for axis in axes):
             raise ValueError("the peer takes axes along x, y or z only: stiffness is diagonal then")
-        names = [path for path in stiffness_paths(arm)]
+        names = list(stiffness_paths(arm))
         self.pick = np.array(
             [
                 names.index(f"{joint.name}.{'k_tors' if along > 0.5 else 'k_bend'}")

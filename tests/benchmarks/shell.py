@@ -1,0 +1,59 @@
+"""`ident fit` as a user meets it: a new process, without and with the compilation cache."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "data" / "lcd_arm"
+STAGES = """
+import time; t = [time.perf_counter()]
+import ident.cli as cli; cli._start()
+import jax, equinox as eqx
+from pathlib import Path
+from ident.arm.file import read_arm; from ident.measure import read_campaign
+from ident.identify import fit as stage; from ident.identify.conditions import bind
+from ident.identify.parameters import stiffness_parameters; from ident.identify.predict import ArmModel
+from ident.identify.problem import InverseProblem
+t.append(time.perf_counter())
+import jax.numpy as jnp
+arm, campaign = read_arm("ARM"), read_campaign("CAMPAIGN")
+p = stiffness_parameters(arm)
+column = lambda field: jnp.asarray([getattr(m, field) for m in campaign])
+kinds = tuple(m.kind for m in campaign)
+problem = InverseProblem(ArmModel(arm, bind(arm, campaign)), column("value"), column("sigma"), p, kinds)
+start = p.theta(p.column("start"))
+t.append(time.perf_counter())
+lowered = stage._solve.lower(problem, start)
+t.append(time.perf_counter())
+program = lowered.compile()
+t.append(time.perf_counter())
+jax.block_until_ready(program(problem, start))
+t.append(time.perf_counter())
+import ident.present.figures
+t.append(time.perf_counter())
+names = "imports", "read and bind", "trace and lower", "compile or load", "one start", "import matplotlib"
+print(", ".join(f"{n} {b - a:.2f}" for n, a, b in zip(names, t, t[1:])))
+"""
+
+
+def run_quietly(line: list[str], environment: dict[str, str]) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(line, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def command() -> None:
+    """`ident fit` from the shell, the first time and the next."""
+    print("\n`ident fit` from the shell [s], and the stages of one start in a process of its own")
+    with tempfile.TemporaryDirectory() as folder:
+        caches = [{**os.environ, "JAX_COMPILATION_CACHE_DIR": str(Path(folder) / name)} for name in ("shell", "stages")]
+        line = [sys.executable, "-m", "ident", "fit", str(DATA / "table1.csv"), "--out", folder]
+        script = STAGES.replace("ARM", str(DATA / "arm.toml")).replace("CAMPAIGN", str(DATA / "table1.csv"))
+        for run in ("first", "next"):
+            begin = time.perf_counter()
+            done = run_quietly(line, caches[0])
+            spent = time.perf_counter() - begin
+            shown = run_quietly([sys.executable, "-c", script], caches[1])
+            print(f"  {run:6s}{spent:6.2f} (exit {done.returncode})   {shown.stdout.strip() or shown.stderr[-300:]}")

@@ -1,0 +1,39 @@
+"""Times, tables and the machine they were taken on."""
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+
+def timed(f: Callable[[], Any], repeat: int, per: int = 1) -> tuple[float, float]:
+    """Return minimum and median time [us] of one of `per` results."""
+    f()
+    times = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        jax.block_until_ready(f())
+        times.append((time.perf_counter() - start) / per * 1e6)
+    return min(times), float(np.median(times))
+
+
+def table(title: str, rows: list[tuple[str, tuple[float, float]]], reference: int = 0) -> None:
+    """Print times and their ratio to one of the rows."""
+    print(f"\n{title}\n{'':58s}{'min us':>11s}{'median us':>11s}{'ratio':>9s}")
+    for name, (low, middle) in rows:
+        print(f"  {name:56s}{low:11.4g}{middle:11.4g}{low / rows[reference][1][0]:9.3g}")
+
+
+def machine() -> str:
+    """Say what the times were taken on."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    model = next((line.split(": ")[1] for line in lines if line.startswith("model name")), platform.processor())
+    load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
+    versions = f"Python {platform.python_version()}, jax {jax.__version__}, numpy {np.__version__}"
+    return f"{model}, {os.cpu_count()} cores, load {load}; {versions}"
