@@ -35,10 +35,11 @@ def fit_command(
     arm: ArmOption = None,
     out: OutOption = Path("out"),
     fix: Annotated[
-        list[str] | None, typer.Option(help="parameter to keep at the arm file's value, as joint1.k_bend")
+        list[str] | None,
+        typer.Option(help="parameter to keep at the arm file's value, as joint1.k_bend; may be repeated"),
     ] = None,
     tie: Annotated[
-        list[str] | None, typer.Option(help="parameters fitted as one, as joint2.k_tors=joint3.k_tors")
+        list[str] | None, typer.Option(help="parameters fitted as one, as joint2.k_tors=joint3.k_tors; may be repeated")
     ] = None,
     free: Annotated[
         list[str] | None,
@@ -72,7 +73,7 @@ def fit_command(
         arm_file.arm,
         measured,
         fixed=fix or (),
-        tied=[tuple(group.split("=")) for group in tie or ()],
+        tied=[_tied(group) for group in tie or ()],
         free=dict(_with_width(text) for text in free or ()),
         prior_sd=width,
         starts=starts,
@@ -110,7 +111,8 @@ def predict_command(
     load: Annotated[str, typer.Option(help="load case, as 'glass' or '5 kg @ tip'")] = "",
     modes: Annotated[int, typer.Option(min=1, help="number of modes")] = 6,
     change: Annotated[
-        list[str] | None, typer.Option("--set", help="number of the arm to change, in SI, as link2.mass=30")
+        list[str] | None,
+        typer.Option("--set", help="number to change, in SI, as link2.mass=30 (inertia stays as it is)"),
     ] = None,
 ) -> None:
     """Predict natural frequencies, modes and static deflection of an arm."""
@@ -150,8 +152,6 @@ def main() -> None:
         _stop(error, 2)
     except IdentError as error:
         _stop(error, 1)
-    except KeyboardInterrupt:
-        sys.exit("interrupted; nothing was written")
 
 
 def _stop(error: IdentError, code: int) -> None:
@@ -195,6 +195,15 @@ def _progress(numbers: Iterable[int]) -> Iterator[int]:
     )
 
 
+def _tied(text: str) -> tuple[str, ...]:
+    paths = tuple(text.split("="))
+    if len(paths) < 2:
+        raise InputError(
+            Problem(f"--tie {text}", "one parameter", "two or more with = between", "as a.k_tors=b.k_tors")
+        )
+    return paths
+
+
 def _with_width(text: str) -> tuple[str, float]:
     path, _, width = text.partition(":")
     return path, _number(width, f"--free {text}") if width else float("inf")
@@ -202,7 +211,10 @@ def _with_width(text: str) -> tuple[str, float]:
 
 def _assignment(text: str) -> tuple[str, float]:
     path, _, value = text.partition("=")
-    return path, _number(value, f"--set {text}")
+    number, field = _number(value, f"--set {text}"), path.split(".")[1:2]
+    if field and field[0] in ("mass", "k_bend", "k_tors", "tau_bend", "tau_tors") and number < 0:
+        raise InputError(Problem(f"--set {text}", f"{number:g}", "a value >= 0", "correct it"))
+    return path, number
 
 
 def _posture(text: str) -> tuple[float, ...]:
@@ -213,6 +225,9 @@ def _posture(text: str) -> tuple[float, ...]:
 
 def _number(text: str, where: str) -> float:
     try:
-        return float(text)
+        number = float(text)
     except ValueError:
-        raise InputError(Problem(where, f"'{text}'", "a number", "see ident --help")) from None
+        number = float("nan")
+    if number - number != 0:
+        raise InputError(Problem(where, f"'{text}'", "a finite number", "correct it, see --help"))
+    return number

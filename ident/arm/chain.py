@@ -76,10 +76,11 @@ class Chain(eqx.Module):
 def hold(arm: Arm, posture: Float[Array, "driven *#batch"], loads: Loads | None = None) -> Chain:
     """Hold the arm's pins at a posture [rad] under its own weight and the given loads.
 
-    Numbers of the arm may carry batch dimensions too (see `Arm.replace`); they broadcast against the posture's.
+    Numbers of the arm may carry batch dimensions too (see `Arm.replace`), no more than the posture, against which they
+    broadcast.
 
     Raises:
-        ModelError: the posture has not one angle per driven joint.
+        ModelError: the posture has not one angle per driven joint, or fewer batch dimensions than the arm.
     """
     posture = jnp.asarray(posture)
     if posture.shape[:1] != (len(arm.driven),):
@@ -172,6 +173,8 @@ def _lift(x: Any, components: int, rank: int) -> Array:
     """Insert singleton batch axes between the components of x and the batch it may carry already."""
     x = jnp.asarray(x)
     own = x.shape[components:]
+    if len(own) > rank:
+        raise ModelError(f"a number of the arm has {len(own)} batch axes; give the posture as many, of length 1")
     return x.reshape(x.shape[:components] + (1,) * (rank - len(own)) + own)
 
 

@@ -1,6 +1,5 @@
 """The main job in one call: an arm and a campaign in, a judged fit out."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
@@ -18,6 +17,8 @@ from ident.measure import Campaign
 
 SUSPICIOUS = 3.0
 """Standard deviations from which a difference is called a contradiction."""
+IMPROBABLE = 1e-3
+"""Chance of so large a chi-squared below which model or sigmas are called wrong."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,25 @@ class CampaignFit:
         return any(np.abs(tension.z).max() > SUSPICIOUS for tension in self.tensions)
 
     @property
+    def outliers(self) -> np.ndarray:
+        """Which measurements lie more than three sigma from the fit."""
+        return np.abs(self.fit.residuals) > SUSPICIOUS
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
+        found = {
+            "the gradient does not vanish here, so this is not an optimum": not self.fit.best.converged,
+            "the kinds of measurement contradict each other (see below)": self.contradictory,
+            f"{self.outliers.sum()} measurements lie more than 3 sigma from the fit": self.outliers.any(),
+            f"so large a chi-squared has a chance of {self.fit.p_value:.1g}": self.fit.p_value < IMPROBABLE,
+        }
+        return tuple(doubt for doubt, holds in found.items() if holds)
+
+    @property
     def supported(self) -> np.ndarray:
-        """Which parameters an interval may be quoted for: none where the data contradict each other."""
-        return self.fit.information.supported & (not self.contradictory)
+        """Which parameters an interval may be quoted for: none where the fit itself is in doubt."""
+        return self.fit.information.supported & (not self.doubts)
 
     @property
     def fitted_arm(self) -> Arm:
@@ -99,9 +116,14 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     damping = any(m.kind == "damping_ratio" for m in campaign)
-    parameters = stiffness_parameters(arm, fixed=fixed, tied=tied, free=free, prior_sd=prior_sd, damping=damping)
-    problem = arm_problem(arm, campaign, parameters)
+
+    def posed(width: float) -> InverseProblem:
+        unknown = stiffness_parameters(arm, fixed=fixed, tied=tied, free=free, prior_sd=width, damping=damping)
+        return arm_problem(arm, campaign, unknown)
+
+    problem = posed(prior_sd)
     if not trust_values:
-        question_values(problem, campaign)
+        question_values(problem, campaign, arm)
     found = fit(problem, starts=starts, seed=seed, progress=progress)
-    return CampaignFit(arm, campaign, found, tensions(found) if math.isfinite(prior_sd) else ())
+    # one kind of data alone may leave directions open, so the comparison needs some prior
+    return CampaignFit(arm, campaign, found, tensions(posed(min(prior_sd, WEAK_PRIOR))))

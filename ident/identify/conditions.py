@@ -131,6 +131,12 @@ def _misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
         for name in load.payloads:
             if name not in (known := [payload.body.name for payload in arm.payloads]):
                 yield _unknown(m.where, column, name, known)
+    if m.kind == "damping_ratio" and not m.mode:
+        remedy = "name it: damping ratios do not rise with the modes"
+        yield Problem(m.where, "a damping ratio without mode", "the label of its mode", remedy, "mode")
+    if m.mode and not points:
+        remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
+        yield Problem(m.where, f"'{m.mode}'", "no label, as the arm has no point", remedy, "mode")
     if m.mode:
         label = parse_label(m.mode)
         if label is None or label.ordinal > 3 * len(arm.joints):

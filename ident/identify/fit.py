@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
-from scipy.stats import chi2
+from scipy.special import chdtrc, ndtri
 
 from ident.errors import ModelError
-from ident.identify.information import Information, information
+from ident.identify.information import RANK_TOLERANCE, Information, information
 from ident.identify.problem import InverseProblem
 from ident.jit import jit
 
@@ -57,7 +57,7 @@ class Fit:
     Attributes:
         problem: what was fitted.
         optima: distinct optima by ascending cost; the first one is the answer.
-        failed: number of starts that reached none.
+        failed: number of starts that reached none: no equilibrium, or stuck where a mode changes its label.
         predicted: (D,) [SI] at the answer.
         jacobian: (D, P) d(predicted)/d(theta) there.
         information: what data and prior tell there.
@@ -98,13 +98,11 @@ class Fit:
     @property
     def p_value(self) -> float:
         """Chance of a larger chi-squared if model and sigmas are right; NaN without degrees of freedom."""
-        return float(chi2.sf(self.chi_squared, self.degrees_of_freedom)) if self.degrees_of_freedom > 0 else np.nan
+        return float(chdtrc(self.degrees_of_freedom, self.chi_squared)) if self.degrees_of_freedom > 0 else np.nan
 
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
         """Return intervals of the parameters [SI] by data and prior, normal in theta."""
-        from scipy.stats import norm
-
-        half = norm.ppf(0.5 + level / 2) * self.information.sd
+        half = ndtri(0.5 + level / 2) * self.information.sd
         ends = np.stack([self.best.theta - half, self.best.theta + half], 1)
         return np.asarray(self.problem.parameters.values(jnp.asarray(ends)))
 
@@ -155,7 +153,8 @@ def fit(
     best = min(reached, key=lambda end: float(end.cost))
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
     known = information(scaled, np.asarray(problem.parameters.column("prior_sd")), problem.parameters.names)
-    return Fit(problem, optima, tried - len(reached), best.predicted, best.jacobian, known)
+    ended = sum(optimum.starts for optimum in optima)
+    return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known)
 
 
 def evaluate(problem: InverseProblem) -> "_End":
@@ -217,23 +216,35 @@ def _with_jacobian(problem: InverseProblem, theta: Array) -> tuple[Array, Array]
 
 
 def _distinct(problem: InverseProblem, ends: list[_End]) -> tuple[Optimum, ...]:
-    """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long."""
+    """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long and curved.
+
+    Ends with a gradient are dropped, unless the best one has it.
+    """
     groups: list[list[_End]] = []
     sigma, prior_sd = np.asarray(problem.sigma), np.asarray(problem.parameters.column("prior_sd"))
     for end in sorted(ends, key=lambda e: float(e.cost)):
         for group in groups:
             step = end.theta - group[0].theta
             apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])
-            if min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5:
+            near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
+            level = abs(end.cost - group[0].cost) < SAME * SAME * (1 + end.cost)
+            if near or (level and _is_valley(group[0].jacobian / sigma[:, None], prior_sd)):
                 group.append(end)
                 break
         else:
             groups.append([end])
-    values = [np.asarray(problem.parameters.values(jnp.asarray(group[0].theta))) for group in groups]
+    optima = [group for i, group in enumerate(groups) if i == 0 or any(end.converged for end in group)]
+    values = [np.asarray(problem.parameters.values(jnp.asarray(group[0].theta))) for group in optima]
     return tuple(
         Optimum(v, g[0].theta, float(g[0].cost), len(g), any(end.converged for end in g))
-        for v, g in zip(values, groups, strict=True)
+        for v, g in zip(values, optima, strict=True)
     )
+
+
+def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:
+    """Tell whether data and prior together leave a direction open."""
+    s = np.linalg.svd(np.vstack([scaled, np.diag(1 / prior_sd)]), compute_uv=False)
+    return bool(s[-1] < RANK_TOLERANCE * s[0])
 
 
 def _no_optimum(predicted: Array) -> str:

@@ -7,8 +7,6 @@ from jaxtyping import Float
 
 WEAK_ABOVE = 0.5
 """Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6."""
-SUPPORTED_BELOW = 0.1
-"""Share of the prior in a parameter's information above which no interval is quoted as the data's."""
 RANK_TOLERANCE = 1e-8
 """Singular values below this share of the largest are rounding."""
 
@@ -66,8 +64,8 @@ class Information:
 
     @property
     def supported(self) -> np.ndarray:
-        """Which parameters the data support an interval for: the prior adds next to nothing to it."""
-        return (self.sd < WEAK_ABOVE) & (self.prior_share < SUPPORTED_BELOW)
+        """Which parameters the data alone would give an interval for."""
+        return self.data_sd < WEAK_ABOVE
 
     @property
     def correlation(self) -> Float[np.ndarray, "P P"]:

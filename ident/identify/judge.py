@@ -1,33 +1,37 @@
 """Doubts worth stating: values that no such arm would give, and kinds of data that contradict each other."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
-from ident.identify.fit import Fit, evaluate, fit
+from ident.identify.fit import evaluate, fit
 from ident.identify.problem import InverseProblem
-from ident.measure import Campaign
+from ident.measure import Campaign, Measurement
 
-PLAUSIBLE = {"frequency": 4.0, "damping_ratio": 100.0, "deflection": 30.0, "deflection_difference": 30.0}
+PLAUSIBLE = {"frequency": 3.0, "damping_ratio": 100.0, "deflection": 5.0, "deflection_difference": 5.0}
 """Factor by which a value may differ from what the arm file predicts before it is questioned."""
 
+SLACK = math.radians(0.5)
+"""By how much a held angle may lie beyond a joint's limit [rad]: how well it is read."""
 
-def question_values(problem: InverseProblem, campaign: Campaign) -> None:
-    """Refuse values that are far from what the arm predicts at its starting stiffnesses, such as rad/s taken for Hz.
+
+def question_values(problem: InverseProblem, campaign: Campaign, arm: Arm) -> None:
+    """Refuse values far from what the arm predicts at its starting stiffnesses, and postures beyond its limits.
 
     Raises:
         InputError: lists the values, each with its row.
     """
     predicted = np.asarray(evaluate(problem).predicted)
-    doubts = []
+    doubts = [doubt for m in campaign for doubt in _beyond_limits(m, arm)]
     for m, expected in zip(campaign, predicted, strict=True):
         ratio = m.value / expected if expected else math.nan
         limit = PLAUSIBLE[m.kind]
-        if not 1 / limit < abs(ratio) < limit and math.isfinite(ratio):
+        if not 1 / limit < ratio < limit and math.isfinite(ratio):
             hint = "it looks like rad/s written as Hz: " if 0.8 < ratio / (2 * math.pi) < 1.25 else ""
             hint = hint if m.kind == "frequency" else ""
             remedy = f"{hint}check value and unit, or say that it is right (--trust-values)"
@@ -35,6 +39,16 @@ def question_values(problem: InverseProblem, campaign: Campaign) -> None:
             doubts.append(Problem(m.where, got, f"about {expected:.4g}", remedy, "value"))
     if doubts:
         raise InputError(doubts)
+
+
+def _beyond_limits(m: Measurement, arm: Arm) -> Iterator[Problem]:
+    for joint, angle in zip(arm.driven, m.posture, strict=True):
+        low, high = joint.limits
+        if not low - SLACK <= angle <= high + SLACK:
+            got = f"{joint.name} at {math.degrees(angle):.4g} deg"
+            expected = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg, its limits in the arm file"
+            remedy = "check the angle and its unit, or say that it is right (--trust-values)"
+            yield Problem(m.where, got, expected, remedy, "posture")
 
 
 @dataclass(frozen=True)
@@ -61,22 +75,16 @@ class Tension:
         return (self.measured - self.predicted) / self.sd
 
 
-def tensions(found: Fit, *, starts: int = 4) -> tuple[Tension, ...]:
+def tensions(problem: InverseProblem, *, starts: int = 4) -> tuple[Tension, ...]:
     """Predict each kind of measurement from the others, and compare; empty when there is one kind only."""
-    problem = found.problem
     kinds = sorted(set(problem.kinds))
     return tuple(_tension(problem, kind, starts) for kind in kinds) if len(kinds) > 1 else ()
 
 
 def _tension(problem: InverseProblem, kind: str, starts: int) -> Tension:
-    others = fit(eqx.tree_at(lambda p: p.sigma, problem, problem.without(kind).sigma), starts=starts)
+    others = fit(problem.without(kind), starts=starts)
     rows = tuple(i for i, k in enumerate(problem.kinds) if k == kind)
     index = np.array(rows)
-    sigma = np.asarray(problem.sigma)[index]
-    return Tension(
-        kind,
-        rows,
-        np.asarray(problem.measured)[index],
-        others.predicted[index],
-        np.hypot(sigma, others.predicted_sd[index]),
-    )
+    measured, sigma = np.asarray(problem.measured)[index], np.asarray(problem.sigma)[index]
+    sd = np.hypot(sigma, others.predicted_sd[index])
+    return Tension(kind, rows, measured, others.predicted[index], sd)

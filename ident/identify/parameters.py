@@ -121,7 +121,7 @@ def parameter(
     start = value if start is None else start
     centre = value if centre is None else centre
     if positive and not (start > 0 and centre > 0):
-        remedy = "give a positive start and centre"
+        remedy = f"give {paths[0]} a positive value in the arm file, or keep it (--fix {paths[0]})"
         raise InputError(Problem("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0]))
     if not prior_sd > 0:
         raise InputError(Problem("", f"a prior width of {prior_sd:g}", "a width > 0", "correct it", paths[0]))
@@ -155,22 +155,32 @@ def stiffness_parameters(
     widths = {path: prior_sd for path in stiffness_paths(arm) if path.split(".")[0] not in undriven}
     widths |= dict(free or {})
     groups = [tuple(group) for group in tied]
-    if damping:
-        groups += [tuple(f"{joint.name}.{field}" for joint in arm.joints) for field in DAMPING]
-        widths |= {path: prior_sd for group in groups[-2:] for path in group}
-    for path in (*widths, *fixed, *(path for group in groups for path in group)):
+    taken = [*fixed, *(path for group in groups for path in group)]
+    for path in (*widths, *taken):
         arm.get(path)
-    _refuse_twice([*fixed, *(path for group in groups for path in group)])
-    leader = {path: group[0] for group in groups for path in group}
-    follower = {path for group in groups for path in group[1:]} | set(fixed)
-    items = [
-        parameter(arm, *next((g for g in groups if leader.get(path) == g[0]), (path,)), prior_sd=width)
-        for path, width in widths.items()
-        if path not in follower
-    ]
+    _refuse_twice(taken)
+    if damping:
+        whole = [tuple(f"{joint.name}.{field}" for joint in arm.joints) for field in DAMPING]
+        groups += [rest for group in whole if (rest := tuple(path for path in group if path not in taken))]
+        widths |= {path: prior_sd for group in whole for path in group if path not in fixed}
+    width_of = {path: width for path, width in widths.items() if path not in taken}
+    for group in groups:
+        width_of = {path: width for path, width in width_of.items() if path not in group}
+        width_of[group[0]] = _width_of_group(group, widths)
+    order = [path for path in (*widths, *(group[0] for group in groups)) if path in width_of]
+    members = {group[0]: group for group in groups}
+    items = [parameter(arm, *members.get(path, (path,)), prior_sd=width_of[path]) for path in dict.fromkeys(order)]
     if not items:
         raise InputError(Problem("", "no unknown", "at least one", "fix fewer parameters"))
     return Parameters(tuple(items))
+
+
+def _width_of_group(group: tuple[str, ...], widths: Mapping[str, float]) -> float:
+    """Return the width of the first unknown in a tied group."""
+    unknown = [widths[path] for path in group if path in widths]
+    if not unknown:
+        raise InputError(Problem("", "=".join(group), "at least one unknown among them", "free one of them too"))
+    return unknown[0]
 
 
 def _refuse_twice(paths: list[str]) -> None:

@@ -7,8 +7,9 @@ import numpy as np
 
 from ident.identify.campaign_fit import SUSPICIOUS, CampaignFit
 from ident.identify.fit import Fit
-from ident.identify.information import Direction, TradeOff
+from ident.identify.information import Direction, Information, TradeOff
 from ident.identify.judge import Tension
+from ident.identify.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.units import FIELDS, field_of, is_stiffness, nmm_per_deg, shown
 
@@ -35,10 +36,10 @@ def _heading(result: CampaignFit) -> Iterator[str]:
     yield f"  {len(result.campaign)} measurements, {len(fit.information.names)} unknowns"
     p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ""
     yield f"  chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
-    if not fit.best.converged:
-        yield "  WARNING: the gradient does not vanish here; this is not an optimum"
-    if result.contradictory:
-        yield "  WARNING: the kinds of measurement contradict each other (below); so no interval is quoted"
+    for doubt in result.doubts:
+        yield f"  WARNING: {doubt}"
+    if result.doubts:
+        yield "  So no interval is quoted: those that data and model would support are marked `withheld`."
 
 
 def _parameters(result: CampaignFit) -> Iterator[str]:
@@ -48,7 +49,7 @@ def _parameters(result: CampaignFit) -> Iterator[str]:
     rows = zip(items, fit.best.values, fit.interval(), strict=True)
     for i, (item, value, (low, high)) in enumerate(rows):
         interval = _interval(low, high) if result.supported[i] else ("withheld" if known.supported[i] else "open")
-        source = _source(known.prior_share[i])
+        source = _source(known.prior_share[i]) if np.isfinite(known.sd[i]) else "nothing: where the search stopped"
         ratio = f"{value / float(item.centre):.3g}" if float(item.centre) else "-"
         yield (
             f"  {item.name:16s} {value:13.5g}    {interval:23s} {float(item.centre):10.4g} {ratio:>7s}   {source}"
@@ -62,6 +63,18 @@ def _parameters(result: CampaignFit) -> Iterator[str]:
         for item, value in stiff:
             yield f"    {item.name:16s} {nmm_per_deg(value):10.4g}   ({nmm_per_deg(float(item.centre)):.4g})"
     yield f"  prior: {_prior(fit)}"
+    if not any("tau" in item.name for item in items):
+        times = sorted({f"{float(tau):.2g} s" for j in result.arm.joints for tau in (j.tau_bend, j.tau_tors)})
+        yield f"  damping was not fitted; the arm file's is {' to '.join(times)} times the stiffness"
+    worst = _worst_correlation(known)
+    if worst:
+        yield f"  largest correlation: {worst}"
+
+
+def _worst_correlation(known: Information) -> str:
+    correlation = np.triu(np.nan_to_num(known.correlation), 1)
+    i, j = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
+    return f"{correlation[i, j]:+.2f} between {known.names[i]} and {known.names[j]}" if correlation[i, j] else ""
 
 
 def _interval(low: float, high: float) -> str:
@@ -69,6 +82,7 @@ def _interval(low: float, high: float) -> str:
 
 
 def _source(prior_share: float) -> str:
+    prior_share = abs(round(prior_share, 2))
     return f"data {1 - prior_share:4.0%}, prior {prior_share:4.0%}"
 
 
@@ -85,10 +99,12 @@ def _prior(fit: Fit) -> str:
 def _measurements(result: CampaignFit) -> Iterator[str]:
     fit = result.fit
     yield "Measurements                                            measured  predicted   residual   res./sigma"
-    for m, predicted, z in zip(result.campaign, fit.predicted, fit.residuals, strict=True):
+    rows = zip(result.campaign, fit.predicted, fit.residuals, result.outliers, strict=True)
+    for m, predicted, z, outlying in rows:
         measured, unit = shown(m.kind, m.value)
         model, _ = shown(m.kind, float(predicted))
-        yield (f"  {describe(m):52s} {measured:10.4g} {model:10.4g} {measured - model:10.3g} {-z:8.2f}   [{unit}]")
+        numbers = f"{measured:10.4g} {model:10.4g} {measured - model:10.3g} {-z:8.2f}"
+        yield f"  {describe(m):52s} {numbers}   [{unit}]{'  <--' if outlying else ''}"
 
 
 def describe(m: Measurement) -> str:
@@ -101,17 +117,18 @@ def describe(m: Measurement) -> str:
 
 
 def _information(result: CampaignFit) -> Iterator[str]:
-    known = result.fit.information
+    known, items = result.fit.information, result.fit.problem.parameters.items
     count = len(known.names)
+    filler = "filled by the prior alone" if np.isfinite(known.sd).all() else "left where the search stopped"
     yield f"What the data fix: {known.rank} of {count} directions"
     for direction in known.directions:
         if direction.seen:
             weak = "weakly known, to" if direction.weak else "known to"
-            yield f"  {weak} {_percent(direction.sd)}: {product(direction, known.names)}"
+            yield f"  {weak} {_percent(direction.sd)}: {product(direction, items)}"
     if known.rank < count:
-        yield f"What they leave open: {count - known.rank} of {count} directions, filled by the prior alone"
+        yield f"What they leave open: {count - known.rank} of {count} directions, {filler}"
         for trade in known.trade_offs():
-            yield f"  {in_words(trade, known.names)}"
+            yield f"  {in_words(trade, items)}"
     single = [name for name, ok in zip(known.names, result.supported, strict=True) if ok]
     if len(single) < count:
         yield f"  Single values that the data support: {', '.join(single) if single else 'none'}."
@@ -121,24 +138,33 @@ def _percent(sd: float) -> str:
     return f"{100 * sd:.2g} %" if sd < 0.3 else f"a factor of {math.exp(sd):.2g}"
 
 
-def product(direction: Direction, names: tuple[str, ...]) -> str:
-    """Write a direction as a product of powers of parameters."""
+def product(direction: Direction, items: tuple[Parameter, ...]) -> str:
+    """Write a direction as a product of powers of parameters; one of either sign enters as its exponential."""
     order = np.argsort(-np.abs(direction.weights))
-    parts = [(names[i], direction.weights[i]) for i in order if abs(direction.weights[i]) > NOTABLE]
+    factors = [item.name if item.positive else f"exp({item.name} / {float(item.scale):g} m)" for item in items]
+    parts = [(factors[i], direction.weights[i]) for i in order if abs(direction.weights[i]) > NOTABLE]
     if len(parts) == 1:
         return parts[0][0]
     return " * ".join(f"{name}^{weight:.2f}" for name, weight in parts)
 
 
-def in_words(trade: TradeOff, names: tuple[str, ...]) -> str:
-    """Say what else changes unnoticed when one parameter rises by 10 %."""
+def in_words(trade: TradeOff, items: tuple[Parameter, ...]) -> str:
+    """Say what else changes unnoticed when one parameter rises by 10 %, or by a tenth of its scale."""
+    step = math.log(1.1)
     moved = [
-        f"{name} by {100 * (1.1**change - 1):+.2g} %"
-        for name, change in zip(names, trade.change, strict=True)
-        if name != trade.name and abs(change) > 0.05
+        _change(item, change * step)
+        for item, change in zip(items, trade.change, strict=True)
+        if item.name != trade.name and abs(change) > 0.05
     ]
+    lead = next(_change(item, step) for item in items if item.name == trade.name)
     along = f" together with {' and '.join(moved)}" if moved else ""
-    return f"{trade.name} by +10 %{along}: the data would not notice"
+    return f"{lead}{along}: the data would not notice"
+
+
+def _change(item: Parameter, theta: float) -> str:
+    if item.positive:
+        return f"{item.name} by {100 * math.expm1(theta):+.2g} %"
+    return f"{item.name} by {1e3 * theta * float(item.scale):+.2g} mm"
 
 
 def _contradictions(result: CampaignFit) -> Iterator[str]:
@@ -152,10 +178,18 @@ def _contradictions(result: CampaignFit) -> Iterator[str]:
         if len(tension.rows) > 6:
             yield f"  {tension.kind}: {len(tension.rows)} values, largest |z| {np.abs(tension.z).max():.1f}"
     if result.contradictory:
-        yield "  CONTRADICTION: no plausible stiffness explains all kinds together. Static deflection times the"
-        yield "  square of the frequency is nearly fixed by masses and lengths alone, so look there first (geometry,"
-        yield "  masses, payload), then at drives that are stiffer under load. The stiffnesses above are a compromise"
-        yield f"  that {_stretch(result.fit)}"
+        yield from _explanation(result)
+
+
+def _explanation(result: CampaignFit) -> Iterator[str]:
+    kinds = {tension.kind for tension in result.tensions if np.abs(tension.z).max() > SUSPICIOUS}
+    if result.outliers.sum() == 1 or not {"frequency", "deflection"} <= kinds:
+        yield "  CONTRADICTION: check the values named above, their labels, units and load cases first."
+        return
+    yield "  CONTRADICTION: no plausible stiffness explains all kinds together. Static deflection times the"
+    yield "  square of the frequency is nearly fixed by masses and lengths alone, so look there first (geometry,"
+    yield "  masses, payload), then at drives that are stiffer under load. The stiffnesses above are a compromise"
+    yield f"  that {_stretch(result.fit)}"
 
 
 def _against(tension: Tension, i: int, m: Measurement) -> str:
@@ -177,7 +211,9 @@ def _stretch(fit: Fit) -> str:
 
 def _optima(fit: Fit) -> Iterator[str]:
     tried = sum(o.starts for o in fit.optima) + fit.failed
-    yield f"Optima: {len(fit.optima)} found from {tried} starts" + (f", {fit.failed} failed" if fit.failed else "")
+    yield f"Optima: {len(fit.optima)} found from {tried} starts" + (
+        f"; {fit.failed} starts reached none" if fit.failed else ""
+    )
     for i, optimum in enumerate(fit.optima[:5]):
         values = "  ".join(f"{v:.4g}" for v in optimum.values)
         note = "" if optimum.converged else "  (not converged)"
@@ -185,4 +221,4 @@ def _optima(fit: Fit) -> Iterator[str]:
         yield f"  {mark}  cost {optimum.cost:10.4g}  starts {optimum.starts:3d}   {values}{note}"
     rivals = [o for o in fit.optima[1:] if o.cost < fit.best.cost + 4]
     if rivals:
-        yield f"  WARNING: {len(rivals)} other optimum fits about as well; the data do not choose between them"
+        yield f"  WARNING: so good a fit has rivals, {len(rivals)} in number; the data do not choose between them"

@@ -57,9 +57,8 @@ def predictions(arm: Arm, quick: bool) -> None:
     some, found = 100 if not quick else 20, np.asarray(one(k))
     exact = np.array([np.append(*peer.exact(s, MODES)) for s in sets.T[:some]]).T
     off = np.abs(found[:, :some] / exact - 1)
-    print(
-        f"\nident and MuJoCo + SciPy agree to {off[:MODES].max():.1e} (frequencies), {off[MODES].max():.1e} (deflection)"
-    )
+    frequencies, drop = off[:MODES].max(), off[MODES].max()
+    print(f"\nident and MuJoCo + SciPy agree to {frequencies:.1e} in frequency, {drop:.1e} in deflection")
     assert off.max() < 1e-7
     mass = np.stack([a @ a.T + np.eye(9) for a in np.random.default_rng(1).standard_normal((count, 9, 9))])
     lapack = {"eigvals_only": True, "subset_by_index": [0, MODES - 1]}

@@ -1,5 +1,6 @@
 """The fit: exact recovery, all optima, flat valleys, damping, masses, and a model that is no arm."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -88,7 +89,7 @@ def test_three_numbers_are_three_directions_of_six():
     assert found.information.rank == 3
     assert len(found.information.trade_offs()) == 3
     assert np.isinf(found.information.data_sd).all()
-    assert found.information.supported.sum() <= 1
+    assert not found.information.supported.any()
     np.testing.assert_allclose(found.predicted, found.problem.measured, rtol=1e-6)
 
 
@@ -113,7 +114,7 @@ def test_the_measured_numbers_of_the_paper_contradict_each_other():
 
 def test_consistent_numbers_do_not():
     found = fit(arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm())))
-    assert max(np.abs(t.z).max() for t in tensions(found)) < 0.1
+    assert max(np.abs(t.z).max() for t in tensions(found.problem)) < 0.1
 
 
 def test_damping_ratios_give_the_damping_times():
@@ -146,8 +147,30 @@ def test_radians_per_second_taken_for_hertz_are_questioned():
     )
     campaign = Campaign(measurements=wrong)
     with pytest.raises(InputError, match="rad/s written as Hz") as error:
-        question_values(arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm())), campaign)
+        question_values(arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm())), campaign, lcd_arm())
     assert [p.where for p in error.value.problems] == ["t.csv:2", "t.csv:3"]
+
+
+def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():
+    first, second, *rest = shipped().of_kind("frequency")
+    mistyped = dataclasses.replace(second, value=second.value + 1.0, sigma=second.sigma)
+    result = fit_campaign(lcd_arm(), Campaign(measurements=(first, mistyped, *rest)))
+    assert result.outliers[1]
+    assert result.fit.p_value < 1e-6
+    assert result.doubts
+    assert not result.supported.any()
+
+
+def test_a_posture_beyond_the_limits_is_questioned():
+    beyond = Measurement(kind="frequency", posture=(30.0, -60.0, 30.0), value=4.4, sigma=0.02, where="t.csv:2")
+    with pytest.raises(InputError, match="limits in the arm file"):
+        fit_campaign(lcd_arm(), Campaign(measurements=(beyond,)))
+
+
+def test_without_prior_the_contradiction_is_still_found_and_the_valley_is_one_optimum():
+    result = fit_campaign(lcd_arm(), table_1(), prior_sd=math.inf, starts=8)
+    assert result.contradictory
+    assert sum(o.cost < result.fit.best.cost + 1e-3 for o in result.fit.optima) == 1
 
 
 def test_an_arm_that_collapses_is_said_to():

@@ -40,6 +40,17 @@ def test_fixed_and_tied():
     assert by_path["joint3.k_tors"] == by_path["joint2.k_tors"] == 4.0
 
 
+def test_a_tie_with_a_freed_mass_frees_the_group():
+    parameters = stiffness_parameters(lcd_arm(), free={"link2.mass": 0.1}, tied=[("link1.mass", "link2.mass")])
+    assert parameters.items[-1].paths == ("link1.mass", "link2.mass")
+    assert float(parameters.items[-1].prior_sd) == pytest.approx(0.1)
+
+
+def test_what_the_user_fixes_or_ties_wins_over_the_groups_of_damping():
+    fixed = stiffness_parameters(lcd_arm(), damping=True, fixed=["joint1.tau_bend"])
+    assert fixed.items[-2].paths == ("joint2.tau_bend", "joint3.tau_bend")
+
+
 def test_damping_is_one_number_for_each_kind():
     parameters = stiffness_parameters(lcd_arm(), damping=True)
     assert len(parameters.items) == 8
@@ -54,6 +65,7 @@ def test_damping_is_one_number_for_each_kind():
         ({"free": {"link9.mass": 0.1}}, "link9.mass"),
         ({"tied": [("joint1.k_bend", "joint4.k_bend")]}, "joint4.k_bend"),
         ({"tied": [("joint1.k_bend", "joint2.k_bend")], "fixed": ["joint1.k_bend"]}, "twice"),
+        ({"tied": [("link1.mass", "link2.mass")]}, "at least one unknown"),
         ({"prior_sd": 0.0}, "width > 0"),
         ({"prior_sd": math.nan}, "width > 0"),
         ({"fixed": [f"joint{j}.{k}" for k in ("k_bend", "k_tors") for j in (1, 2, 3)]}, "no unknown"),

@@ -123,6 +123,11 @@ def test_other_labels_are_not(text):
         (frequency(4.0, (0.0, 0.0)), "posture", "2 joint angles"),
         (frequency(4.0, mode="first wobble"), "mode", "vertical bending 1"),
         (frequency(4.0, mode="bending 10"), "mode", "bending 10"),
+        (
+            Measurement(kind="damping_ratio", posture=UNFOLDED, value=0.02, sigma=0.01),
+            "mode",
+            "damping ratio without mode",
+        ),
         (frequency(4.0, load=Load.parse("glas")), "load", "did you mean 'glass'"),
         (frequency(4.0, load=Load.parse("5 kg @ top")), "load", "one of tip"),
         (
