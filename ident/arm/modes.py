@@ -150,10 +150,11 @@ def mac(a: Inexact[Array, "n *#batch"], b: Inexact[Array, "n *#batch"]) -> Float
 
 @jax.custom_jvp
 def damped_eigenvalues(system: Linearized) -> Complex[Array, "n *#batch"]:
-    """Return the n lowest eigenvalues s [rad/s] of (s^2 M + s C + H) x = 0 with Im s >= 0, by ascending |s|.
+    """Return for each undamped mode, ascending, the eigenvalue s [rad/s] of (s^2 M + s C + H) x = 0 nearest in shape.
 
-    |s| / 2 pi is the natural frequency, -Re s / |s| the damping ratio; an overdamped mode has two real s. Once
-    differentiable by ds = -y' (dH + s dC + s^2 dM) x, y the left eigenvector; infinite only at critical damping.
+    Of a conjugate pair it is the one with Im s >= 0. |s| / 2 pi is the natural frequency, -Re s / |s| the damping
+    ratio; an overdamped mode has two real s, of which one is returned, with ratio 1. Once differentiable by
+    ds = -y' (dH + s dC + s^2 dM) x, y the left eigenvector; infinite only at critical damping.
 
     References:
         Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001.
@@ -180,12 +181,22 @@ def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
     # one after another: LAPACK must not run twice at the same time under jax 0.10
     one_by_one = jnp.moveaxis(state.reshape((2 * n, 2 * n, -1)), -1, 0)
     s, right, left = (jnp.moveaxis(out, 0, -1).reshape(out.shape[1:] + batch) for out in jax.lax.map(_eig, one_by_one))
-    return s, matmul(transpose(W), right[:n]), matmul(transpose(W), left[n:])
+    x, y = matmul(transpose(W), right[:n]), matmul(transpose(W), left[n:])
+    nearest = _nearest_in_shape(system, s, x)
+    s = jnp.take_along_axis(s, nearest, 0)
+    return s, jnp.take_along_axis(x, nearest[None], 1), jnp.take_along_axis(y, nearest[None], 1)
+
+
+def _nearest_in_shape(system: Linearized, s: Array, x: Array) -> Array:
+    """Return for each undamped mode the place of the eigenvalue in whose vector it has the largest share."""
+    shapes = lowest_modes(system.H, system.M, system.M.shape[0])[1]
+    share = jnp.abs(matmul(matmul(transpose(shapes), system.M), x)) ** 2
+    return jnp.argmax(jnp.where(s.imag < 0, -1.0, share / share.sum(0)), 1)
 
 
 def _eig(A: Float[Array, "k k"]) -> tuple[Array, Array, Array]:
-    """Return the k/2 lowest eigenvalues with Im >= 0, their right vectors and the dual left vectors, as columns."""
+    """Return the eigenvalues by ascending |s|, their right vectors and the dual left vectors, as columns."""
     s, right = jnp.linalg.eig(A)
     left = jnp.linalg.inv(right).T
-    order = jnp.argsort(jnp.where(s.imag < 0, jnp.inf, jnp.abs(s)))[: A.shape[0] // 2]
+    order = jnp.argsort(jnp.abs(s))
     return s[order], right[:, order], left[:, order]
