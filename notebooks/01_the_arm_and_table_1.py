@@ -127,7 +127,7 @@ for tension in table_1.tensions:
         print(f"measured                {1e3 * tension.measured[0]:.1f} mm, {abs(tension.z[0]):.0f} sd away")
 
 # %% [markdown]
-# About 31 mm against 22.0 mm, and no noise of 2 % explains that. The reason is plain for a vibration engineer: a mass
+# 31.6 mm against 22.0 mm, and no noise of 2 % explains that. The reason is plain for a vibration engineer: a mass
 # on a spring sags by g / omega^2, whatever the spring. A chain adds a factor of order one that depends on masses and
 # lengths, and only a little on the stiffnesses as long as these stay near Table 1. So 4.38 Hz and 22.0 mm do not
 # belong to one arm with these masses and lengths. The paper's own fit misses the frequency by +10 % and the deflection
