@@ -21,7 +21,8 @@ from ident.arm.file import idle
 from ident.errors import InputError, Problem
 from ident.text import NAME, NAME_RULE, did_you_mean, one_line, read_bytes
 
-Pair = tuple[float, float]
+Pair = tuple[float, ...]
+"""Two numbers, across the axis and about it; their number is checked when the file is read."""
 NUMBERS = {"xyz", "rpy", "value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"}
 
 
@@ -249,7 +250,7 @@ def _body(name: str, inertial: Any, pose: Any, origin: Any, where: str) -> Body:
         raise _refusal(place, problem.got, problem.expected, problem.remedy) from None
 
 
-def _limits(urdf: Any, where: str) -> Pair:
+def _limits(urdf: Any, where: str) -> tuple[float, float]:
     if urdf.type == "continuous" or urdf.limit is None:
         return (-np.inf, np.inf)
     lower, upper = urdf.limit.lower or 0.0, urdf.limit.upper or 0.0
