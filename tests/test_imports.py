@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "ident"
-BOTTOM = {"errors", "jit", "text", "units", "__init__"}
+BOTTOM = {"errors", "files", "jit", "text", "units", "__init__"}
 ALLOWED = {
     "arm": BOTTOM,
     "measure": BOTTOM,

@@ -154,7 +154,7 @@ def stiffness_parameters(
     undriven = {joint.name for joint in arm.joints if not joint.driven}
     widths = {path: prior_sd for path in stiffness_paths(arm) if path.split(".")[0] not in undriven}
     widths |= dict(free or {})
-    groups = [tuple(group) for group in tied]
+    fixed, groups = tuple(fixed), [tuple(group) for group in tied]
     taken = [*fixed, *(path for group in groups for path in group)]
     for path in (*widths, *taken):
         arm.get(path)
@@ -163,24 +163,18 @@ def stiffness_parameters(
         whole = [tuple(f"{joint.name}.{field}" for joint in arm.joints) for field in DAMPING]
         groups += [rest for group in whole if (rest := tuple(path for path in group if path not in taken))]
         widths |= {path: prior_sd for group in whole for path in group if path not in fixed}
-    width_of = {path: width for path, width in widths.items() if path not in taken}
+    group_of = {path: group for group in groups for path in group}
+    unknown = dict.fromkeys(group_of.get(path, (path,)) for path in widths if path not in fixed)
     for group in groups:
-        width_of = {path: width for path, width in width_of.items() if path not in group}
-        width_of[group[0]] = _width_of_group(group, widths)
-    order = [path for path in (*widths, *(group[0] for group in groups)) if path in width_of]
-    members = {group[0]: group for group in groups}
-    items = [parameter(arm, *members.get(path, (path,)), prior_sd=width_of[path]) for path in dict.fromkeys(order)]
+        if group not in unknown:
+            got, remedy = "=".join(group), "free one of them too"
+            raise InputError(Problem("", got, "at least one unknown among them", remedy))
+    items = [
+        parameter(arm, *group, prior_sd=next(widths[path] for path in group if path in widths)) for group in unknown
+    ]
     if not items:
         raise InputError(Problem("", "no unknown", "at least one", "fix fewer parameters"))
     return Parameters(tuple(items))
-
-
-def _width_of_group(group: tuple[str, ...], widths: Mapping[str, float]) -> float:
-    """Return the width of the first unknown in a tied group."""
-    unknown = [widths[path] for path in group if path in widths]
-    if not unknown:
-        raise InputError(Problem("", "=".join(group), "at least one unknown among them", "free one of them too"))
-    return unknown[0]
 
 
 def _refuse_twice(paths: list[str]) -> None:

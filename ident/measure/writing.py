@@ -2,18 +2,16 @@
 
 import csv
 import io
-import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from ident.errors import InputError, Problem
+from ident.files import replace_file
 from ident.measure.campaign import KINDS, Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.load import format_direction
 from ident.measure.reading import parse_campaign
 from ident.measure.text import format_number
 from ident.measure.units import si_factor
-from ident.text import one_line
 
 WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "damping_ratio": "1"}
 """Unit in which each measured quantity is written."""
@@ -44,7 +42,7 @@ def write_campaign(
     text = "\n".join([*comments, format_campaign(campaign, relative_sigma=relative_sigma)])
     data = text.encode("utf-8", errors="backslashreplace")
     parse_campaign(data, path)
-    _replace_file(Path(path), data)
+    replace_file(Path(path), lambda file: file.write(data))
 
 
 def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:
@@ -86,17 +84,3 @@ def _written(value: float, unit: float) -> str:
     exact = value / unit
     short = (float(f"{exact:.{digits}g}") for digits in (15, 16))
     return format_number(next((number for number in short if number * unit == value), exact))
-
-
-def _replace_file(path: Path, data: bytes) -> None:
-    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        try:
-            draft.write_bytes(data)
-            os.replace(draft, path)
-        finally:
-            draft.unlink(missing_ok=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        remedy = "check the folder and its permissions"
-        raise InputError(Problem(one_line(str(path)), reason.lower(), "a file to write", remedy)) from None

@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from ident.files import replace_file
 from ident.identify.campaign_fit import SUSPICIOUS, CampaignFit
 from ident.identify.information import WEAK_ABOVE, Direction
 from ident.identify.parameters import Parameter
 from ident.measure import Campaign
-from ident.present.files import replace_file
 from ident.present.style import (
     BLUE,
     FILLED,
@@ -68,7 +68,7 @@ def save(figure: Figure, path: Path) -> None:
     """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        replace_file(path, lambda file: figure.savefig(file, format="png", dpi=DPI))
+        replace_file(path, lambda file: figure.savefig(file, format="png", dpi=DPI), make_folders=True)
 
 
 def fit_figure(result: CampaignFit) -> Figure:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ident.arm.file import ArmFile
+from ident.files import replace_file
 from ident.identify.campaign_fit import CampaignFit
-from ident.present.files import replace_file
 from ident.present.units import FIELDS, field_of
 
 FORMAT = "ident-fit/1"
@@ -101,7 +101,7 @@ def write_json(document: Mapping[str, Any], path: Path) -> None:
         InputError: the folder or the file can't be written; what was there before is untouched.
     """
     text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    replace_file(path, lambda file: file.write(text.encode("utf-8")))
+    replace_file(path, lambda file: file.write(text.encode("utf-8")), make_folders=True)
 
 
 def _plain(value: Any) -> Any:

@@ -11,19 +11,21 @@ from ident.errors import InputError, Problem
 from ident.text import one_line
 
 
-def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
+def replace_file(path: Path, write: Callable[[BinaryIO], object], *, make_folders: bool = False) -> None:
     """Write a file under another name and move it to its place when it is complete.
 
     Args:
-        path: where the file goes; folders are made as needed.
+        path: where the file goes.
         write: writes the contents to the binary file it is given.
+        make_folders: make the folders that are not there.
 
     Raises:
         InputError: the folder or the file can't be written; what was there before is untouched.
     """
     part = path.parent / f".ident-{uuid4().hex}.part"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if make_folders:
+            path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with part.open("xb") as file:
                 write(file)
@@ -31,7 +33,7 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
         finally:
             with suppress(OSError):
                 part.unlink()
-    except OSError as error:
-        remedy = "choose another folder with --out"
-        reason = (error.strerror or str(error)).lower()
-        raise InputError(Problem(one_line(str(path)), reason, "a file that can be written", remedy)) from None
+    except (OSError, ValueError) as error:
+        remedy = "choose a folder that can be written to (--out)"
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        raise InputError(Problem(one_line(str(path)), reason, "a file to write", remedy)) from None
