@@ -1,18 +1,16 @@
 """The main job in one call: an arm and a campaign in, a judged fit out."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.identify.conditions import bind
 from ident.identify.fit import STARTS, Fit, fit
 from ident.identify.judge import Tension, question_values, tensions
-from ident.identify.parameters import WEAK_PRIOR, Parameters, stiffness_parameters
-from ident.identify.predict import ArmModel
-from ident.identify.problem import InverseProblem
+from ident.identify.parameters import WEAK_PRIOR
+from ident.identify.pose import pose
 from ident.measure import Campaign
 
 SUSPICIOUS = 3.0
@@ -69,61 +67,35 @@ class CampaignFit:
         return self.arm.replace(self.fit.parameters)
 
 
-def arm_problem(arm: Arm, campaign: Campaign, parameters: Parameters) -> InverseProblem:
-    """Pose the inverse problem of an arm and a campaign.
-
-    Raises:
-        InputError: the campaign speaks of points, payloads or modes that the arm has not.
-    """
-    return InverseProblem(
-        ArmModel(arm, bind(arm, campaign)),
-        jnp.asarray([m.value for m in campaign]),
-        jnp.asarray([m.sigma for m in campaign]),
-        parameters,
-        tuple(m.kind for m in campaign),
-    )
-
-
 def fit_campaign(
     arm: Arm,
     campaign: Campaign,
     *,
-    fixed: Iterable[str] = (),
-    tied: Iterable[tuple[str, ...]] = (),
-    free: Mapping[str, float] | None = None,
-    prior_sd: float = WEAK_PRIOR,
     starts: int = STARTS,
     seed: int = 0,
     trust_values: bool = False,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    **unknowns: Any,
 ) -> CampaignFit:
     """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
-        fixed: paths to keep.
-        tied: groups of paths fitted as one number.
-        free: further paths, each with the width of its prior (`math.inf` for none).
-        prior_sd: width of the log-normal priors of stiffness and damping; `math.inf` for none.
         starts: number of starts.
         seed: of the starts.
         trust_values: take values that the arm file makes implausible.
         progress: wraps the numbers of the starts, to show a bar.
+        **unknowns: what is unknown, and its priors, as in `pose`.
 
     Raises:
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
         ModelError: no optimum was reached.
     """
-    damping = any(m.kind == "damping_ratio" for m in campaign)
-
-    def posed(width: float) -> InverseProblem:
-        unknown = stiffness_parameters(arm, fixed=fixed, tied=tied, free=free, prior_sd=width, damping=damping)
-        return arm_problem(arm, campaign, unknown)
-
-    problem = posed(prior_sd)
+    problem = pose(arm, campaign, **unknowns)
     if not trust_values:
         question_values(problem, campaign, arm)
     found = fit(problem, starts=starts, seed=seed, progress=progress)
     # one kind of data alone may leave directions open, so the comparison needs some prior
-    return CampaignFit(arm, campaign, found, tensions(posed(min(prior_sd, WEAK_PRIOR))))
+    unknowns["prior_sd"] = min(unknowns.get("prior_sd", WEAK_PRIOR), WEAK_PRIOR)
+    return CampaignFit(arm, campaign, found, tensions(pose(arm, campaign, **unknowns)))

@@ -1,6 +1,5 @@
 """A campaign bound to an arm: under which conditions each value was measured, as arrays."""
 
-import difflib
 from collections.abc import Iterator
 
 import equinox as eqx
@@ -13,6 +12,7 @@ from ident.arm.chain import Loads
 from ident.arm.labels import Label, parse_label
 from ident.errors import InputError, Problem
 from ident.measure import Campaign, Load, Measurement
+from ident.text import did_you_mean
 
 BY_MODE = ("frequency", "damping_ratio")
 
@@ -146,7 +146,6 @@ def _misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
 
 
 def _unknown(where: str, column: str, name: str, known: list[str]) -> Problem:
-    near = difflib.get_close_matches(name, known, n=1)
     expected = f"one of {', '.join(known)}" if known else "none, as the arm has none"
-    remedy = f"did you mean '{near[0]}'?" if near else "correct the name, or add it to the arm file"
+    remedy = did_you_mean(name, known, "correct the name, or add it to the arm file")
     return Problem(where, f"'{name}'", expected, remedy, column)

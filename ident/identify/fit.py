@@ -138,13 +138,13 @@ def fit(
     first = problem.parameters.theta(problem.parameters.column("start"))
     noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
     noise[0] = 0
-    reached: list[_End] = []
+    reached: list[End] = []
     optima: tuple[Optimum, ...] = ()
     tried = 0
     for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
-        end = _solve(problem, first + jnp.asarray(noise[tried - 1]))
+        end = solve(problem, first + jnp.asarray(noise[tried - 1]))
         if np.isfinite(end.cost):
-            reached.append(_End(*(np.asarray(part) for part in end)))
+            reached.append(End(*(np.asarray(part) for part in end)))
             optima = _distinct(problem, reached)
         if tried >= starts and optima and optima[0].starts >= AGAIN:
             break
@@ -152,26 +152,26 @@ def fit(
         raise ModelError(_no_optimum(evaluate(problem).predicted))
     best = min(reached, key=lambda end: float(end.cost))
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
-    known = information(scaled, np.asarray(problem.parameters.column("prior_sd")), problem.parameters.names)
+    known = information(scaled, _prior_sd(problem, best), problem.parameters.names)
     ended = sum(optimum.starts for optimum in optima)
     return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known)
 
 
-def evaluate(problem: InverseProblem) -> "_End":
-    """Return predictions and their Jacobian at the parameters' starting values.
+def evaluate(problem: InverseProblem, theta: Float[Array, "P"] | None = None) -> "End":
+    """Return predictions and their Jacobian at theta, or else at the parameters' starting values.
 
     It is a fit without data and prior, so that what was compiled for the fit serves here as well.
     """
     blank = eqx.tree_at(lambda p: p.sigma, problem, jnp.full_like(problem.sigma, jnp.inf))
-    start = problem.parameters.theta(problem.parameters.column("start"))
+    start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
     free = tuple(
         eqx.tree_at(lambda q: q.prior_sd, item, jnp.full_like(item.prior_sd, jnp.inf))
         for item in problem.parameters.items
     )
-    return _solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
+    return solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
 
 
-class _End(NamedTuple):
+class End(NamedTuple):
     """Where one start ended: theta, sum of squares and its gradient, predictions and their Jacobian."""
 
     theta: Any
@@ -182,12 +182,13 @@ class _End(NamedTuple):
 
     @property
     def converged(self) -> bool:
+        """Whether the gradient vanishes."""
         return bool(np.abs(self.gradient).max() < STATIONARY * (1 + self.cost))
 
 
 @jit
-def _solve(problem: InverseProblem, start: Float[Array, "P"]) -> _End:
-    """Run Levenberg-Marquardt from one start.
+def solve(problem: InverseProblem, start: Float[Array, "P"]) -> End:
+    """Run Levenberg-Marquardt from one start; the cost is NaN where the model has no answer.
 
     The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
     affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
@@ -197,7 +198,7 @@ def _solve(problem: InverseProblem, start: Float[Array, "P"]) -> _End:
         here = jax.lax.stop_gradient(theta)
         predicted, J = _with_jacobian(problem, here)
         residuals, slope = problem.weigh(predicted, J, here)
-        end = _End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J)
+        end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J)
         return residuals + slope @ (theta - here), end
 
     solver: Any = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
@@ -215,16 +216,16 @@ def _with_jacobian(problem: InverseProblem, theta: Array) -> tuple[Array, Array]
     return jax.vmap(along, out_axes=(None, -1))(jnp.eye(theta.shape[0]))
 
 
-def _distinct(problem: InverseProblem, ends: list[_End]) -> tuple[Optimum, ...]:
+def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
     """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long and curved.
 
     Ends with a gradient are dropped, unless the best one has it.
     """
-    groups: list[list[_End]] = []
-    sigma, prior_sd = np.asarray(problem.sigma), np.asarray(problem.parameters.column("prior_sd"))
+    groups: list[list[End]] = []
+    sigma = np.asarray(problem.sigma)
     for end in sorted(ends, key=lambda e: float(e.cost)):
         for group in groups:
-            step = end.theta - group[0].theta
+            step, prior_sd = end.theta - group[0].theta, _prior_sd(problem, group[0])
             apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])
             near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
             level = abs(end.cost - group[0].cost) < SAME * SAME * (1 + end.cost)
@@ -239,6 +240,12 @@ def _distinct(problem: InverseProblem, ends: list[_End]) -> tuple[Optimum, ...]:
         Optimum(v, g[0].theta, float(g[0].cost), len(g), any(end.converged for end in g))
         for v, g in zip(values, optima, strict=True)
     )
+
+
+def _prior_sd(problem: InverseProblem, end: End) -> np.ndarray:
+    """Return the priors' standard deviations in theta at an end; infinite where a prior is flat."""
+    with np.errstate(divide="ignore"):
+        return 1 / np.asarray(problem.parameters.prior_residuals(jnp.asarray(end.theta))[1])
 
 
 def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:

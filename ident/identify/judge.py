@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.errors import InputError, Problem
+from ident.errors import InputError, ModelError, Problem
 from ident.identify.fit import evaluate, fit
 from ident.identify.problem import InverseProblem
+from ident.identify.survey import survey
 from ident.measure import Campaign, Measurement
 
 PLAUSIBLE = {"frequency": 3.0, "damping_ratio": 100.0, "deflection": 5.0, "deflection_difference": 5.0}
@@ -21,7 +23,7 @@ SLACK = math.radians(0.5)
 
 
 def question_values(problem: InverseProblem, campaign: Campaign, arm: Arm) -> None:
-    """Refuse values far from what the arm predicts at its starting stiffnesses, and postures beyond its limits.
+    """Refuse what the arm as its file has it makes implausible: values far off, labels of no mode, postures off limits.
 
     Raises:
         InputError: lists the values, each with its row.
@@ -29,6 +31,8 @@ def question_values(problem: InverseProblem, campaign: Campaign, arm: Arm) -> No
     predicted = np.asarray(evaluate(problem).predicted)
     doubts = [doubt for m in campaign for doubt in _beyond_limits(m, arm)]
     for m, expected in zip(campaign, predicted, strict=True):
+        if m.mode and math.isnan(expected):
+            doubts += _no_such_mode(m, arm)
         ratio = m.value / expected if expected else math.nan
         limit = PLAUSIBLE[m.kind]
         if not 1 / limit < ratio < limit and math.isfinite(ratio):
@@ -39,6 +43,14 @@ def question_values(problem: InverseProblem, campaign: Campaign, arm: Arm) -> No
             doubts.append(Problem(m.where, got, f"about {expected:.4g}", remedy, "value"))
     if doubts:
         raise InputError(doubts)
+
+
+def _no_such_mode(m: Measurement, arm: Arm) -> Iterator[Problem]:
+    """Name the modes that the arm has there; nothing if it has none because it collapses."""
+    with suppress(ModelError):
+        names = map(str, survey(arm, m.posture, m.load, 3 * len(arm.joints)).labels)
+        remedy = "correct the label, leave it empty, or say that it is right (--trust-values)"
+        yield Problem(m.where, f"'{m.mode}'", f"a mode of the arm at that posture: {', '.join(names)}", remedy, "mode")
 
 
 def _beyond_limits(m: Measurement, arm: Arm) -> Iterator[Problem]:

@@ -7,10 +7,13 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.special import ndtri
 from jaxtyping import Array, Float
 
 from ident.arm.arm import DAMPING, STIFFNESS, Arm, stiffness_paths
 from ident.errors import InputError, Problem
+from ident.identify.priors import Prior
+from ident.text import did_you_mean
 
 POSITIVE = ("mass", *STIFFNESS, *DAMPING)
 """Fields that are fitted as logarithms."""
@@ -24,15 +27,16 @@ class Parameter(eqx.Module):
     """One unknown number; with several paths, numbers that are tied to be equal.
 
     The fit works in theta: ln(value) for positive quantities, value / scale for the others. The prior, if any, is
-    normal in theta, so log-normal for positive quantities.
+    flat in theta within `flat` of the centre and normal beyond; with flat = 0, log-normal for positive quantities.
 
     Attributes:
         paths: where the number sits in the model; the first one names the parameter.
         positive: fitted as its logarithm.
         start: the value that the fit starts from.
         centre: the prior's median.
-        prior_sd: the prior's standard deviation in theta; infinite for no prior.
+        prior_sd: standard deviation in theta of the prior's normal flanks; infinite for no prior.
         scale: unit of theta for quantities of either sign.
+        flat: half the length in theta of the prior's flat part.
     """
 
     paths: tuple[str, ...] = eqx.field(static=True)
@@ -41,6 +45,7 @@ class Parameter(eqx.Module):
     centre: Float[Array, ""]
     prior_sd: Float[Array, ""]
     scale: Float[Array, ""]
+    flat: Float[Array, ""]
 
     def __init__(
         self,
@@ -50,11 +55,12 @@ class Parameter(eqx.Module):
         centre: Any,
         prior_sd: Any = math.inf,
         scale: Any = 1.0,
+        flat: Any = 0.0,
     ):
         self.paths, self.positive = paths, positive
         # arrays, so that other values need no new compilation
-        self.start, self.centre, self.prior_sd, self.scale = (
-            jnp.asarray(x, float) for x in (start, centre, prior_sd, scale)
+        self.start, self.centre, self.prior_sd, self.scale, self.flat = (
+            jnp.asarray(x, float) for x in (start, centre, prior_sd, scale, flat)
         )
 
     @property
@@ -92,6 +98,37 @@ class Parameters(eqx.Module):
         positive, scale = self._aligned(theta)
         return jnp.where(positive, jnp.exp(jnp.where(positive, theta, 0.0)), theta * scale)
 
+    def prior_residuals(self, theta: Float[Array, "P *batch"]) -> tuple[Array, Array]:
+        """Return the priors' residuals and their slopes by theta, `(P, *batch)` both.
+
+        Half the sum of squares is the negative logarithm of the prior density, up to a constant. A slope is the
+        inverse of a standard deviation; zero where the prior is flat.
+        """
+        centre, sd, flat = self._prior(theta.ndim)
+        off = theta - centre
+        beyond = jnp.sign(off) * jnp.maximum(jnp.abs(off) - flat, 0.0)
+        return beyond / sd, jnp.where(jnp.abs(off) >= flat, 1 / sd, 0.0)
+
+    def log_prior(self, theta: Float[Array, "P *batch"]) -> Float[Array, "*batch"]:
+        """Return the logarithm of the prior density of theta; parameters without a prior count nothing."""
+        _, sd, flat = self._prior(1)
+        mass = jnp.where(jnp.isfinite(sd), 2 * flat + sd * math.sqrt(2 * math.pi), 1.0)
+        return -(self.prior_residuals(theta)[0] ** 2).sum(0) / 2 - jnp.log(mass).sum()
+
+    def from_uniform(self, u: Float[Array, "P *batch"]) -> Float[Array, "P *batch"]:
+        """Return the theta at which the priors' distribution functions are u; infinite without a prior."""
+        centre, sd, flat = self._prior(u.ndim)
+        flank = sd * math.sqrt(math.pi / 2)
+        whole = 2 * (flat + flank)
+        below = sd * ndtri(jnp.minimum(u * whole / (2 * flank), 0.5))
+        above = -sd * ndtri(jnp.minimum((1 - u) * whole / (2 * flank), 0.5))
+        return centre + below + jnp.clip((u - 0.5) * whole, -flat, flat) + above
+
+    @property
+    def proper(self) -> np.ndarray:
+        """Which parameters have a prior."""
+        return np.isfinite(np.asarray(self.column("prior_sd")))
+
     def by_path(self, values: Float[Array, "P *batch"]) -> dict[str, Array]:
         """Return the physical values by path, ties spelled out."""
         return {path: value for item, value in zip(self.items, values, strict=True) for path in item.paths}
@@ -100,9 +137,20 @@ class Parameters(eqx.Module):
         shape = (-1,) + (1,) * (x.ndim - 1)
         return self.positive.reshape(shape), self.column("scale").reshape(shape)
 
+    def _prior(self, rank: int) -> tuple[Array, Array, Array]:
+        """Return centre, standard deviation and flat half-length in theta, aligned with an array of this rank."""
+        columns = self.theta(self.column("centre")), self.column("prior_sd"), self.column("flat")
+        centre, sd, flat = (x.reshape((-1,) + (1,) * (rank - 1)) for x in columns)
+        return centre, sd, flat
+
 
 def parameter(
-    arm: Arm, *paths: str, start: float | None = None, prior_sd: float = math.inf, centre: float | None = None
+    arm: Arm,
+    *paths: str,
+    start: float | None = None,
+    prior_sd: float = math.inf,
+    centre: float | None = None,
+    prior: Prior | None = None,
 ) -> Parameter:
     """Make one number of the arm, or several tied ones, an unknown.
 
@@ -112,13 +160,21 @@ def parameter(
         start: where the fit starts.
         prior_sd: of ln(value) for masses, stiffnesses and damping, of the value itself in its SI unit otherwise.
         centre: the prior's median.
+        prior: the prior in place of `centre` and `prior_sd`, for a positive quantity.
 
     Raises:
-        InputError: no such number, or a positive quantity whose value is not.
+        InputError: no such number, a positive quantity whose value is not, or a prior for ln of one of either sign.
     """
     value = next(float(arm.get(path)) for path in paths)
     positive = all(path.split(".")[1] in POSITIVE for path in paths)
-    start = value if start is None else start
+    flat, start = 0.0, value if start is None else start
+    if prior is not None:
+        if not positive:
+            got = f"a prior on ln({paths[0]}), which may be negative"
+            raise InputError(Problem("", got, "a mass, a stiffness or a damping time", "use --free NAME:WIDTH"))
+        centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
+        flat = math.log(prior.high / prior.low) / 2
+        start = min(max(start, prior.low), prior.high)
     centre = value if centre is None else centre
     if positive and not (start > 0 and centre > 0):
         remedy = f"give {paths[0]} a positive value in the arm file, or keep it (--fix {paths[0]})"
@@ -126,7 +182,7 @@ def parameter(
     if not prior_sd > 0:
         raise InputError(Problem("", f"a prior width of {prior_sd:g}", "a width > 0", "correct it", paths[0]))
     scale = 1.0 if positive else (prior_sd if math.isfinite(prior_sd) else LENGTH_SCALE)
-    return Parameter(paths, positive, start, centre, prior_sd / scale, scale)
+    return Parameter(paths, positive, start, centre, prior_sd / scale, scale, flat)
 
 
 def stiffness_parameters(
@@ -136,6 +192,7 @@ def stiffness_parameters(
     tied: Iterable[tuple[str, ...]] = (),
     free: Mapping[str, float] | None = None,
     prior_sd: float = WEAK_PRIOR,
+    priors: Mapping[str, Prior] | None = None,
     damping: bool = False,
 ) -> Parameters:
     """Make the bushing stiffnesses of all driven joints unknown, and whatever else is asked for.
@@ -146,6 +203,7 @@ def stiffness_parameters(
         tied: groups of paths fitted as one number each.
         free: further paths with the width of their priors (see `parameter`; `math.inf` for none).
         prior_sd: width of the stiffnesses' log-normal priors about the arm's values; `math.inf` for none.
+        priors: priors of single parameters by path, in place of that one.
         damping: whether damping per stiffness is unknown as well: one number for all bending, one for all torsion.
 
     Raises:
@@ -169,12 +227,20 @@ def stiffness_parameters(
         if group not in unknown:
             got, remedy = "=".join(group), "free one of them too"
             raise InputError(Problem("", got, "at least one unknown among them", remedy))
-    items = [
-        parameter(arm, *group, prior_sd=next(widths[path] for path in group if path in widths)) for group in unknown
-    ]
-    if not items:
+    if not unknown:
         raise InputError(Problem("", "no unknown", "at least one", "fix fewer parameters"))
-    return Parameters(tuple(items))
+    own = dict(priors or {})
+    for path in own:
+        if not any(path in group for group in unknown):
+            known = [path for group in unknown for path in group]
+            remedy = did_you_mean(path, known, "free it, or drop its prior")
+            raise InputError(Problem("", f"a prior for {path}, which is not fitted", "an unknown", remedy))
+    return Parameters(tuple(_in_group(arm, group, widths, own) for group in unknown))
+
+
+def _in_group(arm: Arm, group: tuple[str, ...], widths: Mapping[str, float], priors: Mapping[str, Prior]) -> Parameter:
+    width = next(widths[path] for path in group if path in widths)
+    return parameter(arm, *group, prior_sd=width, prior=next((priors[path] for path in group if path in priors), None))
 
 
 def _refuse_twice(paths: list[str]) -> None:

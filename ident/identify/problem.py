@@ -38,12 +38,12 @@ class InverseProblem(eqx.Module):
     ) -> tuple[Float[Array, "D+P"], Float[Array, "D+P P"]]:
         """Return residuals and their Jacobian by theta.
 
-        The residuals are (predicted - measured) / sigma, then (theta - centre) / width of the priors, so half their
-        sum of squares is the negative logarithm of the posterior density, up to a constant.
+        The residuals are (predicted - measured) / sigma, then those of the priors, so half their sum of squares is
+        the negative logarithm of the posterior density, up to a constant.
         """
-        centre, width = self.parameters.theta(self.parameters.column("centre")), self.parameters.column("prior_sd")
-        residuals = jnp.concatenate([(predicted - self.measured) / self.sigma, (theta - centre) / width])
-        return residuals, jnp.concatenate([jacobian / self.sigma[:, None], jnp.diag(1 / width)])
+        prior, slope = self.parameters.prior_residuals(theta)
+        residuals = jnp.concatenate([(predicted - self.measured) / self.sigma, prior])
+        return residuals, jnp.concatenate([jacobian / self.sigma[:, None], jnp.diag(slope)])
 
     def without(self, kind: str) -> "InverseProblem":
         """Return the problem in which values of one kind are predicted but not fitted."""

@@ -36,7 +36,7 @@ from ident.present.style import (
     ratio_axis,
     rows,
 )
-from ident.present.units import FIELDS, field_of, is_stiffness, nmm_per_deg, shown
+from ident.present.units import field_of, is_stiffness, nmm_per_deg, shown, unit_of
 from ident.present.words import cut, direction_name, short
 
 KIND_STYLES: dict[str, Style] = {
@@ -183,7 +183,7 @@ def _value_text(name: str, value: float, interval: np.ndarray, supported: bool) 
     elif field_of(name) in LENGTHS:
         numbers, unit = tuple(1e3 * v for v in numbers), "mm"
     else:
-        unit = FIELDS[field_of(name)]
+        unit = unit_of(name)
     best, low, high = engineering(*map(float, numbers))
     return f"{best} {unit}\n{low} to {high}" if supported else f"not supported\n({best} {unit})"
 

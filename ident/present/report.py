@@ -11,10 +11,8 @@ from ident.identify.information import Direction, Information, TradeOff
 from ident.identify.judge import Tension
 from ident.identify.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.units import FIELDS, field_of, is_stiffness, nmm_per_deg, shown
-
-NOTABLE = 0.15
-"""Weight below which a parameter is left out when a direction is put into words."""
+from ident.present.units import is_stiffness, nmm_per_deg, shown, unit_of
+from ident.present.words import NOTABLE, describe, priors_in_words
 
 
 def fit_report(result: CampaignFit) -> str:
@@ -53,7 +51,7 @@ def _parameters(result: CampaignFit) -> Iterator[str]:
         ratio = f"{value / float(item.centre):.3g}" if float(item.centre) else "-"
         yield (
             f"  {item.name:16s} {value:13.5g}    {interval:23s} {float(item.centre):10.4g} {ratio:>7s}   {source}"
-            f"   [{FIELDS[field_of(item.name)]}]"
+            f"   [{unit_of(item.name)}]"
         )
         for other in item.paths[1:]:
             yield f"    = {other}"
@@ -62,7 +60,8 @@ def _parameters(result: CampaignFit) -> Iterator[str]:
         yield "  in N mm/deg, the unit of the paper's Table 1 (arm file in brackets):"
         for item, value in stiff:
             yield f"    {item.name:16s} {nmm_per_deg(value):10.4g}   ({nmm_per_deg(float(item.centre)):.4g})"
-    yield f"  prior: {_prior(fit)}"
+    for prior in priors_in_words(items):
+        yield f"  prior: {prior}"
     if not any("tau" in item.name for item in items):
         times = sorted({f"{float(tau):.2g} s" for j in result.arm.joints for tau in (j.tau_bend, j.tau_tors)})
         yield f"  damping was not fitted; the arm file's is {' to '.join(times)} times the stiffness"
@@ -86,34 +85,16 @@ def _source(prior_share: float) -> str:
     return f"data {1 - prior_share:4.0%}, prior {prior_share:4.0%}"
 
 
-def _prior(fit: Fit) -> str:
-    widths = {float(item.prior_sd) for item in fit.problem.parameters.items if item.positive}
-    if widths == {math.inf}:
-        return "none"
-    if len(widths) == 1:
-        factor = math.exp(1.96 * widths.pop())
-        return f"log-normal about the arm file's values, 95 % within a factor of {factor:.3g}"
-    return "of several widths, see the result file"
-
-
 def _measurements(result: CampaignFit) -> Iterator[str]:
     fit = result.fit
-    yield "Measurements                                            measured  predicted   residual   res./sigma"
+    yield "Measurements, each with its row in the file                   measured  predicted   residual   res./sigma"
     rows = zip(result.campaign, fit.predicted, fit.residuals, result.outliers, strict=True)
     for m, predicted, z, outlying in rows:
         measured, unit = shown(m.kind, m.value)
         model, _ = shown(m.kind, float(predicted))
         numbers = f"{measured:10.4g} {model:10.4g} {measured - model:10.3g} {-z:8.2f}"
-        yield f"  {describe(m):52s} {numbers}   [{unit}]{'  <--' if outlying else ''}"
-
-
-def describe(m: Measurement) -> str:
-    """Say in a few words what was measured."""
-    posture = ", ".join(f"{math.degrees(q):.4g}" for q in m.posture)
-    what = m.mode or m.point or ""
-    loads = f" {m.load}" if m.load else ""
-    against = f" - {m.reference_load}" if m.kind == "deflection_difference" and m.reference_load else ""
-    return f"{m.kind.replace('_', ' ')} {what}{loads}{against} at ({posture}) deg".replace("  ", " ")
+        row = m.where.rpartition(":")[2]
+        yield f"  {row:>3s}  {describe(m):53s} {numbers}   [{unit}]{'  <--' if outlying else ''}"
 
 
 def _information(result: CampaignFit) -> Iterator[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from ident.arm.file import ArmFile
 from ident.files import replace_file
 from ident.identify.campaign_fit import CampaignFit
-from ident.present.units import FIELDS, field_of
+from ident.present.units import unit_of
 
 FORMAT = "ident-fit/1"
 LIBRARIES = ("ident", "jax", "optimistix", "numpy", "scipy")
@@ -38,7 +38,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
                 "name": item.name,
                 "paths": list(item.paths),
                 "value": value,
-                "unit": FIELDS[field_of(item.name)],
+                "unit": unit_of(item.name),
                 "interval_95": list(interval),
                 "data_support_interval": bool(supported),
                 "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}",

@@ -24,8 +24,13 @@ def shown(kind: str, value: float) -> tuple[float, str]:
 
 
 def field_of(path: str) -> str:
-    """Return the field of a parameter's path."""
-    return path.split(".")[1]
+    """Return the field of a parameter's path; the name itself if it is no path."""
+    return path.split(".")[1] if "." in path else path
+
+
+def unit_of(path: str) -> str:
+    """Return the SI unit of a parameter; `-` for factors, and for parameters of a model that is no arm."""
+    return FIELDS.get(field_of(path), "-")
 
 
 def is_stiffness(path: str) -> bool:

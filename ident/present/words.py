@@ -1,15 +1,18 @@
 """Short texts that figures and reports share."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from ident.identify.information import Direction
+from ident.identify.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.report import NOTABLE
-from ident.present.units import shown
+from ident.present.units import shown, unit_of
 from ident.text import one_line
+
+NOTABLE = 0.15
+"""Weight below which a parameter is left out when a direction is put into words."""
 
 
 def degrees(posture: Iterable[float]) -> str:
@@ -40,3 +43,33 @@ def short(m: Measurement) -> str:
     loads = f", {m.load}" if m.load else ""
     against = f" - {m.reference_load}" if m.kind == "deflection_difference" else ""
     return f"{f'{what}:' if what else ''} {value:.4g} {unit}{loads}{against} at {degrees(m.posture)}".strip()
+
+
+def describe(m: Measurement) -> str:
+    """Say in a few words what was measured, without its value."""
+    what = m.mode or m.point or ""
+    loads = f" {m.load}" if m.load else ""
+    against = f" - {m.reference_load}" if m.kind == "deflection_difference" and m.reference_load else ""
+    return f"{m.kind.replace('_', ' ')} {what}{loads}{against} at {degrees(m.posture)}".replace("  ", " ")
+
+
+def priors_in_words(items: Sequence[Parameter]) -> Iterator[str]:
+    """Say which priors there are, one line for all parameters that share a form."""
+    forms: dict[str, list[str]] = {}
+    for item in items:
+        forms.setdefault(_prior(item), []).append(item.name)
+    for form, names in forms.items():
+        yield form if len(forms) == 1 else f"{form}: {', '.join(names)}"
+
+
+def _prior(item: Parameter) -> str:
+    sd, flat, centre = float(item.prior_sd), float(item.flat), float(item.centre)
+    if not math.isfinite(sd):
+        return "none"
+    if not item.positive:
+        return f"normal about the arm file's value, sd {sd * float(item.scale):.3g} {unit_of(item.name)}"
+    if flat:
+        low, high = centre * math.exp(-flat), centre * math.exp(flat)
+        return f"flat in the logarithm from {low:.4g} to {high:.4g} {unit_of(item.name)}, flanks {100 * sd:.2g} % wide"
+    about = "the arm file's value" if math.isclose(centre, float(item.start)) else f"{centre:.4g} {unit_of(item.name)}"
+    return f"log-normal about {about}, 95 % within a factor of {math.exp(1.96 * sd):.3g}"

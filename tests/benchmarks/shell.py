@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 DATA = ROOT / "data" / "lcd_arm"
 STAGES = """
 import time; t = [time.perf_counter()]
-import ident.cli as cli; cli._start()
+from ident.cli import running; running.start()
 import jax, equinox as eqx
 from pathlib import Path
 from ident.arm.file import read_arm; from ident.measure import read_campaign
@@ -27,7 +27,7 @@ kinds = tuple(m.kind for m in campaign)
 problem = InverseProblem(ArmModel(arm, bind(arm, campaign)), column("value"), column("sigma"), p, kinds)
 start = p.theta(p.column("start"))
 t.append(time.perf_counter())
-lowered = stage._solve.lower(problem, start)
+lowered = stage.solve.lower(problem, start)
 t.append(time.perf_counter())
 program = lowered.compile()
 t.append(time.perf_counter())

@@ -11,11 +11,12 @@ import pytest
 from arms import lcd_arm
 
 from ident.errors import InputError, ModelError
-from ident.identify.campaign_fit import arm_problem, fit_campaign
+from ident.identify.campaign_fit import fit_campaign
 from ident.identify.conditions import bind
 from ident.identify.fit import evaluate, fit
 from ident.identify.judge import question_values, tensions
 from ident.identify.parameters import Parameter, Parameters, parameter, stiffness_parameters
+from ident.identify.pose import arm_problem
 from ident.identify.predict import predict
 from ident.identify.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign
@@ -215,3 +216,12 @@ def test_the_same_seed_gives_the_same_fit():
     first, second = (fit(problem, seed=5) for _ in range(2))
     np.testing.assert_array_equal(first.best.theta, second.best.theta)
     assert [o.starts for o in first.optima] == [o.starts for o in second.optima]
+
+
+def test_a_label_of_no_mode_is_refused_with_its_row_and_the_modes_that_there_are():
+    wrong = Measurement(
+        kind="frequency", posture=(0, 0, 0), value=4.1, sigma=0.1, mode="lateral torsion 9", where="c.csv:7"
+    )
+    with pytest.raises(InputError, match=r"c.csv:7, mode: got 'lateral torsion 9', .*vertical bending 1") as raised:
+        fit_campaign(lcd_arm(), Campaign(measurements=(wrong,)), starts=1)
+    assert len(raised.value.problems) == 1

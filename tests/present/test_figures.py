@@ -13,11 +13,12 @@ from matplotlib.image import imread
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
-from ident.identify.campaign_fit import CampaignFit, arm_problem
+from ident.identify.campaign_fit import CampaignFit
 from ident.identify.fit import Fit, Optimum, fit
 from ident.identify.information import information
 from ident.identify.judge import Tension
 from ident.identify.parameters import Parameter, Parameters, stiffness_parameters
+from ident.identify.pose import arm_problem
 from ident.identify.problem import InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
 from ident.present.figures import fit_figure, save

@@ -1,0 +1,99 @@
+"""Arguments and options that several commands take, and how their texts are read."""
+
+from math import inf, isfinite
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ident.errors import InputError, Problem
+
+CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
+ArmOption = Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the campaign")]
+OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
+NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
+SeedOption = Annotated[int, typer.Option(min=0, help="seed of all that is drawn at random")]
+FixOption = Annotated[
+    list[str] | None, typer.Option(help="parameter to keep at the arm file's value, as joint1.k_bend; may be repeated")
+]
+TieOption = Annotated[
+    list[str] | None, typer.Option(help="parameters fitted as one, as joint2.k_tors=joint3.k_tors; may be repeated")
+]
+FreeOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="further unknown with the width of its prior, as link2.mass:0.1 (10 %) or "
+        "joint2.offset.x:0.01 (m); without a width it has no prior"
+    ),
+]
+PriorSdOption = Annotated[float, typer.Option(help="width of the prior: standard deviation of ln(stiffness)")]
+NoPriorOption = Annotated[bool, typer.Option("--no-prior", help="no prior on stiffness and damping")]
+PriorOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="prior of one parameter in SI, as joint1.k_tors=catalogue:K1:K2:K3 (of its harmonic drive), "
+        "=log-uniform:LOW:HIGH or =log-normal:MEDIAN:SD; may be repeated"
+    ),
+]
+DiscrepancyOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="kind of measurement that the model may get wrong by a common factor, with the width of ln(factor), "
+        "as deflection:0.1 (10 %); may be repeated"
+    ),
+]
+TrustOption = Annotated[bool, typer.Option("--trust-values", help="accept values that look implausible")]
+
+
+def unknowns(
+    fix: list[str] | None,
+    tie: list[str] | None,
+    free: list[str] | None,
+    prior_sd: float,
+    no_prior: bool,
+    prior: list[str] | None,
+    discrepancy: list[str] | None,
+) -> dict[str, Any]:
+    """Return these options as the arguments of `pose`."""
+    from ident.identify.priors import Prior
+
+    priors = (_named(text, f"--prior {text}") for text in prior or ())
+    return {
+        "fixed": fix or (),
+        "tied": [_tied(group) for group in tie or ()],
+        "free": dict(_with_width(text, "--free") for text in free or ()),
+        "prior_sd": inf if no_prior else prior_sd,
+        "priors": {name: Prior.parse(form) for name, form in priors},
+        "discrepancy": dict(_with_width(text, "--discrepancy") for text in discrepancy or ()),
+    }
+
+
+def number(text: str, where: str) -> float:
+    """Read a finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = inf
+    if not isfinite(value):
+        raise InputError(Problem(where, f"'{text}'", "a finite number", "correct it, see --help"))
+    return value
+
+
+def _named(text: str, where: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise InputError(Problem(where, "no NAME=VALUE", "a name, = and what it is given", "correct it, see --help"))
+    return name, value
+
+
+def _tied(text: str) -> tuple[str, ...]:
+    paths = tuple(text.split("="))
+    if len(paths) < 2:
+        remedy = "as a.k_tors=b.k_tors"
+        raise InputError(Problem(f"--tie {text}", "one parameter", "two or more with = between", remedy))
+    return paths
+
+
+def _with_width(text: str, option: str) -> tuple[str, float]:
+    path, _, width = text.partition(":")
+    return path, number(width, f"{option} {text}") if width else inf

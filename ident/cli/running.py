@@ -1,0 +1,44 @@
+"""What every command does first: set up jax, read the inputs, show progress."""
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ident.arm.file import ArmFile
+    from ident.measure import Campaign
+
+
+def start() -> None:
+    """Set up jax: double precision, and compiled programs kept from one run to the next."""
+    import jax
+
+    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    jax.config.update("jax_enable_x64", True)
+    if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        jax.config.update("jax_compilation_cache_dir", str(Path(folder) / "ident" / "jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
+    """Read a campaign and its arm: arm.toml beside the campaign if no other is named."""
+    from ident.arm.file import read_arm_file
+    from ident.measure import read_campaign
+
+    measured = read_campaign(campaign)
+    return measured, read_arm_file(arm or campaign.parent / "arm.toml")
+
+
+def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:
+    """Return what shows a bar over an iterable on a terminal; it vanishes at the end."""
+    from rich.console import Console
+    from rich.progress import track
+
+    def shown(numbers: Iterable[int]) -> Iterator[int]:
+        hidden = not sys.stderr.isatty()
+        bar = track(numbers, description, total, console=Console(stderr=True), transient=True, disable=hidden)
+        return iter(bar)
+
+    return shown

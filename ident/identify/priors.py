@@ -1,0 +1,72 @@
+"""What is known of a number before the data: log-normal, log-uniform, or a maker's catalogue."""
+
+import math
+from dataclasses import dataclass
+
+from ident.errors import InputError, Problem
+from ident.text import quoted
+
+SHOULDER = 0.01
+"""Width in ln(value) of the edges of a log-uniform prior: smooth enough for a fit, narrow enough to be edges."""
+CATALOGUE_TOLERANCE = 0.1
+"""Width in ln(value) beyond a catalogue's K1 and K3; assumed, for want of a figure in the makers' catalogues."""
+FORMS = "log-normal:MEDIAN:SD, log-uniform:LOW:HIGH or catalogue:K1:K2:K3"
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Flat in ln(value) from low to high, and normal beyond them.
+
+    Attributes:
+        low: [SI] lower end of the flat part; equal to high for a log-normal prior.
+        high: [SI] upper end of it.
+        sd: [-] standard deviation in ln(value) of the normal flanks.
+    """
+
+    low: float
+    high: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        if not (0 < self.low <= self.high < math.inf and 0 < self.sd < math.inf):
+            got = f"a prior from {self.low:g} to {self.high:g} of width {self.sd:g}"
+            raise InputError(Problem("", got, "0 < low <= high, width > 0, all finite", f"give {FORMS}"))
+
+    @classmethod
+    def log_normal(cls, median: float, sd: float) -> "Prior":
+        """Return the prior with this median and this standard deviation of ln(value)."""
+        return cls(median, median, sd)
+
+    @classmethod
+    def log_uniform(cls, low: float, high: float) -> "Prior":
+        """Return the prior that is flat in ln(value), with edges one percent wide."""
+        return cls(low, high, SHOULDER)
+
+    @classmethod
+    def catalogue(cls, *stiffnesses: float) -> "Prior":
+        """Return the prior of a harmonic drive whose catalogue states K1, K2, K3 [N m/rad].
+
+        The drive stiffens with load from K1 to K3; which one acts is not known, so all between are as likely.
+        """
+        return cls(min(stiffnesses), max(stiffnesses), CATALOGUE_TOLERANCE)
+
+    @classmethod
+    def parse(cls, text: str) -> "Prior":
+        """Read a prior as the command line takes it, see `FORMS`.
+
+        Raises:
+            InputError: it has another form, or numbers that no prior can have.
+        """
+        form, *words = text.split(":")
+        make, count = {
+            "log-normal": (cls.log_normal, (2,)),
+            "log-uniform": (cls.log_uniform, (2,)),
+            "catalogue": (cls.catalogue, (2, 3)),
+        }.get(form, (None, ()))
+        try:
+            numbers = [float(word) for word in words]
+        except ValueError:
+            numbers = []
+        if make is None or len(numbers) not in count:
+            raise InputError(Problem("--prior", quoted(text), FORMS, "correct it"))
+        return make(*numbers)
