@@ -14,10 +14,11 @@ import numpy as np
 from ident.arm.file import ArmFile
 from ident.files import replace_file
 from ident.identify.campaign_fit import CampaignFit
+from ident.measure import Campaign
 from ident.present.units import unit_of
 
 FORMAT = "ident-fit/1"
-LIBRARIES = ("ident", "jax", "optimistix", "numpy", "scipy")
+LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "numpy", "scipy")
 
 
 def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -26,13 +27,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
     items = fit.problem.parameters.items
     document = {
         "format": FORMAT,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
-        "options": dict(options),
-        "inputs": {
-            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
-            "campaign": {"path": result.campaign.path, "sha256": result.campaign.sha256},
-        },
+        **origin(result.campaign, arm_file, options),
         "parameters": [
             {
                 "name": item.name,
@@ -92,6 +87,35 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
         "failed_starts": fit.failed,
     }
     return _plain(document)
+
+
+def origin(campaign: Campaign, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Describe where a result comes from: time, software, options, inputs with their hashes."""
+    return {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
+        "options": dict(options),
+        "inputs": {
+            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
+            "campaign": {"path": campaign.path, "sha256": campaign.sha256},
+        },
+    }
+
+
+def provenance(campaign: Campaign, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, str]:
+    """Return the origin of a result as attributes of a netCDF file: texts, JSON where they have parts."""
+    return {name: json.dumps(part) for name, part in origin(campaign, arm_file, options).items()}
+
+
+def rows(campaign: Campaign) -> dict[str, list[Any]]:
+    """Return what is known of each measurement, as columns."""
+    return {
+        "kind": [m.kind for m in campaign],
+        "row": [m.where for m in campaign],
+        "mode": [m.mode or "" for m in campaign],
+        "point": [m.point or "" for m in campaign],
+        "sigma": [m.sigma for m in campaign],
+    }
 
 
 def write_json(document: Mapping[str, Any], path: Path) -> None:

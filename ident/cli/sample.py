@@ -1,0 +1,113 @@
+"""`ident sample`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli import options, running
+from ident.cli.app import app
+
+
+@app.command("sample")
+def sample_command(
+    campaign: options.CampaignArgument,
+    arm: options.ArmOption = None,
+    out: options.OutOption = Path("out"),
+    fix: options.FixOption = None,
+    tie: options.TieOption = None,
+    free: options.FreeOption = None,
+    prior_sd: options.PriorSdOption = 1.0,
+    no_prior: options.NoPriorOption = False,
+    prior: options.PriorOption = None,
+    discrepancy: options.DiscrepancyOption = None,
+    noise: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="kind of measurement whose sigma is known up to a factor only, as frequency; may be repeated"
+        ),
+    ] = None,
+    weights: Annotated[
+        bool, typer.Option("--weights", help="weigh several optima against each other, by nested sampling")
+    ] = False,
+    ess: Annotated[float, typer.Option(min=100, help="effective samples of each unknown at which to stop")] = 2000.0,
+    steps: Annotated[int, typer.Option(min=500, help="steps at which to stop in any case")] = 20000,
+    ensembles: Annotated[int, typer.Option(min=4, help="independent ensembles about each optimum")] = 4,
+    walkers: Annotated[
+        int | None, typer.Option(help="walkers in each ensemble; default: four times the unknowns")
+    ] = None,
+    starts: Annotated[int, typer.Option(min=1, help="starts of the fit, at least")] = 16,
+    seed: options.SeedOption = 0,
+    trust_values: options.TrustOption = False,
+    restart: Annotated[bool, typer.Option("--restart", help="throw away the checkpoints of an unfinished run")] = False,
+    no_figure: options.NoFigureOption = False,
+) -> None:
+    """Sample the posterior of a campaign: how sure each stiffness is, and which combinations are known.
+
+    Goes on where an earlier run of the same inputs was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
+    figures into the folder given by --out.
+    """
+    asked = {
+        "fix": fix or [],
+        "tie": tie or [],
+        "free": free or [],
+        "prior_sd": None if no_prior else prior_sd,
+        "prior": prior or [],
+        "discrepancy": discrepancy or [],
+        "noise": noise or [],
+        "ess": ess,
+        "steps": steps,
+        "ensembles": ensembles,
+        "walkers": walkers,
+        "starts": starts,
+        "seed": seed,
+        "trust_values": trust_values,
+    }
+    unknown = options.unknowns(fix, tie, free, prior_sd, no_prior, prior, discrepancy)
+    running.start()
+    from ident.identify.archive import inference_data, write_netcdf
+    from ident.identify.campaign_fit import fit_campaign
+    from ident.identify.campaign_sample import sample_campaign
+    from ident.identify.checkpoint import Checkpoints
+    from ident.identify.sample import BLOCK, Settings
+    from ident.present.result import provenance, rows
+    from ident.present.sample_report import sample_report
+
+    measured, arm_file = running.read(campaign, arm)
+    fitted = fit_campaign(
+        arm_file.arm,
+        measured,
+        starts=starts,
+        seed=seed,
+        trust_values=trust_values,
+        progress=running.progress("starts"),
+        **unknown,
+    )
+    folder = out / f"{measured.name}.sample.part"
+    if restart:
+        Checkpoints.discard(folder)
+    result = sample_campaign(
+        fitted,
+        settings=Settings(ensembles=ensembles, walkers=walkers, target_ess=ess, max_steps=steps, seed=seed),
+        noise=noise or (),
+        weights=weights,
+        folder=folder,
+        provenance={"campaign": measured.sha256, "arm file": arm_file.sha256},
+        progress=running.progress("blocks of steps", steps // BLOCK),
+    )
+    typer.echo(sample_report(result))
+    path = out / f"{measured.name}.sample.nc"
+    written = inference_data(result.sample, result.predictive, rows(measured), provenance(measured, arm_file, asked))
+    write_netcdf(written, path)
+    typer.echo(f"wrote {path}")
+    if all(found.enough(ess) for found in result.sample.diagnosis):
+        Checkpoints.discard(folder)
+    else:
+        typer.echo(f"kept {folder}: the same command with more --steps goes on from there")
+    if not no_figure:
+        from ident.present.figures import save
+        from ident.present.sample_figures import sample_figures
+
+        for name, figure in sample_figures(result).items():
+            save(figure, path.with_suffix(f".{name}.png"))
+            typer.echo(f"wrote {path.with_suffix(f'.{name}.png')}")

@@ -1,0 +1,63 @@
+"""The posterior of an arm's campaign, with the fit that it started from."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ident.identify.campaign_fit import CampaignFit
+from ident.identify.evidence import Weights, weigh
+from ident.identify.posterior import posterior
+from ident.identify.predictive import Predictive, predictive
+from ident.identify.sample import DEFAULT, Sample, Settings, sample
+
+
+@dataclass(frozen=True)
+class CampaignSample:
+    """A sampled posterior of an arm's campaign.
+
+    Attributes:
+        fitted: the fit, arm and campaign with it.
+        sample: the draws.
+        predictive: data as the draws about the best optimum have them.
+        weights: shares of the optima; None for a single one, or when they were not asked for and are unknown.
+    """
+
+    fitted: CampaignFit
+    sample: Sample
+    predictive: Predictive
+    weights: Weights | None
+
+
+def sample_campaign(
+    fitted: CampaignFit,
+    *,
+    settings: Settings = DEFAULT,
+    noise: Sequence[str] = (),
+    weights: bool = False,
+    folder: Path | None = None,
+    provenance: Mapping[str, str] | None = None,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> CampaignSample:
+    """Sample the posterior of a fitted campaign.
+
+    Args:
+        fitted: from `fit_campaign`; its problem is what is sampled.
+        settings: how; the threads are chosen here.
+        noise: kinds of measurement whose sigma is known up to a factor only.
+        weights: weigh several optima against each other, by nested sampling.
+        folder: where checkpoints are kept; None for none.
+        provenance: what else must be equal for a checkpoint to be gone on with.
+        progress: wraps the numbers of the blocks, to show a bar.
+
+    Raises:
+        InputError: see `sample`.
+        ModelError: see `sample`.
+    """
+    target = posterior(fitted.fit.problem, noise)
+    # damping ratios call LAPACK, which must not run twice at the same time under jax 0.10
+    damped = "damping_ratio" in fitted.fit.problem.kinds
+    settings = replace(settings, threads=1 if damped else min(os.cpu_count() or 1, settings.ensembles))
+    drawn = sample(fitted.fit, target, settings, folder=folder, provenance=provenance, progress=progress)
+    several = len(drawn.basins) > 1
+    return CampaignSample(fitted, drawn, predictive(drawn), weigh(drawn) if several and weights else None)
