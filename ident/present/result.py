@@ -14,6 +14,7 @@ import numpy as np
 from ident.arm.file import ArmFile
 from ident.files import replace_file
 from ident.identify.campaign_fit import CampaignFit
+from ident.measure import Campaign
 from ident.present.units import unit_of
 
 FORMAT = "ident-fit/1"
@@ -24,15 +25,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
     """Describe a fit as plain data, all numbers SI; infinite and undefined ones become null."""
     fit, known = result.fit, result.fit.information
     items = fit.problem.parameters.items
-    document = {
-        "format": FORMAT,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
-        "options": dict(options),
-        "inputs": {
-            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
-            "campaign": {"path": result.campaign.path, "sha256": result.campaign.sha256},
-        },
+    document = provenance(FORMAT, arm_file, result.campaign, options) | {
         "parameters": [
             {
                 "name": item.name,
@@ -91,7 +84,21 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
         ],
         "failed_starts": fit.failed,
     }
-    return _plain(document)
+    return plain(document)
+
+
+def provenance(form: str, arm_file: ArmFile, campaign: Campaign, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Say what a result was made from, with what and how: the head of every result file."""
+    return {
+        "format": form,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
+        "options": dict(options),
+        "inputs": {
+            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
+            "campaign": {"path": campaign.path, "sha256": campaign.sha256},
+        },
+    }
 
 
 def write_json(document: Mapping[str, Any], path: Path) -> None:
@@ -104,14 +111,14 @@ def write_json(document: Mapping[str, Any], path: Path) -> None:
     replace_file(path, lambda file: file.write(text.encode("utf-8")), make_folders=True)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a value as JSON knows it."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if hasattr(value, "shape"):
-        return _plain(np.asarray(value).tolist())
+        return plain(np.asarray(value).tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
