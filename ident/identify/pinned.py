@@ -18,6 +18,8 @@ PIN = 1e-5
 """Width of the pin, in standard deviations of the parameter, or in theta where that is less."""
 GAIN = 1e-6
 """Fall of the cost that is not worth a further step."""
+MORE = 3
+"""Further searches where none has settled."""
 STEEPEST = 5.0
 """The other parameters' theta are foreseen to move at most so many times as far as the pinned one's."""
 
@@ -75,20 +77,27 @@ class Pinned:
 
         Args:
             theta: of the pinned parameter.
-            near: points to start from. Each is tried with and without its tangent, until an attempt settles.
+            near: points to start from. Each is tried with and without its tangent, until an attempt settles; if none
+                does, as in a long valley, the best one goes on.
         """
         problem = self._held(theta)
-        best: Point | None = None
+        found: list[Point] = []
+
+        def settles(guess: np.ndarray) -> bool:
+            point = self._point(solve(problem, jnp.asarray(guess)))
+            found.extend([] if point is None else [point])
+            return point is not None and point.settled
+
         for point in near:
             for slope in (point.tangent, np.zeros_like(point.tangent)):
                 guess = point.theta + slope * (theta - point.theta[self.index])
                 guess[self.index] = theta
-                found = self._point(solve(problem, jnp.asarray(guess)))
-                if found is not None and (best is None or found.rise < best.rise):
-                    best = found
-                if best is not None and best.settled:
-                    return best
-        return best
+                if settles(guess):
+                    return _best(found)
+        for _ in range(MORE if found else 0):
+            if settles(_best(found).theta):
+                break
+        return _best(found) if found else None
 
     def _held(self, theta: float) -> InverseProblem:
         items = list(self.fit.problem.parameters.items)
@@ -118,6 +127,11 @@ class Pinned:
         follow = -np.linalg.lstsq(slope[:, others], slope[:, self.index], rcond=RANK_TOLERANCE)[0]
         tangent[others] = np.clip(follow, -STEEPEST, STEEPEST)
         return tangent
+
+
+def _best(points: Sequence[Point]) -> Point:
+    """Return the point of least cost; a settled one where that makes next to no difference."""
+    return min(points, key=lambda point: point.rise - GAIN * point.settled)
 
 
 @eqx.filter_jit

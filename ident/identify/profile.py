@@ -85,7 +85,7 @@ class Profile:
 
     @property
     def beaten(self) -> float:
-        """How far the cost falls below that of the fit, 0 unless it does: then the fit is not the best optimum."""
+        """How far the points fall below the cost of the fit, 0 unless they do: then the fit is not the best optimum."""
         fall = -float(self.rise.min())
         return fall if fall > BETTER else 0.0
 

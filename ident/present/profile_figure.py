@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -150,7 +151,7 @@ def _span(profile: Profile) -> tuple[float, float]:
     return left - pad, right + pad
 
 
-def _place(profile: Profile, theta: float | np.ndarray) -> np.ndarray:
+def _place(profile: Profile, theta: Any) -> Any:
     """Return where a theta stands in the panel: relative to the fitted value, or as a difference from it."""
     off = np.asarray(theta) - profile.optimum
     if profile.item.positive:
