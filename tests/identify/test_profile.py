@@ -272,7 +272,7 @@ def arm_profiles(name: str, prior_sd: float) -> tuple[Fit, tuple[Profile, ...]]:
     if math.isinf(prior_sd):
         problem = dataclasses.replace(problem, measured=jnp.asarray([4.80, 4.12, 0.0263]))
     found = fit(problem, starts=1)
-    return found, profile(found, levels=(*LEVELS, 0.99) if math.isinf(prior_sd) else LEVELS)
+    return found, profile(found, levels=(0.95, 0.99) if math.isinf(prior_sd) else LEVELS)
 
 
 def test_on_the_shipped_campaign_profiles_confirm_the_linear_intervals():
