@@ -72,6 +72,55 @@ def test_options_reach_the_fit(run, tmp_path):
     assert "prior: none" in out
 
 
+def test_profile_prints_both_intervals_and_writes_a_result_and_a_figure(run, tmp_path):
+    options = ("--starts=1", "--parameter=joint3.k_bend", "--parameter=joint1.k_tors", "--reach=100")
+    code, out, err = run("profile", DATA / "table1.csv", *options)
+    assert (code, err) == (0, "")
+    assert "95 %, linear" in out
+    assert "95 %, profile" in out
+    assert "no interval below is to be quoted" in out, "the paper's three numbers contradict each other"
+    assert files(tmp_path) == ["out/table1.profile.json", "out/table1.profile.png"]
+    result = json.loads((tmp_path / "out/table1.profile.json").read_text())
+    assert result["format"] == "ident-profile/1"
+    assert [p["name"] for p in result["parameters"]] == ["joint3.k_bend", "joint1.k_tors"]
+    assert result["options"]["reach"] == 100
+    assert len(result["inputs"]["campaign"]["sha256"]) == 64
+    for parameter in result["parameters"]:
+        lows = [interval["low"] for interval in parameter["intervals"]]
+        assert lows == sorted(lows, reverse=True)
+
+
+def test_an_interrupted_profile_leaves_nothing(run, tmp_path, monkeypatch):
+    from ident.identify import profile
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(profile, "walk", interrupted)
+    code, out, err = run("profile", DATA / "table1.csv", "--starts=1")
+    assert code not in (0, 2)
+    assert out == ""
+    assert "Traceback" not in err
+    assert files(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--parameter=joint1.kbend"], "did you mean joint1.k_bend"),
+        (["--parameter=joint1.k_bend", "--fix=joint1.k_bend"], "joint1.k_bend, which is not fitted"),
+        (["--reach=1"], "a reach of 1"),
+        (["--reach=nan"], "a reach of nan"),
+    ],
+)
+def test_bad_options_of_profile_are_named(run, tmp_path, options, words):
+    code, out, err = run("profile", DATA / "table1.csv", *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == []
+
+
 def test_predict_prints_modes_and_deflection(run):
     code, out, _ = run("predict", DATA / "arm.toml", "--posture=0,0,0")
     assert code == 0

@@ -8,6 +8,8 @@ import typer
 from ident.cli import options, running
 from ident.cli.app import app
 
+FORMAT = "ident-sample/1"
+
 
 @app.command("sample")
 def sample_command(
@@ -97,7 +99,8 @@ def sample_command(
     )
     typer.echo(sample_report(result))
     path = out / f"{measured.name}.sample.nc"
-    written = inference_data(result.sample, result.predictive, rows(measured), provenance(measured, arm_file, asked))
+    origin = provenance(FORMAT, arm_file, measured, asked)
+    written = inference_data(result.sample, result.predictive, rows(measured), origin)
     write_netcdf(written, path)
     typer.echo(f"wrote {path}")
     if all(found.enough(ess) for found in result.sample.diagnosis):

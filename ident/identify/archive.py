@@ -1,5 +1,6 @@
 """Draws as ArviZ InferenceData, the format that other tools for posteriors read."""
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +28,7 @@ def inference_data(
         sample: the draws.
         drawn: data that they predict.
         rows: what is known of each measured value, `(D,)` each.
-        provenance: attributes of the file.
+        provenance: attributes of the file, written as JSON.
     """
     import arviz
 
@@ -42,7 +43,7 @@ def inference_data(
         sample_stats={"lp": log.reshape(len(log), -1).T},
         observed_data={"data": np.asarray(sample.posterior.problem.measured)},
         dims={"data": ["measurement"], "predicted": ["measurement"]},
-        attrs=dict(provenance),
+        attrs={name: json.dumps(part) for name, part in provenance.items()},
     )
     data.sample_stats["ensemble"] = ("chain", chain)
     data.sample_stats["optimum"] = ("chain", np.array(sample.basin)[chain])

@@ -12,7 +12,7 @@ from ident.identify.judge import Tension
 from ident.identify.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.units import is_stiffness, nmm_per_deg, shown, unit_of
-from ident.present.words import NOTABLE, describe, priors_in_words
+from ident.present.words import NOTABLE, describe, known_from, priors_in_words
 
 
 def fit_report(result: CampaignFit) -> str:
@@ -47,7 +47,7 @@ def _parameters(result: CampaignFit) -> Iterator[str]:
     rows = zip(items, fit.best.values, fit.interval(), strict=True)
     for i, (item, value, (low, high)) in enumerate(rows):
         interval = _interval(low, high) if result.supported[i] else ("withheld" if known.supported[i] else "open")
-        source = _source(known.prior_share[i]) if np.isfinite(known.sd[i]) else "nothing: where the search stopped"
+        source = known_from(known.prior_share[i], known.sd[i])
         ratio = f"{value / float(item.centre):.3g}" if float(item.centre) else "-"
         yield (
             f"  {item.name:16s} {value:13.5g}    {interval:23s} {float(item.centre):10.4g} {ratio:>7s}   {source}"
@@ -78,11 +78,6 @@ def _worst_correlation(known: Information) -> str:
 
 def _interval(low: float, high: float) -> str:
     return f"{low:.4g} to {high:.4g}"
-
-
-def _source(prior_share: float) -> str:
-    prior_share = abs(round(prior_share, 2))
-    return f"data {1 - prior_share:4.0%}, prior {prior_share:4.0%}"
 
 
 def _measurements(result: CampaignFit) -> Iterator[str]:

@@ -25,9 +25,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
     """Describe a fit as plain data, all numbers SI; infinite and undefined ones become null."""
     fit, known = result.fit, result.fit.information
     items = fit.problem.parameters.items
-    document = {
-        "format": FORMAT,
-        **origin(result.campaign, arm_file, options),
+    document = provenance(FORMAT, arm_file, result.campaign, options) | {
         "parameters": [
             {
                 "name": item.name,
@@ -86,12 +84,13 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
         ],
         "failed_starts": fit.failed,
     }
-    return _plain(document)
+    return plain(document)
 
 
-def origin(campaign: Campaign, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe where a result comes from: time, software, options, inputs with their hashes."""
+def provenance(form: str, arm_file: ArmFile, campaign: Campaign, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Say what a result was made from, with what and how: the head of every result file."""
     return {
+        "format": form,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
         "options": dict(options),
@@ -100,11 +99,6 @@ def origin(campaign: Campaign, arm_file: ArmFile, options: Mapping[str, Any]) ->
             "campaign": {"path": campaign.path, "sha256": campaign.sha256},
         },
     }
-
-
-def provenance(campaign: Campaign, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, str]:
-    """Return the origin of a result as attributes of a netCDF file: texts, JSON where they have parts."""
-    return {name: json.dumps(part) for name, part in origin(campaign, arm_file, options).items()}
 
 
 def rows(campaign: Campaign) -> dict[str, list[Any]]:
@@ -128,14 +122,14 @@ def write_json(document: Mapping[str, Any], path: Path) -> None:
     replace_file(path, lambda file: file.write(text.encode("utf-8")), make_folders=True)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a value as JSON knows it."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if hasattr(value, "shape"):
-        return _plain(np.asarray(value).tolist())
+        return plain(np.asarray(value).tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value

@@ -63,7 +63,7 @@ def ratio_axis(axes: Axes, left: float, right: float) -> None:
     axes.set_xlim(left, right)
     steps = (1.0, 2.0, 5.0) if right / left < 1e3 else (1.0,)
     wide = right / left > 5
-    axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=12) if wide else MaxNLocator(6))
+    axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=12) if wide else MaxNLocator(6, steps=[1, 2, 5, 10]))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:.6g}"))
 

@@ -53,6 +53,14 @@ def describe(m: Measurement) -> str:
     return f"{m.kind.replace('_', ' ')} {what}{loads}{against} at {degrees(m.posture)}".replace("  ", " ")
 
 
+def known_from(prior_share: float, sd: float) -> str:
+    """Say in what shares data and prior tell a parameter whose standard deviation is sd."""
+    if not math.isfinite(sd):
+        return "nothing: where the search stopped"
+    prior_share = abs(round(prior_share, 2))
+    return f"data {1 - prior_share:4.0%}, prior {prior_share:4.0%}"
+
+
 def priors_in_words(items: Sequence[Parameter]) -> Iterator[str]:
     """Say which priors there are, one line for all parameters that share a form."""
     forms: dict[str, list[str]] = {}
