@@ -100,17 +100,18 @@ def _information(result: CampaignFit) -> Iterator[str]:
     for direction in known.directions:
         if direction.seen:
             weak = "weakly known, to" if direction.weak else "known to"
-            yield f"  {weak} {_percent(direction.sd)}: {product(direction, items)}"
+            yield f"  {weak} {percent(direction.sd)}: {product(direction, items)}"
     if known.rank < count:
         yield f"What they leave open: {count - known.rank} of {count} directions, {filler}"
         for trade in known.trade_offs():
-            yield f"  {in_words(trade, items)}"
+            yield f"  {in_words(trade, items)}: the data would not notice"
     single = [name for name, ok in zip(known.names, result.supported, strict=True) if ok]
     if len(single) < count:
         yield f"  Single values that the data support: {', '.join(single) if single else 'none'}."
 
 
-def _percent(sd: float) -> str:
+def percent(sd: float) -> str:
+    """Say how well a theta is known: in percent, or as a factor."""
     return f"{100 * sd:.2g} %" if sd < 0.3 else f"a factor of {math.exp(sd):.2g}"
 
 
@@ -134,7 +135,7 @@ def in_words(trade: TradeOff, items: tuple[Parameter, ...]) -> str:
     ]
     lead = next(_change(item, step) for item in items if item.name == trade.name)
     along = f" together with {' and '.join(moved)}" if moved else ""
-    return f"{lead}{along}: the data would not notice"
+    return f"{lead}{along}"
 
 
 def _change(item: Parameter, theta: float) -> str:
@@ -150,7 +151,7 @@ def _contradictions(result: CampaignFit) -> Iterator[str]:
     for tension in result.tensions:
         for i, row in enumerate(tension.rows):
             if len(tension.rows) <= 6 or abs(tension.z[i]) > SUSPICIOUS:
-                yield f"  {_against(tension, i, result.campaign.measurements[row])}"
+                yield f"  {against(tension, i, result.campaign.measurements[row])}"
         if len(tension.rows) > 6:
             yield f"  {tension.kind}: {len(tension.rows)} values, largest |z| {np.abs(tension.z).max():.1f}"
     if result.contradictory:
@@ -168,7 +169,8 @@ def _explanation(result: CampaignFit) -> Iterator[str]:
     yield f"  that {_stretch(result.fit)}"
 
 
-def _against(tension: Tension, i: int, m: Measurement) -> str:
+def against(tension: Tension, i: int, m: Measurement) -> str:
+    """Say what the other kinds predict for the i-th value of a tension, and what was measured."""
     measured, unit = shown(m.kind, tension.measured[i])
     predicted, _ = shown(m.kind, tension.predicted[i])
     sd, _ = shown(m.kind, tension.sd[i])

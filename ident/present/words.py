@@ -81,3 +81,35 @@ def _prior(item: Parameter) -> str:
         return f"flat in the logarithm from {low:.4g} to {high:.4g} {unit_of(item.name)}, flanks {100 * sd:.2g} % wide"
     about = "the arm file's value" if math.isclose(centre, float(item.start)) else f"{centre:.4g} {unit_of(item.name)}"
     return f"log-normal about {about}, 95 % within a factor of {math.exp(1.96 * sd):.3g}"
+
+
+FIELD_WORDS = {
+    "k_bend": "bending of {}",
+    "k_tors": "torsion of {}",
+    "tau_bend": "bending damping of {}",
+    "tau_tors": "torsion damping of {}",
+    "mass": "mass of {}",
+}
+"""Physical words for the fields of an arm that are fitted most."""
+
+
+def plain(item: Parameter) -> str:
+    """Name a parameter in physical words: `torsion of joint2`; as it is called, if it is none of an arm's."""
+    part, _, field = item.name.partition(".")
+    if part == "discrepancy":
+        return f"model factor of every {field.replace('_', ' ')}"
+    name = FIELD_WORDS.get(field, "{}." + field if field else "{}").format(part)
+    return f"{name} (and what is tied to it)" if len(item.paths) > 1 else name
+
+
+def balance(weights: Sequence[float], items: Sequence[Parameter], least: float = NOTABLE) -> str:
+    """Say which parameters a direction sets against each other: `torsion of joint2 against torsion of joint3`.
+
+    Those of a weight below `least`, relative to the largest, are left out.
+    """
+    lead = max(weights, key=abs)
+    order = [i for i in np.argsort(-np.abs(weights)) if abs(weights[i] / lead) > least]
+    sides = [" and ".join(plain(items[i]) for i in order if weights[i] * lead * sign > 0) for sign in (1, -1)]
+    if sides[1]:
+        return " against ".join(sides)
+    return f"{sides[0]} together" if len(order) > 1 else sides[0]

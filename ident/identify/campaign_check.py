@@ -1,0 +1,75 @@
+"""All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.arm.arm import Arm
+from ident.errors import InputError, Problem
+from ident.identify.campaign_fit import SUSPICIOUS
+from ident.identify.check import Check, check
+from ident.identify.consistency import Consistency, consistency
+from ident.identify.judge import contradictory_repeats, question_values
+from ident.identify.label_check import LabelDoubt, label_doubts
+from ident.identify.parameters import WEAK_PRIOR
+from ident.identify.pose import pose
+from ident.measure import Campaign
+
+
+@dataclass(frozen=True)
+class CampaignCheck:
+    """What a campaign can tell about an arm, before any solving.
+
+    Attributes:
+        arm: with the numbers of its file.
+        campaign: what was measured.
+        check: verdicts, directions, and the part of each measurement.
+        consistency: the data among themselves; None where the model has no answer at the start.
+        labels: measurements whose mode is not sure.
+        repeats: pairs of rows that measured the same and contradict each other; refused unless values are trusted.
+    """
+
+    arm: Arm
+    campaign: Campaign
+    check: Check
+    consistency: Consistency | None
+    labels: tuple[LabelDoubt, ...]
+    repeats: tuple[tuple[int, int], ...]
+
+    @property
+    def contradictory(self) -> bool:
+        """Whether one kind of measurement contradicts the others."""
+        found = self.consistency.tensions if self.consistency else ()
+        return any(np.abs(tension.z).max() > SUSPICIOUS for tension in found)
+
+
+def check_campaign(
+    arm: Arm, campaign: Campaign, *, seed: int = 0, trust_values: bool = False, **unknowns: Any
+) -> CampaignCheck:
+    """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
+
+    Args:
+        arm: its stiffnesses are where the model is linearised.
+        campaign: the measurements.
+        seed: of the further points that are looked at.
+        trust_values: take values that the arm file makes implausible, and repeats that contradict each other.
+        **unknowns: what is unknown, and its priors, as in `pose`.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
+            repeats; a campaign that says nothing of any unknown.
+    """
+    problem = pose(arm, campaign, **unknowns)
+    if not trust_values:
+        question_values(problem, campaign, arm)
+    found = check(problem, seed=seed)
+    if found.blind:
+        got = "no measurement that depends on any of the unknowns"
+        remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
+        raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
+    # one kind of data alone may leave directions open, so the comparison needs some prior
+    unknowns["prior_sd"] = min(unknowns.get("prior_sd", WEAK_PRIOR), WEAK_PRIOR)
+    agree = consistency(pose(arm, campaign, **unknowns))
+    repeats = tuple(contradictory_repeats(campaign))
+    return CampaignCheck(arm, campaign, found, agree, label_doubts(arm, campaign), repeats)

@@ -1,0 +1,365 @@
+"""The check before solving, against closed forms of linear models and power laws, and on the paper's arm."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arms import lcd_arm
+
+from ident.errors import InputError
+from ident.identify.campaign_check import check_campaign
+from ident.identify.check import check
+from ident.identify.consistency import consistency
+from ident.identify.fit import evaluate
+from ident.identify.influence import influence
+from ident.identify.judge import contradictory_repeats, tensions
+from ident.identify.label_check import label_doubts
+from ident.identify.parameters import Parameter, Parameters, parameter
+from ident.identify.pose import pose
+from ident.identify.problem import InverseProblem
+from ident.measure import Campaign, Measurement, read_campaign
+
+DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
+
+
+class Linear(eqx.Module):
+    """Values A @ (a, b, ...); a model that is no arm."""
+
+    A: jnp.ndarray
+
+    def __call__(self, parameters):
+        return self.A @ jnp.stack([parameters[name] for name in "abcdef"[: self.A.shape[1]]])
+
+
+def problem_of(model, count, measured, sigma=1.0, kinds=None, *, positive=False, start=0.0, prior_sd=math.inf):
+    items = tuple(Parameter((name,), positive, start, start, prior_sd) for name in "abcdef"[:count])
+    measured = jnp.asarray(measured, float)
+    kinds = tuple(kinds or ("value",) * len(measured))
+    return InverseProblem(model, measured, jnp.full(len(measured), sigma), Parameters(items), kinds)
+
+
+def linear(A, **options):
+    A = jnp.asarray(A, float)
+    measured = options.pop("measured", [0.0] * len(A))
+    return problem_of(Linear(A), A.shape[1], measured, **options)
+
+
+def frequency(value, mode=None, *, posture=(0.0, 0.0, 0.0), sigma=0.02, where=""):
+    return Measurement(kind="frequency", posture=posture, value=value, sigma=sigma, mode=mode, where=where)
+
+
+def deflection(value, *, where="", note=""):
+    return Measurement(
+        kind="deflection", posture=(0.0, 0.0, 0.0), value=value, sigma=4e-4, point="tip", where=where, note=note
+    )
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return check_campaign(lcd_arm(), read_campaign(DATA / "table1.csv"))
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return check_campaign(lcd_arm(), read_campaign(DATA / "campaign.csv"))
+
+
+# verdicts
+
+
+def test_each_verdict_in_closed_form():
+    """Columns: seen well, seen little, seen as a sum only (twice), not seen."""
+    found = check(linear([[10, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 10, 10, 0]]))
+    assert found.verdicts == ("identifiable", "weak", "weak", "weak", "not seen")
+    np.testing.assert_allclose(found.data_sd[:, :2], [[0.1, 1.0]] * 9)
+    assert np.isinf(found.data_sd[:, 2:]).all()
+    assert found.information.rank == 3
+    assert [d.weak for d in found.information.directions] == [False, False, True, False, False]
+    assert not found.blind
+    assert check(linear(np.zeros((3, 5)))).blind
+
+
+def test_orthogonal_columns_are_uncorrelated_and_equally_well_known():
+    found = check(linear(np.diag([5.0, 5.0, 5.0])))
+    assert found.verdicts == ("identifiable",) * 3
+    assert found.information.condition == pytest.approx(1)
+    np.testing.assert_allclose(found.information.correlation, np.eye(3), atol=1e-12)
+
+
+def test_a_value_that_is_predicted_only_tells_nothing():
+    problem = linear([[10, 0], [0, 10]], kinds=("x", "y")).without("y")
+    assert check(problem).verdicts == ("identifiable", "not seen")
+
+
+@pytest.mark.parametrize("width", [0.4, 1e-4])
+def test_a_derivative_that_vanishes_at_the_start_only_does_not_mislead(width):
+    """Half of 100 a^2 at a = 0; and a narrow prior keeps the points where it is still nearly zero."""
+    problem = problem_of(lambda p: jnp.stack([50 * p["a"] ** 2, 10 * p["b"]]), 2, [0.0, 0.0], prior_sd=width)
+    found = check(problem)
+    assert found.data_sd[0, 0] == np.inf
+    assert np.isfinite(found.data_sd[1:, 0]).all()
+    assert found.verdicts == ("weak", "identifiable")
+    assert found.supported[:, 0].any() == (width == 0.4)
+
+
+@pytest.mark.parametrize(("end", "verdict"), [(-0.1, "unknown"), (10.0, "identifiable")])
+def test_no_answer_at_the_start_is_unknown_and_never_fine(end, verdict):
+    problem = problem_of(lambda p: jnp.stack([10 * p["a"], jnp.where(p["a"] < end, 1.0, jnp.nan)]), 1, [0.0, 1.0])
+    found = check(problem)
+    assert found.verdicts == (verdict,)
+    assert found.missing.tolist() == [False, verdict == "unknown"]
+    assert (found.information is None) == (found.influence is None) == (verdict == "unknown")
+
+
+def test_no_answer_at_most_of_the_points_is_unknown_too():
+    problem = problem_of(lambda p: jnp.where(jnp.abs(p["a"]) < 1e-3, 10.0, jnp.nan) * p["a"][None], 1, [0.0])
+    found = check(problem)
+    assert not found.missing.any()
+    assert (found.answered, found.asked) == (1, 9)
+    assert found.verdicts == ("unknown",)
+
+
+def test_the_same_seed_looks_at_the_same_points():
+    problem = problem_of(lambda p: 10 * p["a"][None] ** 2, 1, [0.0], start=1.0)
+    first, second, other = (check(problem, seed=seed).data_sd for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, second)
+    assert (first[1:] != other[1:]).all()
+
+
+# measurements
+
+
+def test_leverage_of_a_line_through_the_origin():
+    x = np.array([1.0, 2.0, 3.0, 9.0])
+    part = influence(10 * x[:, None], ("a",))
+    np.testing.assert_allclose(part.leverage, x**2 / (x**2).sum())
+    np.testing.assert_allclose(part.share.sum(), 1)
+    assert part.sees == (0, 0, 0, 0)
+    assert part.opened == (0, 0, 0, 0)
+    assert not part.empty[1:].any()
+
+
+def test_what_tells_nothing_and_what_alone_tells_something():
+    J = np.array([[10, 0], [10, 0], [10, 0], [0, 10], [0, 0], [0.1, 0]])
+    part = influence(J, ("a", "b"))
+    assert part.empty.tolist() == [False, False, False, False, True, True]
+    assert part.dominant.tolist() == [False, False, False, True, False, False]
+    assert part.opened == (0, 0, 0, 1, 0, 0)
+    assert part.lost == ((), (), (), ("b",), (), ())
+    assert part.sees == (0, 0, 0, 1, -1, 0)
+
+
+def test_a_measurement_that_is_needed_although_others_see_the_same():
+    """Without the precise one, b is known to 1 / sqrt(2) only: weak."""
+    part = influence(np.array([[10, 0], [10, 0], [0, 9], [0, 1], [0, 1.0]]), ("a", "b"))
+    assert part.lost == ((), (), ("b",), (), ())
+    assert part.opened == (0, 0, 0, 0, 0)
+    assert part.leverage[2] == pytest.approx(81 / 83)
+
+
+def test_many_equal_measurements_each_carry_their_share():
+    part = influence(np.ones((1000, 1)), ("a",))
+    assert not part.empty.any()
+    assert not part.dominant.any()
+
+
+# the data among themselves
+
+
+def test_contradicting_kinds_in_closed_form():
+    problem = linear([[1], [1], [1]], measured=[3.0, 5.0, 10.0], sigma=0.5, kinds=("x", "x", "y"))
+    found = consistency(problem)
+    x, y = found.tensions
+    assert (x.kind, x.rows, y.kind, y.rows) == ("x", (0, 1), "y", (2,))
+    np.testing.assert_allclose(y.predicted, 4)
+    np.testing.assert_allclose(y.z, (10 - 4) / (0.5 * math.sqrt(1 + 1 / 2)))
+    np.testing.assert_allclose(x.z, [(3 - 10) / (0.5 * math.sqrt(2)), (5 - 10) / (0.5 * math.sqrt(2))])
+    assert found.chi_squared == pytest.approx((9 + 1 + 16) / 0.25)
+    assert found.degrees_of_freedom == 2
+    assert found.p_value == pytest.approx(math.exp(-52), rel=1e-6), "chi-squared of two: exp(-x / 2)"
+
+
+def test_a_prior_is_a_measurement_too():
+    """x = a + b, y = a; prior N(0, 2) on each: y given x is N(x 4/9, 4 - 16/9) with sigma 1 on x."""
+    problem = linear([[1, 1], [1, 0]], measured=[9.0, 0.0], kinds=("x", "y"), prior_sd=2.0)
+    found = consistency(problem)
+    y = found.tensions[1]
+    np.testing.assert_allclose(y.predicted, 4)
+    np.testing.assert_allclose(y.sd, math.sqrt(1 + 4 - 16 / 9))
+    assert found.degrees_of_freedom == 2
+    S = np.array([[4 + 4 + 1, 4], [4, 4 + 1]])
+    assert found.chi_squared == pytest.approx(np.array([9, 0]) @ np.linalg.solve(S, [9, 0]))
+
+
+def test_what_the_others_leave_open_is_not_tested():
+    found = consistency(linear([[1, 0], [0, 1]], measured=[3.0, 7.0], kinds=("x", "y")))
+    assert found.tensions == ()
+    assert found.degrees_of_freedom == 0
+    assert math.isnan(found.p_value)
+
+
+def test_powers_are_straight_lines_however_far_the_start():
+    """The values k and 1 / k^2, started at 100 times the truth: exact in logarithms, no matter how far."""
+    model = lambda p: jnp.stack([p["a"], p["a"] ** -2])  # noqa: E731
+    problem = problem_of(model, 1, [2.0, 0.27], sigma=0.01, kinds=("x", "y"), positive=True, start=200.0)
+    found = consistency(problem)
+    y = found.tensions[1]
+    np.testing.assert_allclose(y.predicted, 0.25)
+    np.testing.assert_allclose(y.sd, math.hypot(0.01, 0.25 * 2 * 0.01 / 2))
+    assert found.bend < 1e-6
+
+
+def test_a_bent_model_makes_the_test_weaker_not_wrong():
+    """Exact data of exp(a) and a from a far start: the straight line alone would be off by many sigmas."""
+    problem = problem_of(lambda p: jnp.stack([jnp.exp(p["a"]), p["a"]]), 1, [math.e, 1.0], 0.01, kinds=("x", "y"))
+    found = consistency(problem)
+    straight = (math.e - 2) / (0.01 * math.sqrt(2))
+    assert straight > 50
+    assert max(np.abs(t.z).max() for t in found.tensions) < 1.5
+    assert found.bend > 1
+    assert math.isnan(found.p_value), "no chi-squared where the line is bent"
+
+
+def test_a_value_near_zero_is_no_power():
+    """Measured and predicted have other signs, so that no logarithm is taken, and nothing is NaN."""
+    model = lambda p: jnp.stack([p["a"], p["a"] - 1])  # noqa: E731
+    problem = problem_of(model, 1, [1.0, -0.01], sigma=0.02, kinds=("x", "y"), positive=True, start=1.05)
+    found = consistency(problem)
+    assert all(np.isfinite(t.z).all() for t in found.tensions)
+    assert max(np.abs(t.z).max() for t in found.tensions) < 1
+
+
+# the arm
+
+
+def test_the_paper_fixes_three_of_six_directions_and_no_parameter(paper):
+    assert paper.check.verdicts == ("weak",) * 6
+    assert paper.check.information.rank == 3
+    assert np.isinf(paper.check.data_sd).all()
+    assert paper.check.answered == 9
+    assert paper.check.influence.opened == (1, 1, 1)
+    np.testing.assert_allclose(paper.check.influence.leverage, 1)
+
+
+def test_the_shipped_campaign_identifies_all_six(shipped):
+    assert shipped.check.verdicts == ("identifiable",) * 6
+    assert (shipped.check.data_sd < 0.05).all()
+    assert shipped.check.influence.leverage.sum() == pytest.approx(6)
+    assert not shipped.check.influence.dominant.any()
+    assert not shipped.contradictory
+    assert 0.01 < shipped.consistency.p_value < 0.999
+    assert shipped.labels == ()
+
+
+def test_the_contradiction_of_the_paper_is_found_before_any_solving(paper):
+    """The full answer is 31.6 +- 0.8 mm and -12.6 sd; the straight line gets the millimetres, and -10.5 sd."""
+    assert paper.contradictory
+    linearised = {t.kind: t for t in paper.consistency.tensions}
+    full = {t.kind: t for t in tensions(paper.check.problem)}
+    np.testing.assert_allclose(linearised["deflection"].predicted, full["deflection"].predicted, rtol=2e-3)
+    assert full["deflection"].z[0] == pytest.approx(-12.6, abs=0.1)
+    assert linearised["deflection"].z[0] == pytest.approx(-10.5, abs=0.1)
+    np.testing.assert_allclose(linearised["frequency"].predicted, full["frequency"].predicted, rtol=2e-3)
+    assert linearised["frequency"].z[0] == pytest.approx(full["frequency"].z[0], rel=0.2)
+
+
+def test_wrong_stiffnesses_in_the_arm_file_are_no_contradiction(shipped):
+    """Starts off by 50 % (one sd each): the paper's contradiction would be plain, false alarms are rare."""
+    problem, alarms = shipped.check.problem, 0
+    for seed in range(20):
+        factor = np.exp(0.4 * np.random.default_rng(seed).standard_normal(6))
+        items = tuple(
+            parameter(lcd_arm(), *item.paths, start=float(item.start) * f, prior_sd=1.0)
+            for item, f in zip(problem.parameters.items, factor, strict=True)
+        )
+        off = InverseProblem(problem.model, problem.measured, problem.sigma, Parameters(items), problem.kinds)
+        found = consistency(off)
+        alarms += any(np.abs(t.z).max() > 3 for t in found.tensions)
+    assert alarms <= 1
+
+
+def test_an_arm_that_collapses_is_unknown():
+    soft = lcd_arm().replace({"joint1.k_bend": 10.0})
+    found = check_campaign(soft, read_campaign(DATA / "table1.csv"))
+    assert found.check.verdicts == ("unknown",) * 6
+    assert found.check.missing.all()
+    assert found.consistency is None
+    assert np.isnan(np.asarray(evaluate(found.check.problem).predicted)).all()
+
+
+def test_a_campaign_without_any_information_is_refused():
+    bent = [f"joint{j}.k_bend" for j in (1, 2, 3)]
+    with pytest.raises(InputError, match="no measurement that depends on any of the unknowns") as error:
+        check_campaign(lcd_arm(), Campaign(measurements=(deflection(0.0263),)), fixed=bent)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_contradictory_repeats_name_both_rows():
+    first = deflection(0.0263, where="c.csv:2")
+    agreeing = deflection(0.0270, where="c.csv:3", note="again")
+    third = deflection(0.0290, where="c.csv:9")
+    assert list(contradictory_repeats(Campaign(measurements=(first, agreeing)))) == []
+    campaign = Campaign(measurements=(first, agreeing, third))
+    assert list(contradictory_repeats(campaign)) == [(0, 2)], "the pair that is farthest apart"
+    with pytest.raises(InputError, match=r"c.csv:9, value: got .* from row 2") as error:
+        check_campaign(lcd_arm(), campaign)
+    assert len(str(error.value).splitlines()) == 1
+    assert check_campaign(lcd_arm(), campaign, trust_values=True).repeats == ((0, 2),)
+
+
+def test_other_postures_modes_and_values_without_label_are_no_repeats():
+    apart = (
+        frequency(4.0),
+        frequency(5.0),
+        frequency(4.0, "lateral torsion 1"),
+        frequency(5.0, "vertical bending 1"),
+        frequency(6.0, "vertical bending 1", posture=(0.0, 0.1, 0.0)),
+        deflection(0.02),
+        dataclasses.replace(deflection(0.03), direction=(0.0, 0.0, 1.0)),
+    )
+    assert list(contradictory_repeats(Campaign(measurements=apart))) == []
+    again = frequency(4.5, "vertical bending 1")
+    assert list(contradictory_repeats(Campaign(measurements=(*apart, again)))) == [(3, 7)]
+
+
+# mode labels
+
+
+def test_modes_that_nearly_cross_want_a_label():
+    folded = tuple(np.radians([60.0, -120.0, 60.0]))
+    plain = (frequency(5.65, posture=folded, sigma=0.01), frequency(5.74, posture=folded, sigma=0.01))
+    doubts = label_doubts(lcd_arm(), Campaign(measurements=plain))
+    assert [d.row for d in doubts] == [0, 1]
+    assert [str(d.mode) for d in doubts] == ["lateral torsion 1", "vertical bending 1"]
+    assert [[str(n) for n in d.crossing] for d in doubts] == [["vertical bending 1"], ["lateral torsion 1"]]
+    assert all(d.alike is None and not d.near_draw for d in doubts)
+    named = (dataclasses.replace(plain[0], mode="lateral torsion 1"),)
+    assert label_doubts(lcd_arm(), Campaign(measurements=named)) == ()
+
+
+def test_one_mode_measured_twice_without_label_is_noticed():
+    """At (0, 0, 0) the modes are 4.12 and 4.80 Hz: two values of 4.11 Hz are one mode."""
+    doubts = label_doubts(lcd_arm(), Campaign(measurements=(frequency(4.10), frequency(4.12))))
+    assert [(d.row, d.alike) for d in doubts] == [(0, 1), (1, 0)]
+    assert label_doubts(lcd_arm(), Campaign(measurements=(frequency(4.12), frequency(4.80)))) == ()
+
+
+def test_a_name_by_a_near_draw_is_in_doubt():
+    """With all torsion 1.35 times as stiff, 56 % of the strain energy of `lateral torsion 2` is torsion."""
+    paths = [f"joint{j}.k_tors" for j in (1, 2, 3)]
+    arm = lcd_arm().replace({path: 1.35 * float(lcd_arm().get(path)) for path in paths})
+    modes = ("lateral torsion 1", "lateral torsion 2")
+    doubts = label_doubts(arm, Campaign(measurements=tuple(frequency(9.0, mode) for mode in modes)))
+    assert [(d.row, str(d.mode), d.near_draw) for d in doubts] == [(1, "lateral torsion 2", True)]
+
+
+def test_the_problem_that_check_and_fit_pose_is_the_same():
+    campaign = read_campaign(DATA / "table1.csv")
+    fixed = ("joint1.k_bend", "joint3.k_bend", "joint3.k_tors", "joint2.k_tors")
+    found = check_campaign(lcd_arm(), campaign, fixed=fixed, prior_sd=0.5)
+    assert found.check.problem.parameters.names == pose(lcd_arm(), campaign, fixed=fixed).parameters.names
+    assert found.check.verdicts == ("identifiable",) * 2
