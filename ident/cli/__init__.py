@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from ident.cli import fit, predict  # noqa: F401  (each hangs its command on the app)
+from ident.cli import fit, plan, predict  # noqa: F401  (each hangs its command on the app)
 from ident.cli.app import app
 from ident.errors import IdentError, InputError
 
