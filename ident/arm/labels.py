@@ -66,7 +66,11 @@ def fits(label: Label, modes: Modes) -> Bool[Array, "m *batch"]:
 
 def mode_labels(modes: Modes) -> list[Label]:
     """Name the modes of one chain (no batch), ascending."""
-    torsion, vertical = np.asarray(torsion_share(modes)), np.asarray(vertical_share(modes))
+    return labels_of_shares(np.asarray(torsion_share(modes)), np.asarray(vertical_share(modes)))
+
+
+def labels_of_shares(torsion: Float[np.ndarray, "m"], vertical: Float[np.ndarray, "m"]) -> list[Label]:
+    """Name modes, ascending, by their shares of torsion and of vertical motion."""
     names = [
         ("vertical" if v > 0.5 else "lateral", "torsion" if t > 0.5 else "bending")
         for t, v in zip(torsion, vertical, strict=True)

@@ -79,6 +79,12 @@ def number(text: str, where: str) -> float:
     return value
 
 
+def numbers(texts: list[str] | None, option: str) -> dict[str, float]:
+    """Read options of the form NAME=NUMBER."""
+    pairs = (_named(text, f"{option} {text}") for text in texts or ())
+    return {name: number(value, f"{option} {name}={value}") for name, value in pairs}
+
+
 def _named(text: str, where: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (name and equals and value):

