@@ -88,15 +88,19 @@ def sample_command(
     folder = out / f"{measured.name}.sample.part"
     if restart:
         Checkpoints.discard(folder)
-    result = sample_campaign(
-        fitted,
-        settings=Settings(ensembles=ensembles, walkers=walkers, target_ess=ess, max_steps=steps, seed=seed),
-        noise=noise or (),
-        weights=weights,
-        folder=folder,
-        provenance={"campaign": measured.sha256, "arm file": arm_file.sha256},
-        progress=running.progress("blocks of steps", steps // BLOCK),
-    )
+    try:
+        result = sample_campaign(
+            fitted,
+            settings=Settings(ensembles=ensembles, walkers=walkers, target_ess=ess, max_steps=steps, seed=seed),
+            noise=noise or (),
+            weights=weights,
+            folder=folder,
+            provenance={"campaign": measured.sha256, "arm file": arm_file.sha256},
+            progress=running.progress("blocks of steps", steps // BLOCK),
+        )
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
+        raise typer.Exit(130) from None
     typer.echo(sample_report(result))
     path = out / f"{measured.name}.sample.nc"
     origin = provenance(FORMAT, arm_file, measured, asked)

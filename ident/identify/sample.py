@@ -10,6 +10,7 @@ from pathlib import Path
 import emcee
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -25,6 +26,8 @@ BLOCK = 50
 FIRST_LOOK = 500
 """Steps after which the chains are looked at for the first time; then again whenever they are a quarter longer."""
 LEAST_ENSEMBLES = 4
+EXCLUDED = 5.0
+"""Standard deviations from a prior at which the data and it cannot both be right."""
 SPLITS = 2
 """Parts of an ensemble that emcee moves in turn, and so the size of a batch: walkers over this."""
 JOINED = 1.05
@@ -126,7 +129,8 @@ def sample(
         progress: wraps the numbers of the blocks, to show a bar.
 
     Raises:
-        InputError: settings that cannot work, data and prior that leave a parameter open, checkpoints of another run.
+        InputError: settings that cannot work, data and prior that leave a parameter open or exclude each other,
+            checkpoints of another run.
         ModelError: the model has no answer about an optimum.
     """
     settings = _checked(fit, posterior, settings)
@@ -252,6 +256,15 @@ def _checked(fit: Fit, posterior: Posterior, settings: Settings) -> Settings:
         names = ", ".join(np.array(fit.information.names)[open_ones])
         remedy = "give each a prior (--prior), or fix it (--fix)"
         raise InputError(Problem("", f"neither data nor a prior that bound {names}", "one of them", remedy))
+    if not fit.information.rank:
+        remedy = "measure what depends on them (see `ident check`), or fix fewer"
+        raise InputError(Problem("", "no measurement that depends on any of the unknowns", "at least one", remedy))
+    beyond = np.abs(np.asarray(fit.problem.parameters.prior_residuals(jnp.asarray(fit.best.theta))[0]))
+    if beyond.max() > EXCLUDED:
+        worst = int(np.argmax(beyond))
+        name, value = fit.information.names[worst], fit.best.values[worst]
+        got = f"a prior of {name} that excludes the data: they pull it to {value:.4g}, {beyond[worst]:.1f} sd beyond"
+        raise InputError(Problem("", got, "a prior that they may agree with", "widen it, or check units (--prior)"))
     return replace(settings, walkers=walkers)
 
 

@@ -235,6 +235,20 @@ def test_what_neither_data_nor_prior_bound_is_refused():
         sample(fit(problem), posterior(problem), SHORT)
 
 
+def test_data_that_say_nothing_are_refused():
+    item = Parameter(("k",), True, 1.0, 1.0, 1.0)
+    problem = InverseProblem(lambda p: 1 + 0 * p["k"][None], jnp.ones(1), jnp.ones(1), Parameters((item,)), ("x",))
+    with pytest.raises(InputError, match="no measurement that depends on any of the unknowns"):
+        sample(fit(problem), posterior(problem), SHORT)
+
+
+def test_a_prior_that_excludes_the_data_is_refused():
+    item = Parameter(("k",), True, 1.0, 1.0, 0.01, 1.0, math.log(2))
+    problem = InverseProblem(lambda p: p["k"][None], jnp.array([9.0]), jnp.array([0.1]), Parameters((item,)), ("x",))
+    with pytest.raises(InputError, match=r"a prior of k that excludes the data: they pull it to \d"):
+        sample(fit(problem), posterior(problem), SHORT)
+
+
 def test_noise_of_a_kind_that_was_not_measured_is_refused():
     with pytest.raises(InputError, match="the noise of z"):
         posterior(linear_problem()[0], ["z"])
