@@ -7,11 +7,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem
+from ident.identify.parameters import Parameters
 from ident.identify.posterior import evaluate
 from ident.identify.sample import Sample
+from ident.jit import jit
 
 LIVE = 500
 """Live points: enough that several land in each of a handful of basins."""
+
+LOWEST = -1e100
+"""Log likelihood where the model has no answer; dynesty takes no infinite one."""
 
 
 @dataclass(frozen=True)
@@ -50,19 +55,19 @@ def weigh(sample: Sample) -> Weights:
         raise InputError(Problem("", f"no prior for {names}", "a prior for each unknown", "give it (--prior)"))
 
     def from_cube(u: np.ndarray) -> np.ndarray:
-        return np.asarray(parameters.from_uniform(jnp.asarray(u)))
+        return np.asarray(_from_uniform(parameters, jnp.asarray(u)))
 
     def log_likelihood(theta: np.ndarray) -> float:
-        value = evaluate(posterior, theta[None], sample.batch).log_density[0] - float(
-            parameters.log_prior(jnp.asarray(theta))
-        )
-        return value if np.isfinite(value) else -1e100
+        return max(evaluate(posterior, theta[None], sample.batch).log_likelihood[0], LOWEST)
 
     rng = np.random.default_rng(sample.settings.seed)
     sampler = dynesty.NestedSampler(log_likelihood, from_cube, len(parameters.items), nlive=LIVE, rstate=rng)
     sampler.run_nested(print_progress=False)
     found = sampler.results
     return _by_basin(sample, found.samples, found.importance_weights(), float(found.logz[-1]))
+
+
+_from_uniform = jit(Parameters.from_uniform)
 
 
 def _by_basin(sample: Sample, draws: np.ndarray, weight: np.ndarray, log_evidence: float) -> Weights:

@@ -41,14 +41,16 @@ class Posterior(eqx.Module):
         return Parameters(self.problem.parameters.items + self.noise.items)
 
     def evaluate(self, theta: Float[Array, "P batch"]) -> "Evaluated":
-        """Return the density, -inf where the model has no answer, and what it is made of."""
+        """Return likelihood, prior and predictions."""
         problem = self.problem
         sigma, predicted = problem.sigma[:, None], problem.predict(theta[: len(problem.parameters.items)])
         scale, fitted = self.scales(theta), jnp.isfinite(sigma)
         off = (predicted - problem.measured[:, None]) / (sigma * scale)
         width = jnp.where(fitted, math.sqrt(2 * math.pi) * sigma * scale, 1.0)
-        value = self.parameters.log_prior(theta) - (off**2 / 2 + jnp.log(width)).sum(0)
-        return Evaluated(jnp.where(jnp.isnan(value), -jnp.inf, value), predicted, scale)
+        value = -(off**2 / 2 + jnp.log(width)).sum(0)
+        return Evaluated(
+            jnp.where(jnp.isnan(value), -jnp.inf, value), self.parameters.log_prior(theta), predicted, scale
+        )
 
     def scales(self, theta: Float[Array, "P batch"]) -> Float[Array, "D batch"]:
         """Return the factor on sigma of each value."""
@@ -62,14 +64,21 @@ class Evaluated(NamedTuple):
     """The posterior at some points.
 
     Attributes:
-        log_density: (n,) log of prior times likelihood.
+        log_likelihood: (n,) -inf where the model has no answer.
+        log_prior: (n,)
         predicted: (D, n) predictions [SI].
         scale: (D, n) factors on sigma.
     """
 
-    log_density: Any
+    log_likelihood: Any
+    log_prior: Any
     predicted: Any
     scale: Any
+
+    @property
+    def log_density(self) -> Any:
+        """Logarithm of prior times likelihood, `(n,)`."""
+        return self.log_likelihood + self.log_prior
 
 
 def posterior(problem: InverseProblem, noise: Sequence[str] = ()) -> Posterior:

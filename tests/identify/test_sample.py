@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -82,38 +83,46 @@ def test_an_unknown_noise_scale_is_found():
     assert scale.std() == pytest.approx(about / math.sqrt(200), rel=0.25)
 
 
-def test_each_of_a_chains_four_solutions_is_sampled_and_weighed():
-    """Four exact frequencies fit four spring sets equally well; the volume about each decides, here by Laplace."""
+def test_each_of_a_chains_four_solutions_is_sampled():
+    """Four exact frequencies fit four spring sets equally well."""
     problem = storey_problem(np.array([1.2, 0.9, 1.1, 0.8]) * 1e6, sigma=0.0001, width=0.7)
     found = fit(problem, starts=60, seed=3)
-    drawn = sample(found, posterior(problem), Settings(target_ess=500))
+    drawn = sample(found, posterior(problem), Settings(target_ess=300))
     assert drawn.basins == (0, 1, 2, 3)
-    J = [np.asarray(_jacobian(problem, found.optima[basin].theta)) for basin in drawn.basins]
-    covariance = [np.linalg.inv(j.T @ j + np.eye(4) / 0.7**2) for j in J]
-    for basin, known in zip(drawn.basins, covariance, strict=True):
-        off = drawn.draws(basin).mean(0) - found.optima[basin].theta
-        assert (np.abs(off) < 0.5 * np.sqrt(np.diag(known))).all()
-    weights = weigh(drawn)
+    for basin in drawn.basins:
+        sd = np.sqrt(np.diag(_laplace(problem, found.optima[basin].theta, 0.7)))
+        assert (np.abs(drawn.draws(basin).mean(0) - found.optima[basin].theta) < 0.5 * sd).all()
+
+
+def test_two_solutions_are_weighed_against_each_other():
+    """Two frequencies fit two pairs of springs; cost and volume about each say how likely it is, by Laplace."""
+    problem = storey_problem(np.array([1.5, 0.6]) * 1e6, sigma=0.003, width=0.4)
+    found = fit(problem, starts=30, seed=3)
+    drawn = sample(found, posterior(problem), Settings(target_ess=300))
+    assert drawn.basins == (0, 1)
+    covariance = [_laplace(problem, found.optima[basin].theta, 0.4) for basin in drawn.basins]
     cost = np.array([found.optima[basin].cost for basin in drawn.basins])
     laplace = np.exp(-cost / 2) * np.sqrt([np.linalg.det(known) for known in covariance])
-    np.testing.assert_allclose(weights.share, laplace / laplace.sum(), atol=0.06)
-    assert weights.share.sum() == pytest.approx(1)
+    weights = weigh(drawn)
+    np.testing.assert_allclose(weights.share, laplace / laplace.sum(), atol=4 * weights.sd.max())
+    assert weights.sd.max() < 0.03
+    assert 0.1 < weights.share[0] < 0.99, "else this tests little"
+
+
+def _laplace(problem, theta, width):
+    """The covariance of the normal approximation."""
+    J = np.asarray(jax.jacfwd(problem.predict)(jnp.asarray(theta)) / problem.sigma[:, None])
+    return np.linalg.inv(J.T @ J + np.eye(len(theta)) / width**2)
 
 
 def test_optima_without_a_barrier_between_them_are_one_posterior():
     """With frequencies twenty times less exact, two of the four solutions lie in one valley."""
     problem = storey_problem(np.array([1.2, 0.9, 1.1, 0.8]) * 1e6, sigma=0.002, width=0.7)
     found = fit(problem, starts=60, seed=3)
-    drawn = sample(found, posterior(problem), Settings(target_ess=500))
+    drawn = sample(found, posterior(problem), Settings(target_ess=300))
     assert len(found.optima) == 4
     assert drawn.basins == (0, 2, 3)
     assert len(drawn.draws(0)) == 2 * len(drawn.draws(2))
-
-
-def _jacobian(problem, theta):
-    import jax
-
-    return jax.jacfwd(problem.predict)(jnp.asarray(theta)) / problem.sigma[:, None]
 
 
 def test_a_flat_prior_bounds_the_draws():
