@@ -23,6 +23,7 @@ from ident.arm.rotations import (
     matvec,
     outer,
     rotation,
+    skew,
     spin,
     total,
     transpose,
@@ -138,6 +139,28 @@ def potential_derivatives(chain: Chain, phi: Phi) -> tuple[Float[Array, "n *#bat
 
     own = curvature(phi, matvec(transpose(at.before), moment)) + chain.stiffness
     return _gradient(chain, phi, at, moment), flatten_blocks(blocks + jnp.where(j == i, own[:, :, :, None], 0.0))
+
+
+def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#batch"], Float[Array, "*#batch"]]:
+    """Return v' H v and v' M v for one direction v of phi, without the matrices: in O(N), cheap to differentiate.
+
+    With u_j = W_j v_j, body j turns by w_j = u_0 + ... + u_j and the point r of it moves by w_j x r - sum u_i x p_i.
+    Then v' M v is twice the kinetic energy of that motion, and v' H v the sum over j of u_j' S_j' (w_j + w_j-1),
+    S = tr T 1 - T of the virial T (see `potential_derivatives`), plus each bushing's own part.
+    """
+    at, outwards = place(chain, phi), _inboard(phi.shape[1])
+    T = _virial(chain, at)
+    u = matvec(at.rate, v)
+    w = total(outwards, u, 1)
+    own = curvature(phi, matvec(transpose(at.before), -axial(T))) + chain.stiffness
+    potential = (matvec(spin(T), u) * (2 * w - u)).sum((0, 1)) + (v * matvec(own, v)).sum((0, 1))
+
+    shift = -total(outwards, matvec(skew(u), at.centre), 1)
+    centre, local = matvec(skew(w), at.centre) + shift, matvec(transpose(at.axes), w)
+    arm = matvec(skew(w), matvec(at.axes, chain.moment))
+    translation = chain.mass * (centre * centre).sum(0) + 2 * (centre * arm).sum(0)
+    turning = (local * matvec(spin(chain.second), local)).sum(0)
+    return potential, (translation + turning).sum(0)
 
 
 def _gradient(chain: Chain, phi: Phi, at: Placement, moment: Phi) -> Float[Array, "n *#batch"]:
