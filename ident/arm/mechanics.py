@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from ident.arm.chain import Chain
 from ident.arm.rotations import (
     axial,
+    cross,
     curvature,
     identity,
     left_jacobian,
@@ -23,7 +24,7 @@ from ident.arm.rotations import (
     matvec,
     outer,
     rotation,
-    skew,
+    slide,
     spin,
     total,
     transpose,
@@ -50,14 +51,34 @@ class Placement(eqx.Module):
 
 def place(chain: Chain, phi: Phi) -> Placement:
     """Place the bodies of the chain, from the base outwards."""
+    axes = _axes(phi)
+    before = _shift(axes)
+    centre = total(_inboard(phi.shape[1]), matvec(before, chain.offset), 1)
+    return Placement(centre, axes, matmul(before, left_jacobian(phi)), before)
+
+
+@jax.custom_jvp
+def _axes(phi: Phi) -> Float[Array, "3 3 N *#batch"]:
+    """Return the product of the rotations up to each bushing; its rate is [w_0 + ... + w_j] times it."""
     turn = rotation(phi)
     after = [turn[:, :, 0]]
     for j in range(1, phi.shape[1]):
         after.append(matmul(after[-1], turn[:, :, j]))
-    base = jnp.broadcast_to(identity(3, phi.ndim - 2), after[0].shape)
-    before = jnp.stack([base, *after[:-1]], 2)
-    centre = total(_inboard(phi.shape[1]), matvec(before, chain.offset), 1)
-    return Placement(centre, jnp.stack(after, 2), matmul(before, left_jacobian(phi)), before)
+    return jnp.stack(after, 2)
+
+
+@_axes.defjvp
+def _axes_jvp(primals: tuple[Phi], tangents: tuple[Phi]) -> tuple[Array, Array]:
+    (phi,), (phi_dot,) = primals, tangents
+    axes = _axes(phi)
+    w = matvec(_shift(axes), matvec(left_jacobian(phi), phi_dot))
+    return axes, cross(total(_inboard(phi.shape[1]), w, 1)[:, None], axes)
+
+
+def _shift(axes: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]:
+    """Return for each bushing the axes of the body before it."""
+    base = jnp.broadcast_to(identity(3, axes.ndim - 2), axes[:, :, :1].shape)
+    return jnp.concatenate([base, axes[:, :, :-1]], 2)
 
 
 def point_positions(chain: Chain, phi: Phi) -> Float[Array, "3 P *#batch"]:
@@ -144,23 +165,34 @@ def potential_derivatives(chain: Chain, phi: Phi) -> tuple[Float[Array, "n *#bat
 def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#batch"], Float[Array, "*#batch"]]:
     """Return v' H v and v' M v for one direction v of phi, without the matrices: in O(N), cheap to differentiate.
 
-    With u_j = W_j v_j, body j turns by w_j = u_0 + ... + u_j and the point r of it moves by w_j x r - sum u_i x p_i.
-    Then v' M v is twice the kinetic energy of that motion, and v' H v the sum over j of u_j' S_j' (w_j + w_j-1),
-    S = tr T 1 - T of the virial T (see `potential_derivatives`), plus each bushing's own part.
+    While phi runs along v at unit rate, points move with velocities dr and accelerations ddr. Then v' M v is the
+    integral of |dr|^2 dm, twice the kinetic energy, and v' H v = v' K v - sum f.ddr over all weights and forces.
     """
     at, outwards = place(chain, phi), _inboard(phi.shape[1])
-    T = _virial(chain, at)
-    u = matvec(at.rate, v)
+    along, change = slide(phi, v)
+    u = matvec(at.before, along)
     w = total(outwards, u, 1)
-    own = curvature(phi, matvec(transpose(at.before), -axial(T))) + chain.stiffness
-    potential = (matvec(spin(T), u) * (2 * w - u)).sum((0, 1)) + (v * matvec(own, v)).sum((0, 1))
+    gain = matvec(at.before, change) + cross(w - u, u)
+    alpha = total(outwards, gain, 1)
+    reach = matvec(at.before, chain.offset)
+    velocity = total(outwards, cross(w - u, reach), 1)
+    acceleration = total(outwards, _swing(w - u, alpha - gain, reach), 1)
 
-    shift = -total(outwards, matvec(skew(u), at.centre), 1)
-    centre, local = matvec(skew(w), at.centre) + shift, matvec(transpose(at.axes), w)
-    arm = matvec(skew(w), matvec(at.axes, chain.moment))
-    translation = chain.mass * (centre * centre).sum(0) + 2 * (centre * arm).sum(0)
-    turning = (local * matvec(spin(chain.second), local)).sum(0)
-    return potential, (translation + turning).sum(0)
+    arm, body = matvec(at.axes, chain.moment), np.asarray(chain.carrier, dtype=int)
+    gravity = chain.gravity.reshape((3,) + (1,) * (phi.ndim - 1))
+    weights = (gravity * (chain.mass * acceleration + _swing(w, alpha, arm))).sum((0, 1))
+    place_of = matvec(at.axes[:, :, body], chain.position)
+    forces = (chain.force * (acceleration[:, body] + _swing(w[:, body], alpha[:, body], place_of))).sum((0, 1))
+    potential = (v * matvec(chain.stiffness, v)).sum((0, 1)) - weights - forces
+
+    local = matvec(transpose(at.axes), w)
+    translation = (velocity * (chain.mass * velocity + 2 * cross(w, arm))).sum(0)
+    return potential, (translation + (local * matvec(spin(chain.second), local)).sum(0)).sum(0)
+
+
+def _swing(w: Phi, alpha: Phi, x: Array) -> Array:
+    """Return the acceleration of the end of x, turning with w and alpha, against its start."""
+    return cross(alpha, x) + cross(w, cross(w, x))
 
 
 def _gradient(chain: Chain, phi: Phi, at: Placement, moment: Phi) -> Float[Array, "n *#batch"]:

@@ -74,9 +74,12 @@ def _lowest_eigenpairs_jvp(primals: tuple[Chain, Rest], tangents: tuple[Chain, R
 
     def change(value: Array, shape: Array) -> Array:
         _, by_chain = eqx.filter_jvp(lambda c: gap(c, at.phi, value, shape), (chain,), (chain_dot,))
-        # one reverse pass for all directions: it does not depend on the tangents
+        if at_dot.phi is None:  # nothing that the equilibrium depends on is differentiated
+            return by_chain
+        # one reverse pass, the same for all directions of differentiation
         slope = jax.grad(lambda phi: gap(chain, phi, value, shape).sum())(at.phi)
-        return by_chain + (slope * at_dot.phi).sum((0, 1))
+        by_phi = (slope * at_dot.phi).sum((0, 1))
+        return by_phi if by_chain is None else by_chain + by_phi
 
     return (values, vectors), (jax.vmap(change, in_axes=(0, 1))(values, vectors), None)
 

@@ -1,7 +1,9 @@
 """Rotations and 3-vectors, components first and batch last."""
 
 import math
+from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Inexact
@@ -13,6 +15,8 @@ CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
 """Entry (i, k) of [v] is CROSS[i, k] . v."""
 TERMS = 13
 """Terms of the power series below; the first one left out is below 1e-17 for angles up to 3 rad."""
+ORDERS = 4
+"""Derivatives of the series at hand; differentiation ends there."""
 
 
 def matmul(a: Inexact[Array, "i k *#batch"], b: Inexact[Array, "k j *#batch"]) -> Inexact[Array, "i j *#batch"]:
@@ -47,6 +51,16 @@ def identity(n: int, batch_rank: int) -> Float[Array, "n n *ones"]:
     return jnp.eye(n).reshape((n, n) + (1,) * batch_rank)
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b, components first."""
+    return _turned(a, 1) * _turned(b, 2) - _turned(a, 2) * _turned(b, 1)
+
+
+def _turned(v: Array, by: int) -> Array:
+    parts = jax.lax.slice_in_dim(v, by, 3), jax.lax.slice_in_dim(v, 0, by)
+    return jax.lax.concatenate(parts, 0)
+
+
 def skew(v: Vector) -> Matrix:
     """Return [v] such that [v] w = v x w."""
     return (CROSS.reshape((3, 3, 3) + (1,) * (v.ndim - 1)) * v).sum(2)
@@ -78,7 +92,7 @@ def rotation(phi: Vector) -> Matrix:
     References:
         Rodrigues' formula, as in `turn_about`.
     """
-    b, c = _series((phi * phi).sum(0), SERIES[:2])
+    b, c = _series((phi * phi).sum(0), 0, 2)
     return _combine(phi, 1 - (phi * phi).sum(0) * c, b)
 
 
@@ -88,7 +102,18 @@ def left_jacobian(phi: Vector) -> Matrix:
     References:
         Barfoot, "State Estimation for Robotics", eq. 7.77.
     """
-    return _combine(phi, *_series((phi * phi).sum(0), SERIES[:2]))
+    return _combine(phi, *_series((phi * phi).sum(0), 0, 2))
+
+
+def slide(phi: Vector, v: Vector) -> tuple[Vector, Vector]:
+    """Return J v, J the left Jacobian, and its rate as phi runs along v.
+
+    J v = v + b phi x v + c phi x (phi x v), with b and c functions of phi'phi.
+    """
+    b, c, b_dash, c_dash = _series((phi * phi).sum(0), 0, 4)
+    y = cross(phi, v)
+    z = cross(phi, y)
+    return v + b * y + c * z, 2 * (phi * v).sum(0) * (b_dash * y + c_dash * z) + c * cross(v, y)
 
 
 def curvature(phi: Vector, moment: Vector) -> Matrix:
@@ -96,7 +121,7 @@ def curvature(phi: Vector, moment: Vector) -> Matrix:
 
     J' m = m - b phi x m + c phi x (phi x m), with b and c functions of phi'phi.
     """
-    c, b_dash, c_dash = _series((phi * phi).sum(0), SERIES[1:])
+    c, b_dash, c_dash = _series((phi * phi).sum(0), 1, 4)
     along, size = (phi * moment).sum(0), (phi * phi).sum(0)
     cross = matvec(skew(phi), moment)
     slope = -2 * b_dash * outer(cross, phi) + 2 * c_dash * outer(phi * along - size * moment, phi)
@@ -111,18 +136,27 @@ def _combine(phi: Vector, first: Array, second: Array) -> Matrix:
 
 
 def _coefficients() -> np.ndarray:
-    """Power series in t^2 of b = (1 - cos t)/t^2, c = (t - sin t)/t^3, db/d(t^2), dc/d(t^2), a row each."""
-    b, c = ([(-1) ** n / math.factorial(2 * n + k) for n in range(TERMS + 1)] for k in (2, 3))
-    slopes = [[n * row[n] for n in range(1, TERMS + 1)] for row in (b, c)]
-    return np.array([b[:TERMS], c[:TERMS], *slopes])
+    """Power series in t^2 of b = (1 - cos t)/t^2 and c = (t - sin t)/t^3, then of their derivatives, a row each."""
+    rows = [[(-1) ** n / math.factorial(2 * n + k) for n in range(TERMS + ORDERS)] for k in (2, 3)]
+    for _ in range(ORDERS):
+        rows += [[n * row[n] for n in range(1, len(row))] for row in rows[-2:]]
+    return np.array([row[:TERMS] for row in rows])
 
 
 SERIES = _coefficients()
 
 
-def _series(t2: Array, coefficients: np.ndarray) -> Array:
-    """Evaluate the series, one for each row, by Horner's rule."""
-    total = jnp.zeros((len(coefficients), *t2.shape))
-    for column in coefficients.T[::-1]:
-        total = total * t2 + column.reshape((-1,) + (1,) * t2.ndim)
+@partial(jax.custom_jvp, nondiff_argnums=(1, 2))
+def _series(t2: Array, first: int, last: int) -> Array:
+    """Evaluate rows first to last - 1 of the series by Horner's rule; the derivative of a row is the next but one."""
+    rows = SERIES[first:last].reshape((last - first, TERMS) + (1,) * t2.ndim)
+    total = jnp.zeros((last - first, *t2.shape))
+    for n in reversed(range(TERMS)):
+        total = total * t2 + rows[:, n]
     return total
+
+
+@_series.defjvp
+def _series_jvp(first: int, last: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    wide = _series(*primals, first, last + 2)
+    return wide[:-2], wide[2:] * tangents[0]
