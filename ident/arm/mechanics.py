@@ -16,14 +16,14 @@ from jaxtyping import Array, Float
 from ident.arm.chain import Chain
 from ident.arm.rotations import (
     axial,
-    cross,
     curvature,
     identity,
     left_jacobian,
     matmul,
     matvec,
     outer,
-    rotation,
+    rotation_by,
+    skew,
     slide,
     spin,
     total,
@@ -51,16 +51,17 @@ class Placement(eqx.Module):
 
 def place(chain: Chain, phi: Phi) -> Placement:
     """Place the bodies of the chain, from the base outwards."""
-    axes = _axes(phi)
+    J = left_jacobian(phi)
+    axes = _axes(phi, J)
     before = _shift(axes)
     centre = total(_inboard(phi.shape[1]), matvec(before, chain.offset), 1)
-    return Placement(centre, axes, matmul(before, left_jacobian(phi)), before)
+    return Placement(centre, axes, matmul(before, J), before)
 
 
 @jax.custom_jvp
-def _axes(phi: Phi) -> Float[Array, "3 3 N *#batch"]:
-    """Return the product of the rotations up to each bushing; its rate is [w_0 + ... + w_j] times it."""
-    turn = rotation(phi)
+def _axes(phi: Phi, J: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]:
+    """Return the product of the rotations up to each bushing, J their left Jacobian; its rate is [w_0 + ... + w_j]."""
+    turn = rotation_by(phi, J)
     after = [turn[:, :, 0]]
     for j in range(1, phi.shape[1]):
         after.append(matmul(after[-1], turn[:, :, j]))
@@ -68,11 +69,11 @@ def _axes(phi: Phi) -> Float[Array, "3 3 N *#batch"]:
 
 
 @_axes.defjvp
-def _axes_jvp(primals: tuple[Phi], tangents: tuple[Phi]) -> tuple[Array, Array]:
-    (phi,), (phi_dot,) = primals, tangents
-    axes = _axes(phi)
-    w = matvec(_shift(axes), matvec(left_jacobian(phi), phi_dot))
-    return axes, cross(total(_inboard(phi.shape[1]), w, 1)[:, None], axes)
+def _axes_jvp(primals: tuple[Phi, Array], tangents: tuple[Phi, Array]) -> tuple[Array, Array]:
+    (phi, J), (phi_dot, _) = primals, tangents
+    axes = _axes(phi, J)
+    w = total(_inboard(phi.shape[1]), matvec(_shift(axes), matvec(J, phi_dot)), 1)
+    return axes, matmul(skew(w), axes)
 
 
 def _shift(axes: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]:
@@ -172,27 +173,25 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
     along, change = slide(phi, v)
     u = matvec(at.before, along)
     w = total(outwards, u, 1)
-    gain = matvec(at.before, change) + cross(w - u, u)
-    alpha = total(outwards, gain, 1)
-    reach = matvec(at.before, chain.offset)
-    velocity = total(outwards, cross(w - u, reach), 1)
-    acceleration = total(outwards, _swing(w - u, alpha - gain, reach), 1)
+    turn = skew(w)
+    alpha = total(outwards, matvec(at.before, change) + matvec(turn, u), 1)
+    swing = skew(alpha) + matmul(turn, turn)  # the acceleration of the end of x against its start is `swing` x
+    reach = matvec(at.before, chain.offset)[:, 1:]
+    none = jnp.zeros_like(w[:, :1])
+    velocity, acceleration = (
+        total(outwards, jnp.concatenate([none, matvec(A[:, :, :-1], reach)], 1), 1) for A in (turn, swing)
+    )
 
     arm, body = matvec(at.axes, chain.moment), np.asarray(chain.carrier, dtype=int)
     gravity = chain.gravity.reshape((3,) + (1,) * (phi.ndim - 1))
-    weights = (gravity * (chain.mass * acceleration + _swing(w, alpha, arm))).sum((0, 1))
-    place_of = matvec(at.axes[:, :, body], chain.position)
-    forces = (chain.force * (acceleration[:, body] + _swing(w[:, body], alpha[:, body], place_of))).sum((0, 1))
+    weights = (gravity * (chain.mass * acceleration + matvec(swing, arm))).sum((0, 1))
+    point = matvec(at.axes[:, :, body], chain.position)
+    forces = (chain.force * (acceleration[:, body] + matvec(swing[:, :, body], point))).sum((0, 1))
     potential = (v * matvec(chain.stiffness, v)).sum((0, 1)) - weights - forces
 
     local = matvec(transpose(at.axes), w)
-    translation = (velocity * (chain.mass * velocity + 2 * cross(w, arm))).sum(0)
+    translation = (velocity * (chain.mass * velocity + 2 * matvec(turn, arm))).sum(0)
     return potential, (translation + (local * matvec(spin(chain.second), local)).sum(0)).sum(0)
-
-
-def _swing(w: Phi, alpha: Phi, x: Array) -> Array:
-    """Return the acceleration of the end of x, turning with w and alpha, against its start."""
-    return cross(alpha, x) + cross(w, cross(w, x))
 
 
 def _gradient(chain: Chain, phi: Phi, at: Placement, moment: Phi) -> Float[Array, "n *#batch"]:
