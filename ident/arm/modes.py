@@ -72,7 +72,7 @@ def _lowest_eigenpairs_jvp(primals: tuple[Chain, Rest], tangents: tuple[Chain, R
         H, M = second_variations(chain, phi, unflatten(shape))
         return H - value * M
 
-    def change(value: Array, shape: Array) -> Array:
+    def change(value: Array, shape: Array) -> Array | None:
         _, by_chain = eqx.filter_jvp(lambda c: gap(c, at.phi, value, shape), (chain,), (chain_dot,))
         if at_dot.phi is None:  # nothing that the equilibrium depends on is differentiated
             return by_chain

@@ -63,7 +63,7 @@ def axial(S: Matrix) -> Vector:
 
 def spin(S: Matrix) -> Matrix:
     """Return tr(S) 1 - S: the map w -> sum of b x (w x a) over the dyads a b' of S, by the rule of Lagrange."""
-    return (S[0, 0] + S[1, 1] + S[2, 2]) * identity(3, S.ndim - 2) - S
+    return -S + (S[0, 0] + S[1, 1] + S[2, 2]) * identity(3, S.ndim - 2)
 
 
 def turn_about(axis: Vector, angle: Float[Array, "*#batch"]) -> Matrix:
@@ -73,7 +73,7 @@ def turn_about(axis: Vector, angle: Float[Array, "*#batch"]) -> Matrix:
         Rodrigues' formula: Murray, Li, Sastry, "A Mathematical Introduction to Robotic Manipulation", eq. 2.14.
     """
     cross = skew(axis) * jnp.sin(angle)
-    return identity(3, axis.ndim - 1) * jnp.cos(angle) + cross + outer(axis, axis) * (1 - jnp.cos(angle))
+    return cross + outer(axis, axis) * (1 - jnp.cos(angle)) + identity(3, axis.ndim - 1) * jnp.cos(angle)
 
 
 def rotation(phi: Vector) -> Matrix:
@@ -87,7 +87,7 @@ def rotation(phi: Vector) -> Matrix:
 
 def rotation_by(phi: Vector, J: Matrix) -> Matrix:
     """Return exp[phi] = 1 + [phi] J of a known left Jacobian J."""
-    return identity(3, phi.ndim - 1) + matmul(skew(phi), J)
+    return matmul(skew(phi), J) + identity(3, phi.ndim - 1)
 
 
 def left_jacobian(phi: Vector) -> Matrix:
@@ -98,7 +98,7 @@ def left_jacobian(phi: Vector) -> Matrix:
     """
     b, c = _series((phi * phi).sum(0), 0, 2)
     cross = skew(phi)
-    return identity(3, phi.ndim - 1) + b * cross + c * matmul(cross, cross)
+    return b * cross + c * matmul(cross, cross) + identity(3, phi.ndim - 1)
 
 
 def slide(phi: Vector, v: Vector) -> tuple[Vector, Vector]:
