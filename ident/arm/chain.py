@@ -129,7 +129,7 @@ def _bushings(arm: Arm, frame: Array) -> tuple[Array, Array, Array]:
     )
     axis = matvec(frame, _stack([joint.axis for joint in arm.joints], 1, rank))
     along = outer(axis, axis)
-    bend, tors = (identity(3, rank + 1) - along) * k_bend, along * k_tors
+    bend, tors = (-along + identity(3, rank + 1)) * k_bend, along * k_tors
     return bend, tors, bend * tau_bend + tors * tau_tors
 
 
@@ -157,7 +157,7 @@ def _moments(arm: Arm, before: Array, after: Array, loads: Loads) -> tuple[Array
     frame = jnp.concatenate([before, after], 2)[:, :, np.array(place)]
     r, turned = matvec(frame, com), matmul(matmul(frame, inertia), transpose(frame))
     half_trace = (inertia[0, 0] + inertia[1, 1] + inertia[2, 2]) / 2
-    second = half_trace * identity(3, rank + 1) - turned + m * outer(r, r)
+    second = m * outer(r, r) - turned + half_trace * identity(3, rank + 1)
     on = np.equal.outer(np.arange(n), np.array(place) % n)
     return total(on, m, 0), total(on, m * r, 1), total(on, second, 2)
 

@@ -1,11 +1,13 @@
 """Static equilibrium of a held chain and the deflection of its named points."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ident.arm.chain import Chain
-from ident.arm.linalg import solve_positive
+from ident.arm.linalg import whitener
 from ident.arm.mechanics import (
     Phi,
     point_positions,
@@ -14,6 +16,7 @@ from ident.arm.mechanics import (
     straight_positions,
     unflatten,
 )
+from ident.arm.rotations import matvec, transpose
 
 MAX_STEPS = 30
 """Newton steps at most; stiff arms need three or four."""
@@ -23,17 +26,37 @@ LONGEST = 0.5
 """Longest step of one bushing coordinate [rad], so that a soft arm is not thrown over."""
 
 
-@jax.custom_jvp
-def equilibrium(chain: Chain) -> Phi:
-    """Return the phi_s at which the bushings carry the weights and forces: grad V(phi_s) = 0, by Newton's method.
+class Rest(NamedTuple):
+    """Static equilibrium of a held chain.
 
-    NaN where there is none near phi = 0, that is, where the arm buckles. Differentiable, forward and reverse, by
-    the implicit function theorem: H dphi_s = -d(grad V).
-
-    Returns:
-        `(3, N, *batch)` [rad]
+    Attributes:
+        phi: (3, N, *batch) [rad] the bushings' rotation vectors phi_s.
+        W: (3N, 3N, *batch) whitener of the potential's Hessian H there, W H W' = 1; a constant to differentiation.
     """
 
+    phi: Phi
+    W: Float[Array, "n n *#batch"]
+
+
+def equilibrium(chain: Chain) -> Phi:
+    """Return the phi_s `(3, N, *batch)` [rad] at which the chain rests; see `rest`."""
+    return rest(chain).phi
+
+
+def rest(chain: Chain) -> Rest:
+    """Find where the bushings carry the weights and forces: grad V(phi_s) = 0, by Newton's method.
+
+    NaN where there is no such place near phi = 0, that is, where the arm buckles. Once differentiable, forward and
+    reverse, by the implicit function theorem, H dphi_s = -d(grad V): the last Newton step is taken at constant phi and
+    H, so that its derivative is just this.
+    """
+    still = jax.lax.stop_gradient(chain)
+    phi = _newton(still)
+    W = whitener(potential_derivatives(still, phi)[1])
+    return Rest(phi - _solve(W, potential_gradient(chain, phi)), W)
+
+
+def _newton(chain: Chain) -> Phi:
     def unfinished(state: tuple[Phi, Array, Array, Array]) -> Array:
         _, _, error, count = state
         return (count < MAX_STEPS) & jnp.any(error > CLOSE)
@@ -41,7 +64,7 @@ def equilibrium(chain: Chain) -> Phi:
     def step(state: tuple[Phi, Array, Array, Array]) -> tuple[Phi, Array, Array, Array]:
         phi, before, _, count = state
         gradient, hessian = potential_derivatives(chain, phi)
-        move = unflatten(solve_positive(hessian, gradient))
+        move = _solve(whitener(hessian), gradient)
         size = jnp.abs(move).max((0, 1))
         # convergence is quadratic: as this step is to the square of the one before, so the error is to its square
         error = size * (size / before) ** 2
@@ -53,13 +76,8 @@ def equilibrium(chain: Chain) -> Phi:
     return jnp.where(error > CLOSE, jnp.nan, phi)
 
 
-@equilibrium.defjvp
-def _equilibrium_jvp(primals: tuple[Chain], tangents: tuple[Chain]) -> tuple[Phi, Phi]:
-    (chain,), (chain_dot,) = primals, tangents
-    phi = equilibrium(chain)
-    gradient_dot = jax.jvp(lambda c: potential_gradient(c, phi), (chain,), (chain_dot,))[1]
-    _, hessian = potential_derivatives(chain, phi)
-    return phi, -unflatten(solve_positive(hessian, gradient_dot))
+def _solve(W: Array, gradient: Array) -> Phi:
+    return unflatten(matvec(transpose(W), matvec(W, gradient)))
 
 
 def deflection(chain: Chain, phi: Phi) -> Float[Array, "3 P *#batch"]:

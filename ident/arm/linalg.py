@@ -53,7 +53,13 @@ def lowest_modes(
     Returns:
         lambda `(count, *batch)` ascending, and V `(n, count, *batch)`, a column each, with V' M V = 1.
     """
-    W = whitener(H)
+    return lowest_modes_whitened(whitener(H), M, count)
+
+
+def lowest_modes_whitened(
+    W: Square, M: Square, count: int
+) -> tuple[Float[Array, "count *#batch"], Float[Array, "n count *#batch"]]:
+    """Return what `lowest_modes` does, H given by its whitener W."""
     mu, Y = largest_eigenpairs(matmul(matmul(W, M), transpose(W)), count)
     return 1 / mu, matmul(transpose(W), Y / jnp.sqrt(mu))
 

@@ -22,7 +22,9 @@ from ident.arm.rotations import (
     matmul,
     matvec,
     outer,
-    rotation,
+    rotation_by,
+    skew,
+    slide,
     spin,
     total,
     transpose,
@@ -49,14 +51,35 @@ class Placement(eqx.Module):
 
 def place(chain: Chain, phi: Phi) -> Placement:
     """Place the bodies of the chain, from the base outwards."""
-    turn = rotation(phi)
+    J = left_jacobian(phi)
+    axes = _axes(phi, J)
+    before = _shift(axes)
+    centre = total(_inboard(phi.shape[1]), matvec(before, chain.offset), 1)
+    return Placement(centre, axes, matmul(before, J), before)
+
+
+@jax.custom_jvp
+def _axes(phi: Phi, J: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]:
+    """Return the product of the rotations up to each bushing, J their left Jacobian; its rate is [w_0 + ... + w_j]."""
+    turn = rotation_by(phi, J)
     after = [turn[:, :, 0]]
     for j in range(1, phi.shape[1]):
         after.append(matmul(after[-1], turn[:, :, j]))
-    base = jnp.broadcast_to(identity(3, phi.ndim - 2), after[0].shape)
-    before = jnp.stack([base, *after[:-1]], 2)
-    centre = total(_inboard(phi.shape[1]), matvec(before, chain.offset), 1)
-    return Placement(centre, jnp.stack(after, 2), matmul(before, left_jacobian(phi)), before)
+    return jnp.stack(after, 2)
+
+
+@_axes.defjvp
+def _axes_jvp(primals: tuple[Phi, Array], tangents: tuple[Phi, Array]) -> tuple[Array, Array]:
+    (phi, J), (phi_dot, _) = primals, tangents
+    axes = _axes(phi, J)
+    w = total(_inboard(phi.shape[1]), matvec(_shift(axes), matvec(J, phi_dot)), 1)
+    return axes, matmul(skew(w), axes)
+
+
+def _shift(axes: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]:
+    """Return for each bushing the axes of the body before it."""
+    base = jnp.broadcast_to(identity(3, axes.ndim - 2), axes[:, :, :1].shape)
+    return jnp.concatenate([base, axes[:, :, :-1]], 2)
 
 
 def point_positions(chain: Chain, phi: Phi) -> Float[Array, "3 P *#batch"]:
@@ -138,6 +161,37 @@ def potential_derivatives(chain: Chain, phi: Phi) -> tuple[Float[Array, "n *#bat
 
     own = curvature(phi, matvec(transpose(at.before), moment)) + chain.stiffness
     return _gradient(chain, phi, at, moment), flatten_blocks(blocks + jnp.where(j == i, own[:, :, :, None], 0.0))
+
+
+def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#batch"], Float[Array, "*#batch"]]:
+    """Return v' H v and v' M v for one direction v of phi, without the matrices: in O(N), cheap to differentiate.
+
+    While phi runs along v at unit rate, points move with velocities dr and accelerations ddr. Then v' M v is the
+    integral of |dr|^2 dm, twice the kinetic energy, and v' H v = v' K v - sum f.ddr over all weights and forces.
+    """
+    at, outwards = place(chain, phi), _inboard(phi.shape[1])
+    along, change = slide(phi, v)
+    u = matvec(at.before, along)
+    w = total(outwards, u, 1)
+    turn = skew(w)
+    alpha = total(outwards, matvec(at.before, change) + matvec(turn, u), 1)
+    swing = skew(alpha) + matmul(turn, turn)  # the acceleration of the end of x against its start is `swing` x
+    reach = matvec(at.before, chain.offset)[:, 1:]
+    none = jnp.zeros_like(w[:, :1])
+    velocity, acceleration = (
+        total(outwards, jnp.concatenate([none, matvec(A[:, :, :-1], reach)], 1), 1) for A in (turn, swing)
+    )
+
+    arm, body = matvec(at.axes, chain.moment), np.asarray(chain.carrier, dtype=int)
+    gravity = chain.gravity.reshape((3,) + (1,) * (phi.ndim - 1))
+    weights = (gravity * (chain.mass * acceleration + matvec(swing, arm))).sum((0, 1))
+    point = matvec(at.axes[:, :, body], chain.position)
+    forces = (chain.force * (acceleration[:, body] + matvec(swing[:, :, body], point))).sum((0, 1))
+    potential = (v * matvec(chain.stiffness, v)).sum((0, 1)) - weights - forces
+
+    local = matvec(transpose(at.axes), w)
+    translation = (velocity * (chain.mass * velocity + 2 * matvec(turn, arm))).sum(0)
+    return potential, (translation + (local * matvec(spin(chain.second), local)).sum(0)).sum(0)
 
 
 def _gradient(chain: Chain, phi: Phi, at: Placement, moment: Phi) -> Float[Array, "n *#batch"]:

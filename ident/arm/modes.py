@@ -1,6 +1,5 @@
 """Natural frequencies and modes of a held chain about its static equilibrium."""
 
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -9,14 +8,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Inexact
 
 from ident.arm.chain import Chain
-from ident.arm.equilibrium import equilibrium
-from ident.arm.linalg import lowest_modes, whitener
+from ident.arm.equilibrium import Rest, rest
+from ident.arm.linalg import lowest_modes, lowest_modes_whitened, whitener
 from ident.arm.mechanics import (
     Phi,
     flatten_blocks,
     mass_matrix,
     point_positions,
     potential_derivatives,
+    second_variations,
     unflatten,
 )
 from ident.arm.rotations import identity, matmul, matvec, transpose
@@ -38,47 +38,55 @@ class Linearized(NamedTuple):
     H: Float[Array, "n n *#batch"]
 
 
-def linearize(chain: Chain) -> Linearized:
-    """Linearize the exact equations about the static equilibrium; differentiable."""
-    phi = equilibrium(chain)
+def linearize(chain: Chain, at: Rest | None = None) -> Linearized:
+    """Linearize the exact equations about the static equilibrium, which may be known; differentiable."""
+    phi = (rest(chain) if at is None else at).phi
     own_joint = identity(phi.shape[1], phi.ndim - 2)
     C = flatten_blocks(chain.damping[:, :, :, None] * own_joint)
     return Linearized(phi, mass_matrix(chain, phi), C, potential_derivatives(chain, phi)[1])
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(2,))
+@eqx.filter_custom_jvp
 def lowest_eigenpairs(
-    H: Float[Array, "n n *#batch"], M: Float[Array, "n n *#batch"], count: int
+    chain: Chain, at: Rest, *, count: int
 ) -> tuple[Float[Array, "count *#batch"], Float[Array, "n count *#batch"]]:
     """Return the lowest eigenvalues of H v = lambda M v, ascending, and mass-normalised vectors.
 
-    The eigenvalues are once differentiable, forward and reverse, by d lambda = v' (dH - lambda dM) v. At a repeated
-    eigenvalue each derivative depends on the basis that the solver picked, their sum over the cluster does not; none
-    is NaN. The vectors have no derivative there and are constants to differentiation everywhere.
+    The eigenvalues are once differentiable, forward and reverse, by d lambda = d(v' H v - lambda v' M v) at constant v
+    and lambda, with no derivative of a matrix formed. At a repeated eigenvalue each derivative depends on the basis
+    that the solver picked, their sum over the cluster does not; none is NaN. The vectors have no derivative there and
+    are constants to differentiation everywhere.
 
     References:
         Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964.
     """
-    return lowest_modes(H, M, count)
+    return lowest_modes_whitened(at.W, mass_matrix(chain, at.phi), count)
 
 
-@lowest_eigenpairs.defjvp
-def _lowest_eigenpairs_jvp(count: int, primals: tuple, tangents: tuple) -> tuple[tuple, tuple]:
-    (H, M), (dH, dM) = primals, tangents
-    values, vectors = lowest_modes(H, M, count)
-    change = _quadratic(dH, vectors) - values * _quadratic(dM, vectors)
-    return (values, vectors), (change, jnp.zeros_like(vectors))
+@lowest_eigenpairs.def_jvp
+def _lowest_eigenpairs_jvp(primals: tuple[Chain, Rest], tangents: tuple[Chain, Rest], *, count: int) -> tuple:
+    (chain, at), (chain_dot, at_dot) = primals, tangents
+    values, vectors = lowest_eigenpairs(chain, at, count=count)
 
+    def gap(chain: Chain, phi: Phi, value: Array, shape: Array) -> Array:
+        H, M = second_variations(chain, phi, unflatten(shape))
+        return H - value * M
 
-def _quadratic(A: Array, V: Array) -> Array:
-    """Return v' A v for each column v of V."""
-    return (V * (A[:, :, None] * V[None]).sum(1)).sum(0)
+    def change(value: Array, shape: Array) -> Array | None:
+        _, by_chain = eqx.filter_jvp(lambda c: gap(c, at.phi, value, shape), (chain,), (chain_dot,))
+        if at_dot.phi is None:  # nothing that the equilibrium depends on is differentiated
+            return by_chain
+        # one reverse pass, the same for all directions of differentiation
+        slope = jax.grad(lambda phi: gap(chain, phi, value, shape).sum())(at.phi)
+        by_phi = (slope * at_dot.phi).sum((0, 1))
+        return by_phi if by_chain is None else by_chain + by_phi
+
+    return (values, vectors), (jax.vmap(change, in_axes=(0, 1))(values, vectors), None)
 
 
 def natural_frequencies(chain: Chain, count: int) -> Float[Array, "count *#batch"]:
     """Return the lowest undamped natural frequencies [Hz], ascending; differentiable."""
-    system = linearize(chain)
-    return to_hertz(lowest_eigenpairs(system.H, system.M, count)[0])
+    return to_hertz(lowest_eigenpairs(chain, rest(chain), count=count)[0])
 
 
 def to_hertz(eigenvalues: Float[Array, "*#batch"]) -> Float[Array, "*#batch"]:
@@ -106,17 +114,17 @@ class Modes(eqx.Module):
 
 def modes(chain: Chain, count: int | None = None) -> Modes:
     """Return the lowest `count` modes (all when None); see `modes_about`."""
-    return modes_about(chain, linearize(chain), count)
+    return modes_about(chain, rest(chain), count)
 
 
-def modes_about(chain: Chain, system: Linearized, count: int | None = None) -> Modes:
-    """Return the lowest `count` modes (all when None) of a chain that was linearized already.
+def modes_about(chain: Chain, at: Rest, count: int | None = None) -> Modes:
+    """Return the lowest `count` modes (all when None) about a known equilibrium.
 
     The frequencies are differentiable; shapes, shares and motions are constants to differentiation.
     """
-    m = system.H.shape[0] if count is None else count
-    values, vectors = lowest_eigenpairs(system.H, system.M, m)
-    still, phi = jax.lax.stop_gradient((chain, system.phi))
+    m = at.W.shape[0] if count is None else count
+    values, vectors = lowest_eigenpairs(chain, at, count=m)
+    still, phi = jax.lax.stop_gradient((chain, at.phi))
     by_joint = unflatten(jnp.moveaxis(vectors, 1, -1))
     energy = [(by_joint * matvec(K[..., None], by_joint)).sum(0) for K in (still.bend, still.tors)]
     total = (energy[0] + energy[1]).sum(0)

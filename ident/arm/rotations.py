@@ -1,7 +1,9 @@
 """Rotations and 3-vectors, components first and batch last."""
 
 import math
+from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Inexact
@@ -11,8 +13,10 @@ Matrix = Float[Array, "3 3 *#batch"]
 
 CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
 """Entry (i, k) of [v] is CROSS[i, k] . v."""
-TERMS = 13
-"""Terms of the power series below; the first one left out is below 1e-17 for angles up to 3 rad."""
+TERMS = 16
+"""Terms of the power series below, a power of two; the first one left out is far below 1e-17 for angles up to 3 rad."""
+ORDERS = 4
+"""Derivatives of the series at hand; differentiation ends there."""
 
 
 def matmul(a: Inexact[Array, "i k *#batch"], b: Inexact[Array, "k j *#batch"]) -> Inexact[Array, "i j *#batch"]:
@@ -42,9 +46,9 @@ def total(members: np.ndarray, x: Array, axis: int) -> Array:
     return jnp.where(members.reshape(members.shape + (1,) * batch), x, 0.0).sum(axis + members.ndim - 1)
 
 
-def identity(n: int, batch_rank: int) -> Float[Array, "n n *ones"]:
+def identity(n: int, batch_rank: int) -> Float[np.ndarray, "n n *ones"]:
     """Return the unit matrix with singleton batch axes."""
-    return jnp.eye(n).reshape((n, n) + (1,) * batch_rank)
+    return np.eye(n).reshape((n, n) + (1,) * batch_rank)
 
 
 def skew(v: Vector) -> Matrix:
@@ -59,7 +63,7 @@ def axial(S: Matrix) -> Vector:
 
 def spin(S: Matrix) -> Matrix:
     """Return tr(S) 1 - S: the map w -> sum of b x (w x a) over the dyads a b' of S, by the rule of Lagrange."""
-    return (S[0, 0] + S[1, 1] + S[2, 2]) * identity(3, S.ndim - 2) - S
+    return -S + (S[0, 0] + S[1, 1] + S[2, 2]) * identity(3, S.ndim - 2)
 
 
 def turn_about(axis: Vector, angle: Float[Array, "*#batch"]) -> Matrix:
@@ -69,7 +73,7 @@ def turn_about(axis: Vector, angle: Float[Array, "*#batch"]) -> Matrix:
         Rodrigues' formula: Murray, Li, Sastry, "A Mathematical Introduction to Robotic Manipulation", eq. 2.14.
     """
     cross = skew(axis) * jnp.sin(angle)
-    return identity(3, axis.ndim - 1) * jnp.cos(angle) + cross + outer(axis, axis) * (1 - jnp.cos(angle))
+    return cross + outer(axis, axis) * (1 - jnp.cos(angle)) + identity(3, axis.ndim - 1) * jnp.cos(angle)
 
 
 def rotation(phi: Vector) -> Matrix:
@@ -78,8 +82,12 @@ def rotation(phi: Vector) -> Matrix:
     References:
         Rodrigues' formula, as in `turn_about`.
     """
-    b, c = _series((phi * phi).sum(0), SERIES[:2])
-    return _combine(phi, 1 - (phi * phi).sum(0) * c, b)
+    return rotation_by(phi, left_jacobian(phi))
+
+
+def rotation_by(phi: Vector, J: Matrix) -> Matrix:
+    """Return exp[phi] = 1 + [phi] J of a known left Jacobian J."""
+    return matmul(skew(phi), J) + identity(3, phi.ndim - 1)
 
 
 def left_jacobian(phi: Vector) -> Matrix:
@@ -88,7 +96,22 @@ def left_jacobian(phi: Vector) -> Matrix:
     References:
         Barfoot, "State Estimation for Robotics", eq. 7.77.
     """
-    return _combine(phi, *_series((phi * phi).sum(0), SERIES[:2]))
+    b, c = _series((phi * phi).sum(0), 0, 2)
+    cross = skew(phi)
+    return b * cross + c * matmul(cross, cross) + identity(3, phi.ndim - 1)
+
+
+def slide(phi: Vector, v: Vector) -> tuple[Vector, Vector]:
+    """Return J v, J the left Jacobian, and its rate as phi runs along v.
+
+    J v = v + b phi x v + c phi x (phi x v), with b and c functions of phi'phi.
+    """
+    b, c, b_dash, c_dash = _series((phi * phi).sum(0), 0, 4)
+    cross, along = skew(phi), (phi * v).sum(0)
+    y = matvec(cross, v)
+    z = matvec(cross, y)
+    change = 2 * along * (b_dash * y + c_dash * z) + c * ((v * v).sum(0) * phi - along * v)
+    return v + b * y + c * z, change
 
 
 def curvature(phi: Vector, moment: Vector) -> Matrix:
@@ -96,7 +119,7 @@ def curvature(phi: Vector, moment: Vector) -> Matrix:
 
     J' m = m - b phi x m + c phi x (phi x m), with b and c functions of phi'phi.
     """
-    c, b_dash, c_dash = _series((phi * phi).sum(0), SERIES[1:])
+    c, b_dash, c_dash = _series((phi * phi).sum(0), 1, 4)
     along, size = (phi * moment).sum(0), (phi * phi).sum(0)
     cross = matvec(skew(phi), moment)
     slope = -2 * b_dash * outer(cross, phi) + 2 * c_dash * outer(phi * along - size * moment, phi)
@@ -104,25 +127,27 @@ def curvature(phi: Vector, moment: Vector) -> Matrix:
     return (slope + transpose(slope)) / 2
 
 
-def _combine(phi: Vector, first: Array, second: Array) -> Matrix:
-    unit = identity(3, phi.ndim - 1)
-    square = outer(phi, phi) - (phi * phi).sum(0) * unit
-    return unit + first * skew(phi) + second * square
-
-
 def _coefficients() -> np.ndarray:
-    """Power series in t^2 of b = (1 - cos t)/t^2, c = (t - sin t)/t^3, db/d(t^2), dc/d(t^2), a row each."""
-    b, c = ([(-1) ** n / math.factorial(2 * n + k) for n in range(TERMS + 1)] for k in (2, 3))
-    slopes = [[n * row[n] for n in range(1, TERMS + 1)] for row in (b, c)]
-    return np.array([b[:TERMS], c[:TERMS], *slopes])
+    """Power series in t^2 of b = (1 - cos t)/t^2 and c = (t - sin t)/t^3, then of their derivatives, a row each."""
+    rows = [[(-1) ** n / math.factorial(2 * n + k) for n in range(TERMS + ORDERS)] for k in (2, 3)]
+    for _ in range(ORDERS):
+        rows += [[n * row[n] for n in range(1, len(row))] for row in rows[-2:]]
+    return np.array([row[:TERMS] for row in rows])
 
 
 SERIES = _coefficients()
 
 
-def _series(t2: Array, coefficients: np.ndarray) -> Array:
-    """Evaluate the series, one for each row, by Horner's rule."""
-    total = jnp.zeros((len(coefficients), *t2.shape))
-    for column in coefficients.T[::-1]:
-        total = total * t2 + column.reshape((-1,) + (1,) * t2.ndim)
-    return total
+@partial(jax.custom_jvp, nondiff_argnums=(1, 2))
+def _series(t2: Array, first: int, last: int) -> Array:
+    """Evaluate rows first to last - 1 of the series; the derivative of a row is the next but one."""
+    powers, top = jnp.ones((1, *t2.shape)), t2
+    while len(powers) < TERMS:
+        powers, top = jnp.concatenate([powers, powers * top]), top * top
+    return (SERIES[first:last].reshape((last - first, TERMS) + (1,) * t2.ndim) * powers).sum(1)
+
+
+@_series.defjvp
+def _series_jvp(first: int, last: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    wide = _series(*primals, first, last + 2)
+    return wide[:-2], wide[2:] * tangents[0]

@@ -10,10 +10,9 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads, hold
-from ident.arm.equilibrium import deflection
+from ident.arm.equilibrium import Rest, deflection, rest
 from ident.arm.labels import fits
 from ident.arm.modes import (
-    Linearized,
     Modes,
     damped_eigenvalues,
     linearize,
@@ -48,18 +47,18 @@ def predict(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> 
         has no stable equilibrium, or no mode that a label names.
     """
     chain = chains(arm, parameters, conditions)
-    system = linearize(chain)
+    at = rest(chain)
     rows: list[int] = []
     values: list[Array] = []
     if conditions.frequency.rows:
         rows += conditions.frequency.rows
-        values.append(_frequencies(chain, system, conditions.frequency))
+        values.append(_frequencies(chain, at, conditions.frequency))
     if conditions.damping.rows:
         rows += conditions.damping.rows
-        values.append(_damping_ratios(chain, system, conditions.damping))
+        values.append(_damping_ratios(chain, at, conditions.damping))
     if conditions.deflected:
         rows += conditions.deflected
-        values.append(_deflections(chain, system, conditions))
+        values.append(_deflections(chain, at, conditions))
     return jnp.concatenate(values)[np.argsort(rows)]
 
 
@@ -75,19 +74,19 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
     return hold(arm.replace(parameters), lift(conditions.posture), loads)
 
 
-def _frequencies(chain: Chain, system: Linearized, modal: Modal) -> Float[Array, "D *batch"]:
+def _frequencies(chain: Chain, at: Rest, modal: Modal) -> Float[Array, "D *batch"]:
     if not any(modal.labels):
         count = max(modal.ordinals)
-        hertz = to_hertz(lowest_eigenpairs(system.H, system.M, count)[0])
+        hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         return hertz[np.array(modal.ordinals) - 1, np.array(modal.states)]
-    found = modes_about(chain, system)
+    found = modes_about(chain, at)
     return _pick(found.frequency, mode_choice(modal, found), modal)
 
 
-def _damping_ratios(chain: Chain, system: Linearized, modal: Modal) -> Float[Array, "D *batch"]:
-    s = damped_eigenvalues(system)
+def _damping_ratios(chain: Chain, at: Rest, modal: Modal) -> Float[Array, "D *batch"]:
+    s = damped_eigenvalues(linearize(chain, at))
     ratio = -s.real / jnp.abs(s)
-    return _pick(ratio, mode_choice(modal, modes_about(chain, system)), modal)
+    return _pick(ratio, mode_choice(modal, modes_about(chain, at)), modal)
 
 
 def mode_choice(modal: Modal, modes: Modes) -> Float[Array, "m D *batch"]:
@@ -119,8 +118,8 @@ def _pick(values: Float[Array, "m S *batch"], choice: Array, modal: Modal) -> Fl
     return jnp.where(choice.sum(0) > 0, picked, jnp.nan)
 
 
-def _deflections(chain: Chain, system: Linearized, conditions: Conditions) -> Float[Array, "D *batch"]:
-    moved = deflection(chain, system.phi)
+def _deflections(chain: Chain, at: Rest, conditions: Conditions) -> Float[Array, "D *batch"]:
+    moved = deflection(chain, at.phi)
     point, reference = np.array(conditions.point), np.array(conditions.reference)
     rank = moved.ndim - 3
     direction = conditions.direction.reshape(conditions.direction.shape + (1,) * rank)

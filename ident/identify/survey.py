@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, hold
-from ident.arm.equilibrium import deflection
+from ident.arm.equilibrium import deflection, rest
 from ident.arm.labels import Label, is_ambiguous, mode_labels
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
 from ident.errors import InputError, ModelError, Problem
@@ -109,9 +109,9 @@ class _Found(eqx.Module):
 def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> _Found:
     """Compute everything in one compiled function, whatever the number of modes that are asked for."""
     chain = hold(arm, posture, loads)
-    system = linearize(chain)
-    shapes = modes_about(chain, system)
-    parts = system.phi, shapes, is_ambiguous(shapes), damped_eigenvalues(system), deflection(chain, system.phi)
+    at = rest(chain)
+    shapes, s = modes_about(chain, at), damped_eigenvalues(linearize(chain, at))
+    parts = at.phi, shapes, is_ambiguous(shapes), s, deflection(chain, at.phi)
     return _Found(*jax.tree.map(lambda x: x[..., 0], parts))
 
 

@@ -22,6 +22,7 @@ from ident.arm.mechanics import (
     potential_derivatives,
     potential_energy,
     potential_gradient,
+    second_variations,
     unflatten,
 )
 from ident.arm.modes import Linearized, damped_eigenvalues, linearize, mac, modes, natural_frequencies
@@ -74,6 +75,24 @@ def test_potential_derivatives_are_those_of_the_potential() -> None:
     assert worst(gradient, jax.jit(jax.grad(energy, 1))(chain, x)) < 1e-13
     assert worst(hessian, jax.jit(jax.hessian(energy, 1))(chain, x)) < 1e-13
     assert worst(potential_gradient(chain, phi), gradient) < 1e-15
+
+
+def test_second_variations_are_those_of_the_matrices() -> None:
+    arm, posture = sample()
+    loads = Loads(jnp.array([1.0]), jnp.array([2.0, 1.0]), jnp.array([[50.0, 0], [-30, 20], [10, -90]]))
+    chain, phi = held(arm, posture, loads), a_phi(3)
+    chain = eqx.tree_at(lambda c: (c.bend, c.tors), chain, (chain.bend * 1e-3, chain.tors * 1e-3))
+    v = a_phi(3, seed=9)
+    H, M = potential_derivatives(chain, phi)[1], mass_matrix(chain, phi)
+    flat = v.T.reshape(-1)
+    for found, matrix in zip(second_variations(chain, phi, v), (H, M), strict=True):
+        assert float(found) == pytest.approx(float(flat @ matrix @ flat), rel=1e-12)
+
+
+def test_undamped_frequencies_do_not_depend_on_damping() -> None:
+    arm, posture = sample()
+    slope = jax.jacfwd(lambda tau: natural_frequencies(hold(arm.replace({"j0.tau_bend": tau}), posture), 3))(0.01)
+    assert jnp.abs(slope).max() == 0
 
 
 # modes

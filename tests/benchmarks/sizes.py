@@ -11,8 +11,8 @@ from timing import timed
 
 from ident.arm.arm import Arm, Body, Joint, Point, stiffness_paths
 from ident.arm.chain import hold
-from ident.arm.equilibrium import deflection
-from ident.arm.modes import linearize, lowest_eigenpairs, to_hertz
+from ident.arm.equilibrium import deflection, rest
+from ident.arm.modes import lowest_eigenpairs, to_hertz
 
 MODES = 4
 
@@ -24,9 +24,9 @@ def predictor(arm: Arm, posture: np.ndarray) -> Callable[[Any], Any]:
     def predict(k: Any) -> Any:
         q = jnp.asarray(posture).reshape(posture.shape + (1,) * (k.ndim - posture.ndim))
         chain = hold(arm.replace(dict(zip(paths, k, strict=True))), q)
-        system = linearize(chain)
-        values = to_hertz(lowest_eigenpairs(system.H, system.M, min(MODES, system.H.shape[0]))[0])
-        return jnp.concatenate([values, -deflection(chain, system.phi)[2, -1:]])
+        at = rest(chain)
+        values = to_hertz(lowest_eigenpairs(chain, at, count=min(MODES, at.W.shape[0]))[0])
+        return jnp.concatenate([values, -deflection(chain, at.phi)[2, -1:]])
 
     return predict
 
