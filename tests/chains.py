@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 
-from ident.arm.modes import lowest_eigenpairs, to_hertz
 from ident.identify.parameters import Parameter, Parameters
 from ident.identify.problem import InverseProblem
 
@@ -34,15 +33,17 @@ def linear_problem(seed: int = 0) -> tuple[InverseProblem, np.ndarray, np.ndarra
 
 
 def storey_frequencies(parameters):
-    """Natural frequencies [Hz] of storeys of 1000 kg on springs `k1.`, `k2.`, ... [N/m], the first on the ground."""
+    """Natural frequencies [Hz] of storeys of 1000 kg on springs `k1`, `k2`, ... [N/m], the first on the ground.
+
+    Clough, Penzien, "Dynamics of Structures", 3rd ed., ch. 8 (shear building).
+    """
     k = jnp.stack([parameters[f"k{i}"] for i in range(1, 1 + len(parameters))])
-    n, batch = k.shape[0], k.shape[1:]
-    unit = jnp.eye(n).reshape((n, n) + (1,) * len(batch))
-    upper = jnp.eye(n, k=1).reshape(unit.shape)
-    above = jnp.concatenate([k[1:], jnp.zeros((1, *batch))])
-    K = unit * (k + above)[:, None] - upper * above[:, None] - (upper * above[:, None]).swapaxes(0, 1)
-    M = jnp.broadcast_to(1000.0 * unit, K.shape)
-    return to_hertz(lowest_eigenpairs(K, M, n)[0])
+    above = jnp.concatenate([k[1:], jnp.zeros_like(k[:1])])
+    k, above = jnp.moveaxis(k, 0, -1), jnp.moveaxis(above, 0, -1)
+    diagonal, upper = jnp.eye(k.shape[-1]), jnp.eye(k.shape[-1], k=1)
+    off = upper * above[..., None]
+    K = diagonal * (k + above)[..., None] - off - off.swapaxes(-1, -2)
+    return jnp.moveaxis(jnp.sqrt(jnp.linalg.eigvalsh(K / 1000.0)) / (2 * jnp.pi), -1, 0)
 
 
 def storey_problem(truth, sigma: float = 0.002, width: float = 1.0) -> InverseProblem:

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
+from ident.arm.equilibrium import rest
 from ident.arm.labels import Label, is_ambiguous, mode_labels
-from ident.arm.modes import linearize, modes_about
+from ident.arm.modes import modes_about
 from ident.identify.conditions import Conditions, Modal, bind
 from ident.identify.predict import chains, mode_choice
 from ident.jit import jit
@@ -71,7 +72,7 @@ class _Looks(NamedTuple):
 @jit
 def _look(arm: Arm, conditions: Conditions) -> _Looks:
     chain = chains(arm, {}, conditions)
-    found = modes_about(chain, linearize(chain))
+    found = modes_about(chain, rest(chain))
     choice = [mode_choice(m, found) for m in (conditions.frequency, conditions.damping) if m.rows]
     return _Looks(found, is_ambiguous(found), choice)
 

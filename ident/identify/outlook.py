@@ -12,9 +12,9 @@ from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, hold
-from ident.arm.equilibrium import deflection
+from ident.arm.equilibrium import deflection, rest
 from ident.arm.labels import AMBIGUOUS, Label, labels_of_shares, torsion_share, vertical_share
-from ident.arm.modes import linearize, modes_about
+from ident.arm.modes import modes_about
 from ident.identify.conditions import bind
 from ident.identify.discrepancy import Discrepant
 from ident.identify.parameters import Parameters
@@ -165,9 +165,9 @@ def _see(
 
     def shown(numbers: Mapping[str, Any]) -> Array:
         chain = hold(arm.replace(numbers), posture, _loads_of(arm, hung))
-        system = linearize(chain)
-        found = modes_about(chain, system, m)
-        down = -deflection(chain, system.phi)[2, -1:]
+        at = rest(chain)
+        found = modes_about(chain, at, m)
+        down = -deflection(chain, at.phi)[2, -1:]
         return jnp.concatenate([found.frequency, down, torsion_share(found), vertical_share(found)])
 
     def predict(theta: Array) -> Array:

@@ -96,7 +96,7 @@ def test_each_of_a_chains_four_solutions_is_sampled():
 
 def test_two_solutions_are_weighed_against_each_other():
     """Two frequencies fit two pairs of springs; cost and volume about each say how likely it is, by Laplace."""
-    problem = storey_problem(np.array([1.5, 0.6]) * 1e6, sigma=0.003, width=0.4)
+    problem = storey_problem(np.array([1.5, 0.6]) * 1e6, sigma=0.001, width=0.4)
     found = fit(problem, starts=30, seed=3)
     drawn = sample(found, posterior(problem), Settings(target_ess=300))
     assert drawn.basins == (0, 1)
