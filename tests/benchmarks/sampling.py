@@ -202,7 +202,7 @@ def main() -> None:
     campaign = read_campaign(DATA / "campaign.csv")
     problem = pose(read_arm(DATA / "arm.toml"), campaign)
     found, target = fit(problem), posterior(problem)
-    settings = replace(DEFAULT, target_ess=500.0) if quick else DEFAULT
+    settings = replace(DEFAULT, max_steps=500) if quick else DEFAULT
     ours, drawn = ident(found, target, settings)
     theirs = peer_density(target, campaign)
     agreement(drawn, theirs, 20 if quick else 200)
