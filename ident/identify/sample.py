@@ -136,7 +136,7 @@ def sample(
     settings = _checked(fit, posterior, settings)
     basins = [i for i, optimum in enumerate(fit.optima) if optimum.cost < fit.best.cost + RIVAL]
     where = [basin for basin in basins for _ in range(settings.ensembles)]
-    kept = Checkpoints(folder, _identity(posterior, settings, provenance or {}))
+    kept = Checkpoints(folder, _identity(posterior, settings, len(basins), provenance or {}))
     blocks = kept.read()
     movers = [_Mover(posterior, settings) for _ in where]
     look = FIRST_LOOK
@@ -251,6 +251,8 @@ def _checked(fit: Fit, posterior: Posterior, settings: Settings) -> Settings:
     if settings.ensembles < LEAST_ENSEMBLES:
         expected, remedy = f"at least {LEAST_ENSEMBLES}: R-hat compares them", "correct --ensembles"
         raise InputError(Problem("", f"{settings.ensembles} ensembles", expected, remedy))
+    if settings.max_steps < BLOCK:
+        raise InputError(Problem("", f"{settings.max_steps} steps", f"at least {BLOCK}", "correct --steps"))
     open_ones = np.isinf(fit.information.data_sd) & ~fit.problem.parameters.proper
     if open_ones.any():
         names = ", ".join(np.array(fit.information.names)[open_ones])
@@ -268,7 +270,7 @@ def _checked(fit: Fit, posterior: Posterior, settings: Settings) -> Settings:
     return replace(settings, walkers=walkers)
 
 
-def _identity(posterior: Posterior, settings: Settings, provenance: Mapping[str, str]) -> dict[str, str]:
+def _identity(posterior: Posterior, settings: Settings, optima: int, provenance: Mapping[str, str]) -> dict[str, str]:
     """Name what a chain depends on."""
     numbers = hashlib.sha256()
     for leaf in jax.tree.leaves(eqx.filter(posterior, eqx.is_array)):
@@ -277,6 +279,7 @@ def _identity(posterior: Posterior, settings: Settings, provenance: Mapping[str,
         **provenance,
         "set of unknowns": ", ".join(posterior.parameters.names),
         "set of numbers (data, priors, arm)": numbers.hexdigest(),
+        "number of optima": str(optima),
         "number of ensembles": str(settings.ensembles),
         "number of walkers": str(settings.walkers),
         "seed": str(settings.seed),

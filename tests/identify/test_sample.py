@@ -229,6 +229,7 @@ def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path):
         (Settings(walkers=4), "at least 6 for 3 unknowns"),
         (Settings(walkers=7), "even number"),
         (Settings(ensembles=2), "at least 4"),
+        (Settings(max_steps=10), "at least 50"),
     ],
 )
 def test_settings_that_cannot_work(settings, words):
