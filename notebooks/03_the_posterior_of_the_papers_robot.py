@@ -188,15 +188,16 @@ heading(axes, "What three numbers say of the model's error", keys)
 figure
 
 # %% [markdown]
-# The draws lie along the orange curve, frequency squared times deflection constant: the product that masses and
+# Most draws lie along the orange curve, frequency squared times deflection constant: the product that masses and
 # lengths nearly fix, whatever the stiffnesses. Along the curve the three numbers say nothing. With a right frequency
 # the computed deflection is too large by a fifth or so; with a right deflection the computed frequency is too high by
 # 15 to 20 %; and anything in between will do. That the median lies where it does, with the larger share for the
 # frequency, is the prior's doing: both factors were given the same ten percent, and in the product the frequency
 # counts twice. Had the deflection been given thirty percent, it would take most of the blame.
 #
-# The few draws near the black cross have a soft joint 3 as in the first part: the other way out, absurd stiffnesses
-# instead of a wrong model. The second posterior has not excluded it, but it gives it little weight.
+# The draws between the curve and the black cross have a joint 3 that is soft in bending, the softer the nearer to the
+# cross: the other way out, absurd stiffnesses instead of a wrong model. The second posterior has not excluded it, but
+# it gives it the smaller weight.
 
 # %% [markdown]
 # ## What follows for the paper's robot
