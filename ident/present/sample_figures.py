@@ -3,8 +3,10 @@
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from ident.identify.campaign_sample import CampaignSample
 from ident.present.figures import DENSE, LABEL, PANEL, ROW
@@ -12,8 +14,10 @@ from ident.present.sample_report import LEARNED, LEVELS, directions, learned, qu
 from ident.present.style import BLUE, FILLED, GREY, HOLLOW, ORANGE, PALE, Style, heading, plain, ratio_axis, rows
 from ident.present.words import cut, direction_name, short
 
-CORNER_DRAWS = 4000
+CORNER_DRAWS = 20000
 """Draws, at most, in the corner plot."""
+WIDE_SPAN = 5.0
+"""Ratio of the ends of a range from which its axis in the corner plot is logarithmic."""
 FARTHEST = 1e4
 """Ratio to the arm file's value at which the frame cuts a prior off."""
 BAND: Style = {"marker": "", "linestyle": "-", "linewidth": 5.0, "color": PALE}
@@ -39,7 +43,7 @@ def posterior_figure(result: CampaignSample) -> Figure:
         f"Posterior of {cut(result.fitted.arm.name, 50)} given {cut(result.fitted.campaign.name, 50) or 'measurements'}"
     )
     figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
-    columns = figure.add_gridspec(1, 2)
+    columns = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     stacked = columns[0].subgridspec(2, 1, height_ratios=left)
     _against_prior(figure.add_subplot(stacked[0]), result)
     if combined:
@@ -70,8 +74,8 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
     rows(axes.twinx(), texts, side="right")
     axes.set_xlabel("value / centre of its prior [-]", fontsize=9)
     keys: dict[str, Style] = {"prior, 95 %": BAND, "posterior, 95 %": WIDE, "50 %": NARROW}
-    keys |= {"median": FILLED, "median, open: the prior rules": HOLLOW} if open_ones.any() else {"median": FILLED}
-    heading(axes, "Parameters, one by one", keys, columns=3)
+    keys |= {"median": FILLED, "median, open": HOLLOW} if open_ones.any() else {"median": FILLED}
+    heading(axes, "Parameters, one by one", keys)
 
 
 def _combinations(axes: Axes, result: CampaignSample) -> None:
@@ -133,13 +137,13 @@ def corner_figure(result: CampaignSample) -> Figure:
     size = 1.8 * len(parameters.names) + 1.2
     figure = Figure(figsize=(size, size))
     span = np.quantile(ratio, (0.001, 0.999), axis=0).T
-    wide = bool((span[:, 1] / span[:, 0] > 5).any())
+    wide = span[:, 1] / span[:, 0] > WIDE_SPAN
     corner.corner(
         ratio,
         fig=figure,
         labels=[_two_lines(name) for name in parameters.names],
         range=[tuple(ends) for ends in span],
-        axes_scale="log" if wide else "linear",
+        axes_scale=["log" if far else "linear" for far in wide],
         truths=[1.0] * len(parameters.names),
         truth_color=ORANGE,
         color=BLUE,
@@ -151,6 +155,9 @@ def corner_figure(result: CampaignSample) -> Figure:
     )
     for axes in figure.axes:
         axes.tick_params(labelsize=7)
+        for axis in (axes.xaxis, axes.yaxis):
+            if axis.get_scale() == "log":
+                _few_ticks(axis)
     title = f"Posterior of {cut(result.fitted.arm.name, 40)}: values / centre of their priors [-]"
     figure.suptitle(title, x=0.98, ha="right", parse_math=False, fontsize=13, fontweight="bold")
     figure.text(0.98, 0.94, "orange: centre of the prior; dashed: 95 % interval", ha="right", fontsize=10)
@@ -173,6 +180,15 @@ def trace_figure(result: CampaignSample) -> Figure:
     panels[-1].set_xlabel("step [-]; grey: burn-in, left out; vertical: theta, ln(value) for a stiffness", fontsize=9)
     panels[-1].set_xlim(0, steps)
     return figure
+
+
+def _few_ticks(axis: Axis) -> None:
+    """Put a few plain numbers on a logarithmic axis, none on an axis whose ticks stand elsewhere."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0,) if high / low > 100 else (1.0, 3.0), numticks=12))
+    axis.set_minor_locator(NullLocator())
+    if not isinstance(axis.get_major_formatter(), NullFormatter):
+        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
 
 
 def _thinned(draws: np.ndarray, count: int) -> np.ndarray:
