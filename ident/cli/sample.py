@@ -36,7 +36,7 @@ def sample_command(
     steps: Annotated[int, typer.Option(min=500, help="steps at which to stop in any case")] = 20000,
     ensembles: Annotated[int, typer.Option(min=4, help="independent ensembles about each optimum")] = 4,
     walkers: Annotated[
-        int | None, typer.Option(help="walkers in each ensemble; default: four times the unknowns")
+        int | None, typer.Option(help="walkers in each ensemble; default: four to twelve times the unknowns")
     ] = None,
     starts: Annotated[int, typer.Option(min=1, help="starts of the fit, at least")] = 16,
     seed: options.SeedOption = 0,

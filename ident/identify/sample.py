@@ -42,7 +42,8 @@ class Settings:
 
     Attributes:
         ensembles: independent ensembles about each optimum; at least four, so that R-hat means something.
-        walkers: in each ensemble; None for four times the number of unknowns.
+        walkers: in each ensemble; None for four times the number of unknowns, or twelve times where the data leave
+            directions open or weakly known, as posteriors are thin and curved then.
         target_ess: bulk effective sample size at which to stop, for each unknown.
         max_steps: steps at which to stop in any case.
         seed: of everything.
@@ -244,7 +245,8 @@ def _diagnose(blocks: Sequence[Block], where: Sequence[int], only: int | None = 
 def _checked(fit: Fit, posterior: Posterior, settings: Settings) -> Settings:
     """Return the settings with the number of walkers filled in."""
     count = len(posterior.parameters.items)
-    walkers = settings.walkers or 4 * count
+    curved = not all(direction.seen and not direction.weak for direction in fit.information.directions)
+    walkers = settings.walkers or (12 if curved else 4) * count
     if walkers < 2 * count or walkers % SPLITS:
         expected, remedy = f"an even number, at least {2 * count} for {count} unknowns", "correct --walkers"
         raise InputError(Problem("", f"{walkers} walkers", expected, remedy))
