@@ -17,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import binom, chisquare
 
-from ident.identify.evidence import weigh
 from ident.identify.fit import evaluate as predictions
 from ident.identify.fit import fit
 from ident.identify.posterior import evaluate, posterior
@@ -53,7 +52,7 @@ class Recovery:
         optima: separate ends of the fit.
         begun: those that the sampler began at.
         share: (basins,) probability of those that stayed separated.
-        weighed: whether the shares were computed by nested sampling.
+        weighed: whether a lesser basin matters, by normal approximations.
         missed: whether the truth is more probable than the best optimum that the fit found.
         rhat, tau: the largest; R-hat over the ensembles, autocorrelation time [steps].
         steps: steps taken.
@@ -158,15 +157,17 @@ def _independent(drawn: Sample, basin: int) -> np.ndarray:
 
 
 def _shares(drawn: Sample) -> tuple[np.ndarray, bool]:
-    """Return the probability of each basin, and whether nested sampling had to tell."""
+    """Return the probability of each basin by its normal approximation, and whether the lesser ones matter.
+
+    Nested sampling would be exact, and takes minutes for one posterior as thin as these.
+    """
     log = []
     for basin in drawn.basins:
         kept = _kept(drawn, basin).reshape(-1, len(drawn.posterior.parameters.items) + 1)
         log.append(kept[:, -1].max() + np.linalg.slogdet(np.cov(kept[:, :-1].T))[1] / 2)
     share = np.exp(np.array(log) - max(log))
     share /= share.sum()
-    unclear = np.sort(share)[:-1].sum() > NEGLIGIBLE
-    return (weigh(drawn).share, True) if unclear else (share, False)
+    return share, bool(np.sort(share)[:-1].sum() > NEGLIGIBLE)
 
 
 @dataclass(frozen=True)
@@ -240,7 +241,7 @@ def report(names: tuple[str, ...], recoveries: list[Recovery], say: Callable[[st
         "several optima found by the fit": sum(r.optima > 1 for r in recoveries),
         f"several within {RIVAL:.0f} of the least cost: ensembles about each": sum(r.begun > 1 for r in recoveries),
         "several basins that stayed separated": sum(len(r.share) > 1 for r in recoveries),
-        f"of these, a lesser one above {NEGLIGIBLE:.1%}: weighed": sum(r.weighed for r in recoveries),
+        f"of these, a lesser one above {NEGLIGIBLE:.1%}, by normal approximations": sum(r.weighed for r in recoveries),
         "truth more probable than the best optimum found": sum(r.missed for r in recoveries),
     }
     for what, count in tally.items():

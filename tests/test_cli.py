@@ -114,6 +114,7 @@ def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
         (["--prior=joint1.k_tors=cataloge:1:2"], "log-uniform:LOW:HIGH"),
         (["--prior=joint1.k_tor=log-uniform:1e5:2e5"], "did you mean joint1.k_tors"),
         (["--prior=joint1.k_tors"], "a name, = and what it is given"),
+        (["--discrepancy=deflection:0.1", "--discrepancy=deflection:0.2"], "deflection twice"),
         (["--noise=frequenzy"], "did you mean frequency"),
         (["--discrepancy=deflection:-1"], "width > 0"),
         (["--no-prior"], "nor a prior that bound"),

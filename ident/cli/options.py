@@ -2,12 +2,13 @@
 
 from math import inf, isfinite
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
 from ident.errors import InputError, Problem
 
+T = TypeVar("T")
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
 ArmOption = Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the campaign")]
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
@@ -57,14 +58,14 @@ def unknowns(
     """Return these options as the arguments of `pose`."""
     from ident.identify.priors import Prior
 
-    priors = (_named(text, f"--prior {text}") for text in prior or ())
+    priors = [_named(text, f"--prior {text}") for text in prior or ()]
     return {
         "fixed": fix or (),
         "tied": [_tied(group) for group in tie or ()],
-        "free": dict(_with_width(text, "--free") for text in free or ()),
+        "free": _once("--free", [_with_width(text, "--free") for text in free or ()]),
         "prior_sd": inf if no_prior else prior_sd,
-        "priors": {name: Prior.parse(form) for name, form in priors},
-        "discrepancy": dict(_with_width(text, "--discrepancy") for text in discrepancy or ()),
+        "priors": {name: Prior.parse(form) for name, form in _once("--prior", priors).items()},
+        "discrepancy": _once("--discrepancy", [_with_width(text, "--discrepancy") for text in discrepancy or ()]),
     }
 
 
@@ -83,6 +84,15 @@ def numbers(texts: list[str] | None, option: str) -> dict[str, float]:
     """Read options of the form NAME=NUMBER."""
     pairs = (_named(text, f"{option} {text}") for text in texts or ())
     return {name: number(value, f"{option} {name}={value}") for name, value in pairs}
+
+
+def _once(option: str, pairs: list[tuple[str, T]]) -> dict[str, T]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(Problem(option, f"{twice} twice", "each once", "keep one of them"))
+    return found
 
 
 def _named(text: str, where: str) -> tuple[str, str]:

@@ -57,6 +57,7 @@ def sample_command(
         "prior": prior or [],
         "discrepancy": discrepancy or [],
         "noise": noise or [],
+        "weights": weights,
         "ess": ess,
         "steps": steps,
         "ensembles": ensembles,
@@ -72,7 +73,7 @@ def sample_command(
     from ident.identify.campaign_sample import sample_campaign
     from ident.identify.checkpoint import Checkpoints
     from ident.identify.sample import BLOCK, Settings
-    from ident.present.result import provenance, rows
+    from ident.present.result import plain, provenance, rows
     from ident.present.sample_report import sample_report
 
     measured, arm_file = running.read(campaign, arm)
@@ -95,7 +96,11 @@ def sample_command(
             noise=noise or (),
             weights=weights,
             folder=folder,
-            provenance={"campaign": measured.sha256, "arm file": arm_file.sha256},
+            provenance={
+                "campaign": measured.sha256,
+                "arm file": arm_file.sha256,
+                "number of starts": str(starts),
+            },
             progress=running.progress("blocks of steps", steps // BLOCK),
         )
     except KeyboardInterrupt:
@@ -103,7 +108,7 @@ def sample_command(
         raise typer.Exit(130) from None
     typer.echo(sample_report(result))
     path = out / f"{measured.name}.sample.nc"
-    origin = provenance(FORMAT, arm_file, measured, asked)
+    origin = provenance(FORMAT, arm_file, measured, asked) | {"trust": plain(result.trust)}
     written = inference_data(result.sample, result.predictive, rows(measured), origin)
     write_netcdf(written, path)
     typer.echo(f"wrote {path}")

@@ -2,11 +2,12 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from ident.identify.campaign_fit import CampaignFit
-from ident.identify.evidence import Weights, weigh
+from ident.identify.evidence import Weights, check_weighable, weigh
 from ident.identify.posterior import posterior
 from ident.identify.predictive import Predictive, predictive
 from ident.identify.sample import DEFAULT, Sample, Settings, sample
@@ -27,6 +28,16 @@ class CampaignSample:
     sample: Sample
     predictive: Predictive
     weights: Weights | None
+
+    @property
+    def trust(self) -> dict[str, Any]:
+        """What the chains say of themselves, and the shares of the optima, as plain data."""
+        return {
+            "optima": list(self.sample.basins),
+            "enough": [d.enough(self.sample.settings.target_ess) for d in self.sample.diagnosis],
+            "diagnosis": [asdict(d) for d in self.sample.diagnosis],
+            "weights": None if self.weights is None else asdict(self.weights),
+        }
 
 
 def sample_campaign(
@@ -58,6 +69,8 @@ def sample_campaign(
     # damping ratios call LAPACK, which must not run twice at the same time under jax 0.10
     damped = "damping_ratio" in fitted.fit.problem.kinds
     settings = replace(settings, threads=1 if damped else min(os.cpu_count() or 1, settings.ensembles))
+    if weights:
+        check_weighable(target)
     drawn = sample(fitted.fit, target, settings, folder=folder, provenance=provenance, progress=progress)
     several = len(drawn.basins) > 1
     return CampaignSample(fitted, drawn, predictive(drawn), weigh(drawn) if several and weights else None)

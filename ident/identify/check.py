@@ -75,7 +75,7 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
     """
     known = problem.parameters
     start = np.asarray(known.theta(known.column("start")))
-    width = np.minimum(np.hypot(np.asarray(known.column("prior_sd")), np.asarray(known.column("flat"))), spread)
+    width = np.minimum(known.normal_sd, spread)
     noise = np.random.default_rng(seed).standard_normal((points, len(start))) * width
     looks = [_look(problem, theta) for theta in (start, *(start + noise))]
     answers = [J for J, missing in looks if not missing.any()]

@@ -113,11 +113,9 @@ def _line(problem: InverseProblem) -> _Line:
     coarse = np.isfinite(sigma) & (sigma > COARSE * np.abs(measured))
     power = of_positive & (value * measured > 0) & ~coarse
     slope = J / np.where(power, value, 1.0)[:, None]
-    start = known.theta(known.column("start"))
-    residual, prior_slope = known.prior_residuals(start)
-    return _Line(
-        np.asarray(start), value, measured, sigma, power, slope, (np.asarray(residual), np.asarray(prior_slope))
-    )
+    start, centre = (np.asarray(known.theta(known.column(name))) for name in ("start", "centre"))
+    prior = (start - centre) / known.normal_sd, 1 / known.normal_sd
+    return _Line(start, value, measured, sigma, power, slope, prior)
 
 
 def _widened(problem: InverseProblem, line: _Line, kept: np.ndarray) -> tuple[_Answer, float]:

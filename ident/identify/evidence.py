@@ -8,13 +8,15 @@ from jaxtyping import Float
 
 from ident.errors import InputError, Problem
 from ident.identify.parameters import Parameters
-from ident.identify.posterior import evaluate
+from ident.identify.posterior import Posterior, evaluate
 from ident.identify.sample import Sample
 from ident.jit import jit
 
 LIVE = 500
 """Live points: enough that several land in each of a handful of basins."""
 
+RESAMPLED = 50
+"""Resampled runs from which the shares' standard deviation comes."""
 LOWEST = -1e100
 """Log likelihood where the model has no answer; dynesty takes no infinite one."""
 
@@ -25,7 +27,7 @@ class Weights:
 
     Attributes:
         share: (basins,) sums to one.
-        sd: (basins,) standard deviation of that, by the number of independent draws.
+        sd: (basins,) standard deviation of that, by resampling the strands of the run.
         log_evidence: logarithm of the evidence of model and priors.
     """
 
@@ -50,9 +52,7 @@ def weigh(sample: Sample) -> Weights:
 
     posterior = sample.posterior
     parameters = posterior.parameters
-    if not parameters.proper.all():
-        names = ", ".join(np.array(parameters.names)[~parameters.proper])
-        raise InputError(Problem("", f"no prior for {names}", "a prior for each unknown", "give it (--prior)"))
+    check_weighable(posterior)
 
     def from_cube(u: np.ndarray) -> np.ndarray:
         return np.asarray(_from_uniform(parameters, jnp.asarray(u)))
@@ -64,19 +64,36 @@ def weigh(sample: Sample) -> Weights:
     sampler = dynesty.NestedSampler(log_likelihood, from_cube, len(parameters.items), nlive=LIVE, rstate=rng)
     sampler.run_nested(print_progress=False)
     found = sampler.results
-    return _by_basin(sample, found.samples, found.importance_weights(), float(found.logz[-1]))
+    nearest, count = _nearest(sample, found.samples), len(sample.basins)
+    share = np.bincount(nearest, found.importance_weights(), count)
+    again = []
+    for _ in range(RESAMPLED):
+        other, which = dynesty.utils.resample_run(found, rng, return_idx=True)
+        again.append(np.bincount(nearest[which], other.importance_weights(), count))
+    return Weights(share, np.std(again, axis=0), float(found.logz[-1]))
+
+
+def check_weighable(posterior: Posterior) -> None:
+    """Check that all unknowns have a prior.
+
+    Raises:
+        InputError: names those that have none.
+    """
+    parameters = posterior.parameters
+    if not parameters.proper.all():
+        names = ", ".join(np.array(parameters.names)[~parameters.proper])
+        remedy = "give it (--prior), or leave the optima unweighed"
+        raise InputError(Problem("", f"no prior for {names}", "a prior for each unknown", remedy))
 
 
 _from_uniform = jit(Parameters.from_uniform)
 
 
-def _by_basin(sample: Sample, draws: np.ndarray, weight: np.ndarray, log_evidence: float) -> Weights:
+def _nearest(sample: Sample, draws: np.ndarray) -> np.ndarray:
+    """Return for each draw the place of the basin that it is nearest to."""
     distance = []
     for basin in sample.basins:
         known = sample.draws(basin)
         off = draws - known.mean(0)
-        distance.append(np.einsum("np,pq,nq->n", off, np.linalg.inv(np.cov(known.T)), off))
-    nearest = np.argmin(distance, 0)
-    share = np.array([weight[nearest == i].sum() for i in range(len(distance))])
-    independent = 1 / (weight**2).sum()
-    return Weights(share, np.sqrt(share * (1 - share) / independent), log_evidence)
+        distance.append(np.einsum("np,pq,nq->n", off, np.linalg.inv(np.atleast_2d(np.cov(known.T))), off))
+    return np.argmin(distance, 0)

@@ -152,7 +152,7 @@ def fit(
         raise ModelError(_no_optimum(evaluate(problem).predicted))
     best = min(reached, key=lambda end: float(end.cost))
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
-    known = information(scaled, _prior_sd(problem, best), problem.parameters.names)
+    known = information(scaled, _prior_sd(problem), problem.parameters.names)
     ended = sum(optimum.starts for optimum in optima)
     return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known)
 
@@ -225,7 +225,7 @@ def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
     sigma = np.asarray(problem.sigma)
     for end in sorted(ends, key=lambda e: float(e.cost)):
         for group in groups:
-            step, prior_sd = end.theta - group[0].theta, _prior_sd(problem, group[0])
+            step, prior_sd = end.theta - group[0].theta, _prior_sd(problem)
             apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])
             near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
             level = abs(end.cost - group[0].cost) < SAME * SAME * (1 + end.cost)
@@ -242,10 +242,10 @@ def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
     )
 
 
-def _prior_sd(problem: InverseProblem, end: End) -> np.ndarray:
-    """Return the priors' standard deviations in theta at an end; infinite where a prior is flat."""
-    with np.errstate(divide="ignore"):
-        return 1 / np.asarray(problem.parameters.prior_residuals(jnp.asarray(end.theta))[1])
+def _prior_sd(problem: InverseProblem) -> np.ndarray:
+    """Return the priors' standard deviations in theta; infinite for flat ones, whose edges are one-sided."""
+    parameters = problem.parameters
+    return np.where(np.asarray(parameters.column("flat")) > 0, np.inf, np.asarray(parameters.column("prior_sd")))
 
 
 def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:

@@ -85,11 +85,10 @@ def fisher(scaled: Float[np.ndarray, "*batch D P"]) -> Float[np.ndarray, "*batch
 def _normal_prior(parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """Return means and standard deviations of the normal priors that stand for the parameters' own in a plan.
 
-    A flat prior is replaced by a normal one of the same variance (flanks added), none by one of `OPEN_SD`.
+    A flat prior is replaced by a normal one of about its width, none by one of `OPEN_SD`.
     """
     centre = np.asarray(parameters.theta(parameters.column("centre")))
-    flat, sd = np.asarray(parameters.column("flat")), np.asarray(parameters.column("prior_sd"))
-    return centre, np.where(parameters.proper, np.hypot(flat / np.sqrt(3), sd), OPEN_SD)
+    return centre, np.where(parameters.proper, parameters.normal_sd, OPEN_SD)
 
 
 def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> np.ndarray:

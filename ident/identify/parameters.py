@@ -125,6 +125,11 @@ class Parameters(eqx.Module):
         return centre + below + jnp.clip((u - 0.5) * whole, -flat, flat) + above
 
     @property
+    def normal_sd(self) -> np.ndarray:
+        """Standard deviations in theta of normal priors of about the same width; infinite without a prior."""
+        return np.hypot(np.asarray(self.column("prior_sd")), np.asarray(self.column("flat")) / math.sqrt(3))
+
+    @property
     def proper(self) -> np.ndarray:
         """Which parameters have a prior."""
         return np.isfinite(np.asarray(self.column("prior_sd")))
@@ -174,7 +179,6 @@ def parameter(
             raise InputError(Problem("", got, "a mass, a stiffness or a damping time", "use --free NAME:WIDTH"))
         centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
         flat = math.log(prior.high / prior.low) / 2
-        start = min(max(start, prior.low), prior.high)
     centre = value if centre is None else centre
     if positive and not (start > 0 and centre > 0):
         remedy = f"give {paths[0]} a positive value in the arm file, or keep it (--fix {paths[0]})"

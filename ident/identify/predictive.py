@@ -16,7 +16,7 @@ class Predictive(NamedTuple):
     """Data as a sample of the posterior has them, all SI.
 
     Attributes:
-        theta: (n, P) the draws, spread evenly over the chains.
+        theta: (n, P) the draws, picked at random from all chains.
         predicted: (n, D) predictions.
         simulated: (n, D) the same with noise.
     """
@@ -28,10 +28,10 @@ class Predictive(NamedTuple):
 
 def predictive(sample: Sample, basin: int = 0, count: int = COUNT) -> Predictive:
     """Predict and simulate the data for some of the draws about one optimum; reproducible by the sample's seed."""
-    draws = sample.draws(basin)
-    theta = draws[np.linspace(0, len(draws) - 1, count).round().astype(int)]
+    draws, rng = sample.draws(basin), np.random.default_rng([sample.settings.seed, 1])
+    theta = draws[np.sort(rng.choice(len(draws), min(count, len(draws)), replace=False))]
     at = evaluate(sample.posterior, theta, sample.batch)
-    noise = np.random.default_rng(sample.settings.seed).standard_normal((len(theta), len(at.predicted)))
+    noise = rng.standard_normal((len(theta), len(at.predicted)))
     sigma = np.asarray(sample.posterior.problem.sigma)
     width = np.where(np.isfinite(sigma), sigma, 0.0) * at.scale.T
     return Predictive(theta, at.predicted.T, at.predicted.T + width * noise)

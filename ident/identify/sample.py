@@ -1,6 +1,7 @@
 """Draws from the posterior: several independent emcee ensembles about each optimum, resumable to the bit."""
 
 import hashlib
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from ident.errors import InputError, Problem
 from ident.identify.checkpoint import Block, Checkpoints
 from ident.identify.diagnostics import Diagnosis, diagnose
 from ident.identify.fit import Fit
+from ident.identify.information import information
 from ident.identify.posterior import Posterior, evaluate
 from ident.identify.starts import starting_points
 
@@ -33,7 +35,7 @@ SPLITS = 2
 JOINED = 1.05
 """R-hat over the ensembles about two optima below which they have met."""
 RIVAL = 30.0
-"""Optima whose cost is higher by more than this hold less than a millionth of the probability and are left out."""
+"""Optima whose cost is higher by more than this, a factor of 3e-7 in density, are left out."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class Sample:
         theta: (steps, ensembles, walkers, P) all draws.
         log_density: (steps, ensembles, walkers) log posterior.
         basin: (ensembles,) optimum about which each ensemble is; the better one of two without a barrier between.
+        started: (ensembles,) optimum about which each ensemble started.
         acceptance: (ensembles,) share of accepted moves.
         diagnosis: what the chains say of themselves, basin by basin.
     """
@@ -82,6 +85,7 @@ class Sample:
     theta: Float[np.ndarray, "steps ensembles walkers P"]
     log_density: Float[np.ndarray, "steps ensembles walkers"]
     basin: tuple[int, ...]
+    started: tuple[int, ...]
     acceptance: Float[np.ndarray, "ensembles"]
     diagnosis: tuple[Diagnosis, ...]
 
@@ -118,8 +122,8 @@ def sample(
     """Sample a posterior until its effective sample size is reached; go on where an earlier run was stopped.
 
     Each optimum of the fit that matters gets ensembles of its own, as an ensemble does not cross between separated
-    ones. A chain depends on model, data, priors, walkers and seed alone: interrupted and resumed it is the same to the
-    bit, and a higher target only makes it longer.
+    ones. A chain depends on model, data, priors, optima, walkers and seed alone: interrupted and resumed it is the
+    same to the bit, and a higher target only makes it longer.
 
     Args:
         fit: of the posterior's problem; gives optima and starting points.
@@ -135,7 +139,9 @@ def sample(
         ModelError: the model has no answer about an optimum.
     """
     settings = _checked(fit, posterior, settings)
-    basins = [i for i, optimum in enumerate(fit.optima) if optimum.cost < fit.best.cost + RIVAL]
+    # with noise that is known up to a factor only, so are the costs
+    reach = math.inf if posterior.noise.items else fit.best.cost + RIVAL
+    basins = [i for i, optimum in enumerate(fit.optima) if optimum.cost < reach]
     where = [basin for basin in basins for _ in range(settings.ensembles)]
     kept = Checkpoints(folder, _identity(posterior, settings, len(basins), provenance or {}))
     blocks = kept.read()
@@ -149,7 +155,8 @@ def sample(
                 kept.write(i, blocks[-1])
             if (i + 1) * BLOCK >= look:
                 look = int(1.25 * (i + 1) * BLOCK)
-                if all(found.enough(settings.target_ess) for found in _diagnose(blocks[: i + 1], where)):
+                done = blocks[: i + 1]
+                if all(found.enough(settings.target_ess) for found in _diagnose(done, _joined(done, where))):
                     break
     return _sample(fit, posterior, settings, blocks[: i + 1], where)
 
@@ -223,7 +230,7 @@ def _sample(
     theta, log = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("theta", "log_density"))
     accepted = np.concatenate([block.accepted for block in blocks]).sum(0) / (len(theta) * theta.shape[2])
     basin = _joined(blocks, where)
-    return Sample(posterior, fit, settings, theta, log, tuple(basin), accepted, _diagnose(blocks, basin))
+    return Sample(posterior, fit, settings, theta, log, tuple(basin), tuple(where), accepted, _diagnose(blocks, basin))
 
 
 def _joined(blocks: Sequence[Block], where: Sequence[int]) -> list[int]:
@@ -255,7 +262,8 @@ def _checked(fit: Fit, posterior: Posterior, settings: Settings) -> Settings:
         raise InputError(Problem("", f"{settings.ensembles} ensembles", expected, remedy))
     if settings.max_steps < BLOCK:
         raise InputError(Problem("", f"{settings.max_steps} steps", f"at least {BLOCK}", "correct --steps"))
-    open_ones = np.isinf(fit.information.data_sd) & ~fit.problem.parameters.proper
+    scaled = fit.jacobian / np.asarray(fit.problem.sigma)[:, None]
+    open_ones = np.isinf(information(scaled, fit.problem.parameters.normal_sd, fit.information.names).sd)
     if open_ones.any():
         names = ", ".join(np.array(fit.information.names)[open_ones])
         remedy = "give each a prior (--prior), or fix it (--fix)"
@@ -264,7 +272,7 @@ def _checked(fit: Fit, posterior: Posterior, settings: Settings) -> Settings:
         remedy = "measure what depends on them (see `ident check`), or fix fewer"
         raise InputError(Problem("", "no measurement that depends on any of the unknowns", "at least one", remedy))
     beyond = np.abs(np.asarray(fit.problem.parameters.prior_residuals(jnp.asarray(fit.best.theta))[0]))
-    if beyond.max() > EXCLUDED:
+    if beyond.max() > EXCLUDED and not posterior.noise.items:
         worst = int(np.argmax(beyond))
         name, value = fit.information.names[worst], fit.best.values[worst]
         got = f"a prior of {name} that excludes the data: they pull it to {value:.4g}, {beyond[worst]:.1f} sd beyond"
@@ -279,7 +287,7 @@ def _identity(posterior: Posterior, settings: Settings, optima: int, provenance:
         numbers.update(np.asarray(leaf).tobytes())
     return {
         **provenance,
-        "set of unknowns": ", ".join(posterior.parameters.names),
+        "set of unknowns": ", ".join("=".join(item.paths) for item in posterior.parameters.items),
         "set of numbers (data, priors, arm)": numbers.hexdigest(),
         "number of optima": str(optima),
         "number of ensembles": str(settings.ensembles),

@@ -56,10 +56,10 @@ def _point(posterior: Posterior, optimum: Optimum, rng: np.random.Generator) -> 
 
 
 def _perturbed(problem: InverseProblem, rng: np.random.Generator) -> InverseProblem:
-    """Move data and priors by their own uncertainty; a flat prior counts as the normal one of its variance."""
+    """Move data and priors by their own uncertainty; a flat prior counts as a normal one of about its width."""
     sigma, parameters = np.asarray(problem.sigma), problem.parameters
     noise = np.where(np.isfinite(sigma), sigma, 0.0) * rng.standard_normal(len(sigma))
-    sd = np.sqrt(np.asarray(parameters.column("prior_sd")) ** 2 + np.asarray(parameters.column("flat")) ** 2 / 3)
+    sd = parameters.normal_sd
     shift = np.where(parameters.proper, sd, 0.0) * rng.standard_normal(len(sd))
     centres = parameters.values(parameters.theta(parameters.column("centre")) + shift)
     items = tuple(

@@ -150,7 +150,7 @@ def _values(axes: Axes, result: CampaignFit, group: Sequence[int], *, shift: boo
 
 
 def _row(item: Parameter, value: float, interval: np.ndarray, supported: bool, shift: bool) -> _Row:
-    centre = float(item.centre)
+    centre = float(item.start)
 
     def relative(x: float) -> float:
         return 1e3 * (x - centre) if shift else x / centre if centre else math.nan

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from ident.arm.file import ArmFile
+from ident.errors import InputError, Problem
 from ident.files import replace_file
 from ident.identify.campaign_plan import CampaignPlan
 from ident.identify.visits import Visit
 from ident.measure import format_campaign
 from ident.present.result import LIBRARIES, plain
+from ident.text import one_line
 
 FORMAT = "ident-plan/1"
 
@@ -68,8 +70,10 @@ def write_form(plan: CampaignPlan, path: Path) -> None:
     """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes.
 
     Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
+        InputError: the folder or the file can't be written, or a form is there that has been filled in; what was there
+            before is untouched.
     """
+    _refuse_filled(path)
     table = list(csv.DictReader(io.StringIO(format_campaign(plan.campaign(), relative_sigma=True))))
     text = io.StringIO()
     text.write("# Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement.\n")
@@ -82,6 +86,18 @@ def write_form(plan: CampaignPlan, path: Path) -> None:
         note = f"expected {float(row['value']):.4g} {row['unit']}. {row.get('note') or ''}".strip()
         writer.writerow({**row, "value": "", "note": note, "relative_sigma": f"{float(row['relative_sigma']):.4g}"})
     replace_file(path, lambda file: file.write(text.getvalue().encode()), make_folders=True)
+
+
+def _refuse_filled(path: Path) -> None:
+    try:
+        lines = [line for line in path.read_text("utf-8").splitlines() if not line.startswith("#")]
+    except (OSError, UnicodeDecodeError):
+        return
+    if any((row.get("value") or "").strip() for row in csv.DictReader(lines)):
+        remedy = "move it away, or choose another folder (--out)"
+        raise InputError(
+            Problem(one_line(str(path)), "a form that has been filled in", "none, or an empty one", remedy)
+        )
 
 
 def _visit(visit: Visit) -> dict[str, Any]:

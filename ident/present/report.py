@@ -48,9 +48,9 @@ def _parameters(result: CampaignFit) -> Iterator[str]:
     for i, (item, value, (low, high)) in enumerate(rows):
         interval = _interval(low, high) if result.supported[i] else ("withheld" if known.supported[i] else "open")
         source = known_from(known.prior_share[i], known.sd[i])
-        ratio = f"{value / float(item.centre):.3g}" if float(item.centre) else "-"
+        ratio = f"{value / float(item.start):.3g}" if float(item.start) else "-"
         yield (
-            f"  {item.name:16s} {value:13.5g}    {interval:23s} {float(item.centre):10.4g} {ratio:>7s}   {source}"
+            f"  {item.name:16s} {value:13.5g}    {interval:23s} {float(item.start):10.4g} {ratio:>7s}   {source}"
             f"   [{unit_of(item.name)}]"
         )
         for other in item.paths[1:]:
@@ -59,7 +59,7 @@ def _parameters(result: CampaignFit) -> Iterator[str]:
     if stiff:
         yield "  in N mm/deg, the unit of the paper's Table 1 (arm file in brackets):"
         for item, value in stiff:
-            yield f"    {item.name:16s} {nmm_per_deg(value):10.4g}   ({nmm_per_deg(float(item.centre)):.4g})"
+            yield f"    {item.name:16s} {nmm_per_deg(value):10.4g}   ({nmm_per_deg(float(item.start)):.4g})"
     for prior in priors_in_words(items):
         yield f"  prior: {prior}"
     if not any("tau" in item.name for item in items):
@@ -180,10 +180,10 @@ def against(tension: Tension, i: int, m: Measurement) -> str:
 def _stretch(fit: Fit) -> str:
     items = fit.problem.parameters.items
     ratios = [
-        abs(math.log(v / float(p.centre))) if p.positive else 0.0 for p, v in zip(items, fit.best.values, strict=True)
+        abs(math.log(v / float(p.start))) if p.positive else 0.0 for p, v in zip(items, fit.best.values, strict=True)
     ]
     worst = int(np.argmax(ratios))
-    factor = fit.best.values[worst] / float(items[worst].centre)
+    factor = fit.best.values[worst] / float(items[worst].start)
     return f"takes {items[worst].name} to {factor:.2g} times the arm file's value."
 
 

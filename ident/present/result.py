@@ -38,7 +38,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
                 "sd": sd,
                 "sd_by_data_alone": data_sd,
                 "prior_share": share,
-                "prior": {"median": item.centre, "sd": item.prior_sd},
+                "prior": {"median": item.centre, "sd": item.prior_sd, "flat_half_width": item.flat},
             }
             for item, value, interval, supported, sd, data_sd, share in zip(
                 items,

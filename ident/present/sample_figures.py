@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 
 from ident.identify.campaign_sample import CampaignSample
 from ident.present.figures import DENSE, LABEL, PANEL, ROW
-from ident.present.sample_report import LEARNED, LEVELS, directions, learned, quantiles
+from ident.present.sample_report import LEARNED, LEVELS, directions, learned, of_first, quantiles
 from ident.present.style import BLUE, FILLED, GREY, HOLLOW, ORANGE, PALE, Style, heading, plain, ratio_axis, rows
 from ident.present.words import cut, direction_name, short
 
@@ -42,7 +42,7 @@ def posterior_figure(result: CampaignSample) -> Figure:
     title = (
         f"Posterior of {cut(result.fitted.arm.name, 50)} given {cut(result.fitted.campaign.name, 50) or 'measurements'}"
     )
-    figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
+    figure.suptitle(title + of_first(result), parse_math=False, fontsize=13, fontweight="bold")
     columns = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     stacked = columns[0].subgridspec(2, 1, height_ratios=left)
     _against_prior(figure.add_subplot(stacked[0]), result)
@@ -70,7 +70,8 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
         axes.plot([low, high], [y, y], **WIDE)
         axes.plot([lower, upper], [y, y], **NARROW, solid_capstyle="butt")
         axes.plot([median], [y], linestyle="", zorder=3, **(HOLLOW if unknown else FILLED))
-    texts = [f"{share:.0%} of prior" for share in learned(result)]
+    shares = zip(learned(result), parameters.proper, strict=True)
+    texts = [f"{share:.0%} of prior" if proper else "no prior" for share, proper in shares]
     rows(axes.twinx(), texts, side="right")
     axes.set_xlabel("value / centre of its prior [-]", fontsize=9)
     keys: dict[str, Style] = {"prior, 95 %": BAND, "posterior, 95 %": WIDE, "50 %": NARROW}
@@ -82,9 +83,7 @@ def _combinations(axes: Axes, result: CampaignSample) -> None:
     """Draw the spread of each combination over the draws, and what the prior alone would leave."""
     found, items = directions(result), result.fitted.fit.problem.parameters.items
     names = [item.name for item in items]
-    sd = np.asarray(result.fitted.fit.problem.parameters.column("prior_sd"))
-    flat = np.asarray(result.fitted.fit.problem.parameters.column("flat"))
-    width = np.sqrt(sd**2 + flat**2 / 3)
+    width = result.fitted.fit.problem.parameters.normal_sd
     rows(axes, [direction_name(direction, names) for direction in found])
     axes.set_xscale("log")
     for y, direction in enumerate(found):
@@ -158,7 +157,7 @@ def corner_figure(result: CampaignSample) -> Figure:
         for axis in (axes.xaxis, axes.yaxis):
             if axis.get_scale() == "log":
                 _few_ticks(axis)
-    title = f"Posterior of {cut(result.fitted.arm.name, 40)}: values / centre of their priors [-]"
+    title = f"Posterior of {cut(result.fitted.arm.name, 40)}{of_first(result)}: values / centre of their priors [-]"
     figure.suptitle(title, x=0.98, ha="right", parse_math=False, fontsize=13, fontweight="bold")
     figure.text(0.98, 0.94, "orange: centre of the prior; dashed: 95 % interval", ha="right", fontsize=10)
     return figure

@@ -9,6 +9,7 @@ import numpy as np
 from ident.identify.campaign_sample import CampaignSample
 from ident.identify.diagnostics import LONG_ENOUGH, MIXED, Diagnosis
 from ident.identify.information import Direction
+from ident.identify.sample import RIVAL
 from ident.present.report import product
 from ident.present.units import is_stiffness, nmm_per_deg, shown, unit_of
 from ident.present.words import describe, priors_in_words
@@ -34,8 +35,8 @@ def sample_report(result: CampaignSample) -> str:
 def _heading(result: CampaignSample) -> Iterator[str]:
     sample = result.sample
     yield f"Posterior of {result.fitted.arm.name} given {result.fitted.campaign.name}"
-    count, walkers = len(sample.draws(sample.basins[0])), sample.theta.shape[2]
-    yield f"  {count} draws by {sample.settings.ensembles} ensembles of {walkers} walkers"
+    steps, ensembles, walkers, _ = sample.theta.shape
+    yield f"  {(steps - sample.burn_in) * ensembles * walkers} draws by {ensembles} ensembles of {walkers} walkers"
     for doubt in result.fitted.doubts:
         yield f"  WARNING: of the fit: {doubt}"
     if result.fitted.contradictory and not any("discrepancy" in n for n in sample.posterior.parameters.names):
@@ -72,14 +73,14 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
         )
         yield (
             f"  {item.name:22s} {median:10.4g}   {_span(lower, upper)} {_span(low, high)} {best:10.4g} "
-            f"{float(item.centre):10.4g}   {width}   [{unit_of(item.name)}]"
+            f"{float(item.start):10.4g}   {width}   [{unit_of(item.name)}]"
         )
     stiff = [(item, q) for item, q in zip(items, quantiles(result, basin).T, strict=True) if is_stiffness(item.name)]
     if stiff:
         yield "  in N mm/deg, the unit of the paper's Table 1:"
         for item, (low, _, median, _, high) in stiff:
             numbers = f"{nmm_per_deg(median):10.4g}   95 %: {_span(nmm_per_deg(low), nmm_per_deg(high))}"
-            yield f"    {item.name:20s} {numbers}   arm file {nmm_per_deg(float(item.centre)):.4g}"
+            yield f"    {item.name:20s} {numbers}   arm file {nmm_per_deg(float(item.start)):.4g}"
     if basin == sample.basins[0]:
         yield "  of prior: width of the 95 % interval as a share of the prior's; near 100 % the data say nothing"
         for prior in priors_in_words(items):
@@ -105,7 +106,7 @@ def directions(result: CampaignSample) -> list[Direction]:
 def _combinations(result: CampaignSample) -> Iterator[str]:
     items = result.fitted.fit.problem.parameters.items
     if len(items) > 1:
-        yield "Combinations, best known first: standard deviation of the product over the draws"
+        yield f"Combinations{of_first(result)}, best known first: standard deviation of the product over the draws"
         for direction in directions(result):
             sd = direction.sd
             spread = f"{100 * sd:9.2g} %" if sd < 0.3 else f"factor {math.exp(sd):4.2g}"
@@ -113,7 +114,7 @@ def _combinations(result: CampaignSample) -> Iterator[str]:
 
 
 def _measurements(result: CampaignSample) -> Iterator[str]:
-    head = "Measurements, each with its row in the file"
+    head = f"Measurements{of_first(result)}, each with its row in the file"
     yield f"{head:61s}  measured  predicted, 95 % band               simulated below"
     drawn = result.predictive
     for i, m in enumerate(result.fitted.campaign):
@@ -125,8 +126,15 @@ def _measurements(result: CampaignSample) -> Iterator[str]:
         yield f"  {row:>3s}  {describe(m):53s} {measured:10.4g} {band} {below:7.1%}   [{unit}]{mark}"
 
 
+def of_first(result: CampaignSample) -> str:
+    """Say about which optimum it is, where there are several."""
+    return f" about optimum {result.sample.basins[0] + 1}" if len(result.sample.basins) > 1 else ""
+
+
 def _optima(result: CampaignSample) -> Iterator[str]:
-    basins = result.sample.basins
+    basins, left_out = result.sample.basins, len(result.fitted.fit.optima) - len(set(result.sample.started))
+    if left_out:
+        yield f"Optima left out, as their cost is higher by more than {RIVAL:g}: {left_out}"
     if len(basins) < 2:
         return
     yield f"Optima: {len(basins)} that the data hardly tell apart; each was sampled on its own"

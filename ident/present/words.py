@@ -79,7 +79,8 @@ def _prior(item: Parameter) -> str:
     if flat:
         low, high = centre * math.exp(-flat), centre * math.exp(flat)
         return f"flat in the logarithm from {low:.4g} to {high:.4g} {unit_of(item.name)}, flanks {100 * sd:.2g} % wide"
-    about = "the arm file's value" if math.isclose(centre, float(item.start)) else f"{centre:.4g} {unit_of(item.name)}"
+    own = unit_of(item.name) == "-" or not math.isclose(centre, float(item.start))
+    about = f"{centre:.4g} {unit_of(item.name)}".removesuffix(" -") if own else "the arm file's value"
     return f"log-normal about {about}, 95 % within a factor of {math.exp(1.96 * sd):.3g}"
 
 

@@ -216,6 +216,28 @@ def test_checkpoints_of_another_run_are_refused_and_left_alone(tmp_path, change)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
+def test_checkpoints_of_other_ties_are_refused(tmp_path):
+    def tied(*paths):
+        item = Parameter(paths, True, 1.0, 1.0, 1.0)
+        return InverseProblem(
+            lambda p: sum(p.values())[None], jnp.array([1.0]), jnp.array([0.5]), Parameters((item,)), ("x",)
+        )
+
+    alone, both = tied("a"), tied("a", "b")
+    sample(fit(alone), posterior(alone), SHORT, folder=tmp_path)
+    with pytest.raises(InputError, match="another set of unknowns"):
+        sample(fit(both), posterior(both), SHORT, folder=tmp_path)
+
+
+def test_a_product_that_is_known_and_one_prior_bound_both_factors():
+    items = tuple(Parameter((name,), True, 1.0, 1.0, sd) for name, sd in (("a", math.inf), ("b", 0.3)))
+    problem = InverseProblem(
+        lambda p: (p["a"] * p["b"])[None], jnp.array([1.0]), jnp.array([0.1]), Parameters(items), ("x",)
+    )
+    draws = sample(fit(problem), posterior(problem), Settings(target_ess=1000)).draws()
+    assert draws[:, 0].std() == pytest.approx(math.hypot(0.3, 0.1), rel=0.15)
+
+
 def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path):
     problem, _, _ = linear_problem()
     (tmp_path / "file").write_text("")
