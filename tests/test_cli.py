@@ -356,6 +356,14 @@ def test_plan_says_what_to_measure_next(run, tmp_path):
     document = json.loads((tmp_path / "out/table1.plan.json").read_text())
     assert document["options"]["load"] == ["glass"]
     assert len(document["batch"]) == 2
+    form = tmp_path / "out/table1.plan.csv"
+    filled = form.read_text().replace(",,Hz", ",4.2,Hz")
+    assert filled != form.read_text()
+    form.write_text(filled)
+    code, _, err = run("plan", DATA / "table1.csv", *options)
+    assert code == 2
+    assert "a form that has been filled in" in err
+    assert form.read_text() == filled
 
 
 def test_plan_starts_from_nothing_and_ends_at_a_target(run, tmp_path):
