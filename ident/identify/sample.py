@@ -26,7 +26,7 @@ from ident.identify.starts import starting_points
 BLOCK = 50
 """Steps between two checkpoints."""
 FIRST_LOOK = 500
-"""Steps after which the chains are looked at for the first time; then again whenever they are a quarter longer."""
+"""Steps after which the chains are looked at for the first time; then when they should do, or are a quarter longer."""
 LEAST_ENSEMBLES = 4
 EXCLUDED = 5.0
 """Standard deviations from a prior at which the data and it cannot both be right."""
@@ -153,11 +153,13 @@ def sample(
                 states = _states(blocks[-1]) if blocks else _begin(fit, posterior, settings, where)
                 blocks.append(_join(list(pool.map(_Mover.advance, movers, states))))
                 kept.write(i, blocks[-1])
-            if (i + 1) * BLOCK >= look:
-                look = int(1.25 * (i + 1) * BLOCK)
+            steps = (i + 1) * BLOCK
+            if steps >= look:
                 done = blocks[: i + 1]
-                if all(found.enough(settings.target_ess) for found in _diagnose(done, _joined(done, where))):
+                missing = max(d.more_steps(settings.target_ess) for d in _diagnose(done, _joined(done, where)))
+                if not missing:
                     break
+                look = steps + min(missing, steps // 4)
     return _sample(fit, posterior, settings, blocks[: i + 1], where)
 
 
