@@ -1,5 +1,6 @@
 """What every command does first: set up jax, read the inputs, show progress."""
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 
 def start() -> None:
     """Set up jax: double precision, and compiled programs kept from one run to the next."""
+    gc.set_threshold(200_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
     import jax
 
     folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
