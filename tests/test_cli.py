@@ -119,13 +119,20 @@ def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
         (["--discrepancy=deflection:-1"], "width > 0"),
         (["--no-prior"], "nor a prior that bound"),
         (["--walkers=6"], "at least 12 for 6 unknowns"),
-        (["--prior=joint3.k_bend=log-uniform:2e6:3e6"], "that excludes the data"),
     ],
 )
 def test_bad_options_of_sample_are_named(run, tmp_path, options, words):
     code, out, err = run("sample", DATA / "table1.csv", "--starts=1", *options)
     assert (code, out) == (2, "")
     assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == []
+
+
+def test_a_prior_that_excludes_the_data_is_named(run, tmp_path):
+    code, out, err = run("sample", DATA / "campaign.csv", "--starts=1", "--prior=joint3.k_bend=log-uniform:2e5:3e5")
+    assert (code, out) == (2, "")
+    assert "a prior of joint3.k_bend that excludes the data" in err
     assert len(err.splitlines()) == 1
     assert files(tmp_path) == []
 

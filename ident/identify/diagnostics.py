@@ -68,7 +68,8 @@ def diagnose(theta: Float[np.ndarray, "steps ensembles walkers P"]) -> Diagnosis
 
     steps, ensembles, _, count = theta.shape
     by_walker = theta.reshape(steps, -1, count)
-    tau = np.atleast_1d(emcee.autocorr.integrated_time(by_walker, tol=0, quiet=True))
+    with np.errstate(invalid="ignore"):  # a walker that never moved has no autocorrelation: as long as the chain
+        tau = np.atleast_1d(emcee.autocorr.integrated_time(by_walker, tol=0, quiet=True))
     tau = np.where(np.isfinite(tau), np.maximum(tau, 1.0), steps)
     burn_in = min(math.ceil(BURN_IN * tau.max()), steps // 2)
     thin = max(1, int(tau.min() / 5))

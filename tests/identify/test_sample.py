@@ -18,6 +18,7 @@ import pytest
 from chains import linear_problem, storey_problem
 
 from ident.errors import InputError, ModelError
+from ident.identify.diagnostics import diagnose
 from ident.identify.evidence import weigh
 from ident.identify.fit import fit
 from ident.identify.parameters import Parameter, Parameters
@@ -293,3 +294,11 @@ def test_a_model_without_answer_about_the_optimum_is_said():
     nowhere = eqx.tree_at(lambda p: p.model, problem, lambda p: jnp.nan * p["k"][None])
     with pytest.raises(ModelError, match="no answer about the optimum"):
         sample(found, posterior(nowhere), SHORT)
+
+
+def test_a_walker_that_never_moved_makes_the_chain_too_short():
+    theta = np.random.default_rng(0).normal(size=(500, 4, 6, 1))
+    theta[:, 0, 0] = 0.0
+    found = diagnose(theta)
+    assert found.tau[0] == 500
+    assert not found.enough(10)
