@@ -25,7 +25,7 @@ def check_command(
     A verdict for each one, what the data leave open, which measurements matter, which modes may be mistaken, and
     whether the kinds of measurement agree. Nothing is written.
     """
-    unknown = options.unknowns(fix, tie, free, prior_sd, no_prior, prior, discrepancy)
+    unknown = options.unknowns(options.asked(locals()))
     running.start()
     from ident.identify.campaign_check import check_campaign
     from ident.present.check_report import check_report

@@ -1,7 +1,6 @@
 """`ident fit`."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -21,7 +20,7 @@ def fit_command(
     no_prior: options.NoPriorOption = False,
     prior: options.PriorOption = None,
     discrepancy: options.DiscrepancyOption = None,
-    starts: Annotated[int, typer.Option(min=1, help="starts of the search, at least")] = 16,
+    starts: options.StartsOption = 16,
     seed: options.SeedOption = 0,
     trust_values: options.TrustOption = False,
     no_figure: options.NoFigureOption = False,
@@ -31,39 +30,19 @@ def fit_command(
     Damping is fitted too where damping ratios were measured. Writes CAMPAIGN.fit.json and CAMPAIGN.fit.png into the
     folder given by --out.
     """
-    asked = {
-        "fix": fix or [],
-        "tie": tie or [],
-        "free": free or [],
-        "prior_sd": None if no_prior else prior_sd,
-        "prior": prior or [],
-        "discrepancy": discrepancy or [],
-        "starts": starts,
-        "seed": seed,
-        "trust_values": trust_values,
-    }
-    unknown = options.unknowns(fix, tie, free, prior_sd, no_prior, prior, discrepancy)
+    asked = options.asked(locals())
+    unknown = options.unknowns(asked)
     running.start()
-    from ident.identify.campaign_fit import fit_campaign
     from ident.present.report import fit_report
     from ident.present.result import fit_document, write_json
 
     measured, arm_file = running.read(campaign, arm)
-    result = fit_campaign(
-        arm_file.arm,
-        measured,
-        starts=starts,
-        seed=seed,
-        trust_values=trust_values,
-        progress=running.progress("starts"),
-        **unknown,
-    )
+    result = running.fit(arm_file.arm, measured, asked, unknown)
     typer.echo(fit_report(result))
     path = out / f"{measured.name}.fit.json"
     write_json(fit_document(result, arm_file, asked), path)
     typer.echo(f"wrote {path}")
     if not no_figure:
-        from ident.present.figures import fit_figure, save
+        from ident.present.figures import fit_figure
 
-        save(fit_figure(result), path.with_suffix(".png"))
-        typer.echo(f"wrote {path.with_suffix('.png')}")
+        running.draw({path.with_suffix(".png"): fit_figure(result)})

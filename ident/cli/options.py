@@ -1,5 +1,6 @@
 """Arguments and options that several commands take, and how their texts are read."""
 
+from collections.abc import Mapping
 from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -9,6 +10,11 @@ import typer
 from ident.errors import InputError, Problem
 
 T = TypeVar("T")
+UNRECORDED = ("campaign", "arm", "out", "no_prior", "no_figure", "restart")
+"""Options that say where things are or what is shown, not what is computed; inputs are recorded by their hashes."""
+REPEATED = ("fix", "tie", "free", "prior", "discrepancy", "parameter", "noise", "load", "sigma", "cost")
+"""Options that may be given several times."""
+StartsOption = Annotated[int, typer.Option(min=1, help="starts of the fit, at least")]
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
 ArmOption = Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the campaign")]
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
@@ -46,26 +52,25 @@ DiscrepancyOption = Annotated[
 TrustOption = Annotated[bool, typer.Option("--trust-values", help="accept values that look implausible")]
 
 
-def unknowns(
-    fix: list[str] | None,
-    tie: list[str] | None,
-    free: list[str] | None,
-    prior_sd: float,
-    no_prior: bool,
-    prior: list[str] | None,
-    discrepancy: list[str] | None,
-) -> dict[str, Any]:
-    """Return these options as the arguments of `pose`."""
+def asked(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a command's options as its result file records them; `given` are the command's `locals()` at its start."""
+    record = {name: value for name, value in given.items() if name not in UNRECORDED}
+    record |= {name: list(record[name] or ()) for name in REPEATED if name in record}
+    return record | {"prior_sd": None if given["no_prior"] else given["prior_sd"]}
+
+
+def unknowns(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the recorded options that pose the problem, as the arguments of `pose`."""
     from ident.identify.priors import Prior
 
-    priors = [_named(text, f"--prior {text}") for text in prior or ()]
+    priors = [_named(text, f"--prior {text}") for text in asked["prior"]]
     return {
-        "fixed": fix or (),
-        "tied": [_tied(group) for group in tie or ()],
-        "free": _once("--free", [_with_width(text, "--free") for text in free or ()]),
-        "prior_sd": inf if no_prior else prior_sd,
+        "fixed": asked["fix"],
+        "tied": [_tied(group) for group in asked["tie"]],
+        "free": _once("--free", [_with_width(text, "--free") for text in asked["free"]]),
+        "prior_sd": inf if asked["prior_sd"] is None else asked["prior_sd"],
         "priors": {name: Prior.parse(form) for name, form in _once("--prior", priors).items()},
-        "discrepancy": _once("--discrepancy", [_with_width(text, "--discrepancy") for text in discrepancy or ()]),
+        "discrepancy": _once("--discrepancy", [_with_width(text, "--discrepancy") for text in asked["discrepancy"]]),
     }
 
 

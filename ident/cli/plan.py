@@ -49,7 +49,7 @@ def plan_command(
     no_prior: options.NoPriorOption = False,
     prior: options.PriorOption = None,
     discrepancy: options.DiscrepancyOption = None,
-    starts: Annotated[int, typer.Option(min=1, help="starts of the fit, at least")] = 16,
+    starts: options.StartsOption = 16,
     seed: options.SeedOption = 0,
     trust_values: options.TrustOption = False,
     no_figure: options.NoFigureOption = False,
@@ -59,12 +59,12 @@ def plan_command(
     Writes CAMPAIGN.plan.json, CAMPAIGN.plan.csv (a campaign to fill in) and CAMPAIGN.plan.png into the folder given by
     --out. Without CAMPAIGN, name the arm (--arm); the files are then called after its file.
     """
-    asked = {name: value for name, value in locals().items() if name not in ("campaign", "arm", "out", "no_figure")}
+    asked = options.asked(locals())
     if campaign is None and arm is None:
         raise InputError(Problem("", "neither campaign nor arm", "one of them", "as ident plan --arm arm.toml"))
     if not 0 <= target < 1e4:
         raise InputError(Problem("--target", f"{target:g}", "percent, 0 or more", "correct it"))
-    unknown = options.unknowns(fix, tie, free, prior_sd, no_prior, prior, discrepancy)
+    unknown = options.unknowns(asked)
     shares = options.numbers(sigma, "--sigma")
     costs = options.numbers(cost, "--cost")
     running.start()
@@ -106,8 +106,6 @@ def plan_command(
         write_form(plan, path.with_suffix(".csv"))
         typer.echo(f"wrote {path.with_suffix('.csv')}")
     if not no_figure:
-        from ident.present.figures import save
         from ident.present.plan_figure import plan_figure
 
-        save(plan_figure(plan), path.with_suffix(".png"))
-        typer.echo(f"wrote {path.with_suffix('.png')}")
+        running.draw({path.with_suffix(".png"): plan_figure(plan)})

@@ -27,7 +27,7 @@ def profile_command(
     no_prior: options.NoPriorOption = False,
     prior: options.PriorOption = None,
     discrepancy: options.DiscrepancyOption = None,
-    starts: Annotated[int, typer.Option(min=1, help="starts of the search, at least")] = 16,
+    starts: options.StartsOption = 16,
     seed: options.SeedOption = 0,
     trust_values: options.TrustOption = False,
     no_figure: options.NoFigureOption = False,
@@ -37,22 +37,9 @@ def profile_command(
     With --no-prior the profiles show what the data alone support. Writes CAMPAIGN.profile.json and
     CAMPAIGN.profile.png into the folder given by --out, when all is done.
     """
-    asked = {
-        "parameter": parameter or [],
-        "reach": reach,
-        "fix": fix or [],
-        "tie": tie or [],
-        "free": free or [],
-        "prior_sd": None if no_prior else prior_sd,
-        "prior": prior or [],
-        "discrepancy": discrepancy or [],
-        "starts": starts,
-        "seed": seed,
-        "trust_values": trust_values,
-    }
-    unknown = options.unknowns(fix, tie, free, prior_sd, no_prior, prior, discrepancy)
+    asked = options.asked(locals())
+    unknown = options.unknowns(asked)
     running.start()
-    from ident.identify.campaign_fit import fit_campaign
     from ident.identify.pose import pose
     from ident.identify.profile import check, profile
     from ident.present.profile_report import profile_report
@@ -61,23 +48,13 @@ def profile_command(
 
     measured, arm_file = running.read(campaign, arm)
     check(pose(arm_file.arm, measured, **unknown).parameters, parameter, reach=reach)
-    result = fit_campaign(
-        arm_file.arm,
-        measured,
-        starts=starts,
-        seed=seed,
-        trust_values=trust_values,
-        progress=running.progress("starts"),
-        **unknown,
-    )
+    result = running.fit(arm_file.arm, measured, asked, unknown)
     profiles = profile(result.fit, parameter, reach=reach, progress=running.progress("profiles"))
     typer.echo(profile_report(result, profiles))
     path = out / f"{measured.name}.profile.json"
     write_json(profile_document(result, profiles, arm_file, asked), path)
     typer.echo(f"wrote {path}")
     if not no_figure:
-        from ident.present.figures import save
         from ident.present.profile_figure import profile_figure
 
-        save(profile_figure(result, profiles), path.with_suffix(".png"))
-        typer.echo(f"wrote {path.with_suffix('.png')}")
+        running.draw({path.with_suffix(".png"): profile_figure(result, profiles)})

@@ -38,7 +38,7 @@ def sample_command(
     walkers: Annotated[
         int | None, typer.Option(help="walkers in each ensemble; default: four to twelve times the unknowns")
     ] = None,
-    starts: Annotated[int, typer.Option(min=1, help="starts of the fit, at least")] = 16,
+    starts: options.StartsOption = 16,
     seed: options.SeedOption = 0,
     trust_values: options.TrustOption = False,
     restart: Annotated[bool, typer.Option("--restart", help="throw away the checkpoints of an unfinished run")] = False,
@@ -49,27 +49,10 @@ def sample_command(
     Goes on where an earlier run of the same inputs was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
     figures into the folder given by --out.
     """
-    asked = {
-        "fix": fix or [],
-        "tie": tie or [],
-        "free": free or [],
-        "prior_sd": None if no_prior else prior_sd,
-        "prior": prior or [],
-        "discrepancy": discrepancy or [],
-        "noise": noise or [],
-        "weights": weights,
-        "ess": ess,
-        "steps": steps,
-        "ensembles": ensembles,
-        "walkers": walkers,
-        "starts": starts,
-        "seed": seed,
-        "trust_values": trust_values,
-    }
-    unknown = options.unknowns(fix, tie, free, prior_sd, no_prior, prior, discrepancy)
+    asked = options.asked(locals())
+    unknown = options.unknowns(asked)
     running.start()
     from ident.identify.archive import inference_data, write_netcdf
-    from ident.identify.campaign_fit import fit_campaign
     from ident.identify.campaign_sample import sample_campaign
     from ident.identify.checkpoint import Checkpoints
     from ident.identify.sample import BLOCK, Settings
@@ -77,15 +60,7 @@ def sample_command(
     from ident.present.sample_report import sample_report
 
     measured, arm_file = running.read(campaign, arm)
-    fitted = fit_campaign(
-        arm_file.arm,
-        measured,
-        starts=starts,
-        seed=seed,
-        trust_values=trust_values,
-        progress=running.progress("starts"),
-        **unknown,
-    )
+    fitted = running.fit(arm_file.arm, measured, asked, unknown)
     folder = out / f"{measured.name}.sample.part"
     if restart:
         Checkpoints.discard(folder)
@@ -117,9 +92,7 @@ def sample_command(
     else:
         typer.echo(f"kept {folder}: the same command with more --steps goes on from there")
     if not no_figure:
-        from ident.present.figures import save
         from ident.present.sample_figures import sample_figures
 
-        for name, figure in sample_figures(result).items():
-            save(figure, path.with_suffix(f".{name}.png"))
-            typer.echo(f"wrote {path.with_suffix(f'.{name}.png')}")
+        figures = sample_figures(result)
+        running.draw({path.with_suffix(f".{name}.png"): figure for name, figure in figures.items()})

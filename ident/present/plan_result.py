@@ -3,8 +3,6 @@
 import csv
 import io
 from collections.abc import Mapping
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ from ident.files import replace_file
 from ident.identify.campaign_plan import CampaignPlan
 from ident.identify.visits import Visit
 from ident.measure import format_campaign
-from ident.present.result import LIBRARIES, plain
+from ident.present.result import plain, provenance
 from ident.text import one_line
 
 FORMAT = "ident-plan/1"
@@ -23,15 +21,7 @@ FORMAT = "ident-plan/1"
 def plan_document(plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a plan as plain data: angles in rad, standard deviations of theta, gains in nat."""
     measured = plan.fit.campaign if plan.fit else None
-    document = {
-        "format": FORMAT,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": {name: version(name) for name in LIBRARIES},
-        "options": dict(options),
-        "inputs": {
-            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
-            "campaign": {"path": measured.path, "sha256": measured.sha256} if measured else None,
-        },
+    document = provenance(FORMAT, arm_file, measured, options) | {
         "doubts": list(plan.fit.doubts) if plan.fit else [],
         "parameters": [
             {"name": item.name, "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}"}

@@ -87,7 +87,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
     return plain(document)
 
 
-def provenance(form: str, arm_file: ArmFile, campaign: Campaign, options: Mapping[str, Any]) -> dict[str, Any]:
+def provenance(form: str, arm_file: ArmFile, campaign: Campaign | None, options: Mapping[str, Any]) -> dict[str, Any]:
     """Say what a result was made from, with what and how: the head of every result file."""
     return {
         "format": form,
@@ -96,7 +96,7 @@ def provenance(form: str, arm_file: ArmFile, campaign: Campaign, options: Mappin
         "options": dict(options),
         "inputs": {
             "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
-            "campaign": {"path": campaign.path, "sha256": campaign.sha256},
+            "campaign": {"path": campaign.path, "sha256": campaign.sha256} if campaign is not None else None,
         },
     }
 
