@@ -6,8 +6,9 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from ident.arm.arm import Arm, Body, Joint, Payload, Point
+from ident.arm.arm import Arm
 from ident.arm.file import read_arm
+from ident.arm.parts import Body, Joint, Payload, Point
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -1,179 +1,44 @@
-"""What `arm.toml` may say: its tables, with unit and origin at every number, and the arm that they describe.
-
-A number is written `mass = { value = 42.0, unit = "kg", origin = "assumed", note = "..." }`. Any unit of the
-right dimension will do; angles count as a dimension, so that `N*m` is refused where `N*m/rad` is meant.
-"""
+"""What `arm.toml` may say: its tables, and the arm that they describe. How a number is written: `quantities`."""
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
-from ident.arm.arm import GRAVITY, Arm, Body, Joint, Payload, Point, check_inertia
+from ident.arm.arm import GRAVITY, Arm
+from ident.arm.drive import SCALARS, Belt, Drive, Stroke
+from ident.arm.parts import Body, Joint, Payload, Point, check_inertia
+from ident.arm.quantities import (
+    Acceleration,
+    Angle,
+    AngleRate,
+    AngularAcceleration,
+    AngularJerk,
+    Box,
+    Cylinder,
+    Direction,
+    Force,
+    Inertia,
+    Length,
+    Limits,
+    Line,
+    Lump,
+    Mass,
+    MassMoment,
+    Name,
+    NonZero,
+    Position,
+    Shares,
+    SpanStiffness,
+    Stiffness,
+    Table,
+    Time,
+    complaint,
+)
 from ident.errors import InputError
-from ident.text import NAME, did_you_mean, quoted
-from ident.units import in_base_units, parse_unit
 
-LARGEST = 1e15
-"""Largest magnitude of any number: beyond it squares and products would overflow unnoticed."""
-
-Origin = Literal["paper", "assumed", "calibrated", "measured", "derived", "datasheet"]
 Loc = tuple[str | int, ...]
-
-
-def complaint(got: str, expected: str, remedy: str) -> PydanticCustomError:
-    """Return the error by which a validator says what is wrong; pydantic adds where."""
-    return PydanticCustomError("ident", "{got}", {"got": got, "expected": expected, "remedy": remedy})
-
-
-def shown(value: Any) -> str:
-    """Return a value for a message, as TOML writes it and on one line."""
-    if isinstance(value, dict):
-        return "a table"
-    text = str(value).lower() if isinstance(value, bool) else repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-class Table(BaseModel):
-    """A TOML table: no unknown keys, no silent conversion, no nan or inf."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
-
-
-def si(value: Any, unit: str) -> Any:
-    """Return numbers, written in a unit, in SI units."""
-    return np.asarray(value, dtype=float) * in_base_units(parse_unit(unit))[0]
-
-
-def _checked_unit(*examples: str) -> AfterValidator:
-    """Accept units of the dimension of the examples, the first of which is SI."""
-
-    def check(text: str) -> str:
-        unit, expected = parse_unit(text), parse_unit(examples[0])
-        if unit is None or in_base_units(unit)[1] != in_base_units(expected)[1]:
-            got = f"unknown unit {quoted(text)}" if text and unit is None else quoted(text)
-            remedy = did_you_mean(text, examples, "write powers and products as in kg*m^2, N*mm/deg")
-            raise complaint(got, f"a unit such as {examples[0]}", remedy)
-        return text
-
-    return AfterValidator(check)
-
-
-def _ordered(limits: list[float]) -> list[float]:
-    if limits[0] >= limits[1]:
-        raise complaint(shown(limits), "lower limit < upper limit", "swap or correct them")
-    return limits
-
-
-def _not_zero(vector: list[float]) -> list[float]:
-    if np.abs(vector).max() < 1e-9:
-        raise complaint(shown(vector), "a direction, such as [0, 0, 1]", "give the axis of the pin")
-    return vector
-
-
-Name = Annotated[str, Field(pattern=f"^{NAME}$")]
-Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(gt=0, le=LARGEST)]
-NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
-Interval = Annotated[list[Number], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
-Tensor = Annotated[
-    Annotated[Vector, Tag("vector")] | Annotated[Matrix, Tag("matrix")],
-    Discriminator(lambda v: "matrix" if isinstance(v, list) and list in map(type, v) else "vector"),
-]
-LengthUnit = Annotated[str, _checked_unit("m", "mm")]
-Unit = TypeVar("Unit", bound=str)
-Value = TypeVar("Value")
-
-
-class Sourced(Table):
-    """A table that says where its numbers come from, and may add a note of one line."""
-
-    origin: Origin
-    note: Line = ""
-
-
-class Quantity(Sourced, Generic[Unit, Value]):
-    """A number, or a vector or matrix of them, in a unit of the right dimension."""
-
-    value: Value
-    unit: Unit
-
-    @property
-    def number(self) -> Any:
-        """The value in SI units."""
-        return si(self.value, self.unit)
-
-
-Mass = Quantity[Annotated[str, _checked_unit("kg", "g")], NonNegative]
-Position = Quantity[LengthUnit, Vector]
-Stiffness = Quantity[Annotated[str, _checked_unit("N*m/rad", "N*mm/deg")], Positive]
-Time = Quantity[Annotated[str, _checked_unit("s", "ms")], NonNegative]
-Acceleration = Quantity[Annotated[str, _checked_unit("m/s^2")], Vector]
-Limits = Quantity[Annotated[str, _checked_unit("rad", "deg")], Interval]
-
-
-class Direction(Sourced):
-    """A direction of any length but zero."""
-
-    value: Annotated[Vector, AfterValidator(_not_zero)]
-
-    @property
-    def number(self) -> Any:
-        """The unit vector."""
-        return np.asarray(self.value) / np.linalg.norm(self.value)
-
-
-class Inertia(Quantity[Annotated[str, _checked_unit("kg*m^2", "kg*mm^2")], Tensor]):
-    """Principal moments along the frame's axes, or the full tensor, about the mass centre [kg m^2]."""
-
-    def tensor(self, mass: float) -> Any:
-        """Return the (3, 3) tensor; the mass is not used."""
-        return np.diag(self.number) if self.number.ndim == 1 else self.number
-
-
-class Box(Sourced):
-    """A solid box along the frame's axes."""
-
-    kind: Literal["box"]
-    unit: LengthUnit
-    size: Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
-
-    def tensor(self, mass: float) -> Any:
-        """Return m/12 (|s|^2 1 - diag s^2), (3, 3) [kg m^2]."""
-        square = si(self.size, self.unit) ** 2
-        return mass / 12 * np.diag(square.sum() - square)
-
-
-class Cylinder(Sourced):
-    """A solid cylinder along one of the frame's axes."""
-
-    kind: Literal["cylinder"]
-    unit: LengthUnit
-    radius: NonNegative
-    length: NonNegative
-    axis: Literal["x", "y", "z"] = "z"
-
-    def tensor(self, mass: float) -> Any:
-        """Return m r^2/2 about the axis and m (3 r^2 + l^2)/12 across it, (3, 3) [kg m^2]."""
-        radius, length = si([self.radius, self.length], self.unit)
-        moments = np.full(3, (3 * radius**2 + length**2) / 12)
-        moments["xyz".index(self.axis)] = radius**2 / 2
-        return mass * np.diag(moments)
-
-
-class Lump(Table):
-    """A point mass."""
-
-    kind: Literal["point"]
-
-    def tensor(self, mass: float) -> Any:
-        """Return zeros, (3, 3) [kg m^2]."""
-        return np.zeros((3, 3))
 
 
 class BodyTable(Table):
@@ -224,8 +89,8 @@ class JointTable(Table):
     tau_tors: Time = UNDAMPED
     limits: Limits | None = None
     driven: bool = True
-    shaft: list[BodyTable] = []
-    link: list[BodyTable] = []
+    shaft: list[BodyTable] = Field(default_factory=list)
+    link: list[BodyTable] = Field(default_factory=list)
 
     def joint(self) -> Joint:
         """Return the joint as a value."""
@@ -254,6 +119,62 @@ class PayloadTable(BodyTable):
     joint: str
 
 
+class DriveTable(Table):
+    """A harmonic drive; the meaning of each key is that of `Drive`'s attribute."""
+
+    name: Name
+    joint: str
+    ratio: NonZero
+    rotor_inertia: MassMoment | None = None
+    eccentric_mass: Mass | None = None
+    eccentricity: Length | None = None
+    height: Length | None = None
+    phase: Angle | None = None
+    error: Angle | None = None
+    error_phase: Angle | None = None
+
+    def drive(self) -> Drive:
+        """Return the drive as a value; what is not given is zero."""
+        return Drive(self.name, self.joint, **_given(self, SCALARS["Drive"]))
+
+
+class BeltTable(Table):
+    """A belt; the meaning of each key is that of `Belt`'s attribute."""
+
+    name: Name
+    driver: str
+    driven: str
+    driver_radius: Length
+    driven_radius: Length
+    pretension: Force
+    stiffness: SpanStiffness
+    tau: Time | None = None
+    height: Length | None = None
+
+    def belt(self) -> Belt:
+        """Return the belt as a value."""
+        return Belt(self.name, self.driver, self.driven, **_given(self, SCALARS["Belt"]))
+
+
+class StrokeTable(Table):
+    """The straight motion of the hand; the meaning of each key is that of `Stroke`'s attribute."""
+
+    direction: Shares
+    folded: Angle
+    unfolded: Angle
+    speed: AngleRate
+    acceleration: AngularAcceleration
+    jerk: AngularJerk
+
+    def stroke(self) -> Stroke:
+        """Return the stroke as a value."""
+        return Stroke(self.direction.number, **_given(self, SCALARS["Stroke"]))
+
+
+def _given(table: Table, fields: tuple[str, ...]) -> dict[str, Any]:
+    return {field: quantity.number for field in fields if (quantity := getattr(table, field)) is not None}
+
+
 class ArmDocument(Table):
     """All that `arm.toml` says."""
 
@@ -262,8 +183,11 @@ class ArmDocument(Table):
     description: str = ""
     gravity: Acceleration = STANDARD
     joint: Annotated[list[JointTable], Field(min_length=1)]
-    point: list[PointTable] = []
-    payload: list[PayloadTable] = []
+    point: list[PointTable] = Field(default_factory=list)
+    payload: list[PayloadTable] = Field(default_factory=list)
+    drive: list[DriveTable] = Field(default_factory=list)
+    belt: list[BeltTable] = Field(default_factory=list)
+    stroke: StrokeTable | None = None
 
     def arm(self) -> Arm:
         """Return the arm as a value, in SI units."""
@@ -273,13 +197,22 @@ class ArmDocument(Table):
             tuple(Point(p.name, p.joint, p.position.number) for p in self.point),
             tuple(Payload(p.joint, p.body()) for p in self.payload),
             self.gravity.number,
+            tuple(drive.drive() for drive in self.drive),
+            tuple(belt.belt() for belt in self.belt),
+            self.stroke.stroke() if self.stroke else None,
         )
 
     def origins(self) -> dict[str, str]:
-        """Return the origin by path; an inertia that follows from a shape is derived."""
-        tables = {table["name"]: table for _, table in named(self.model_dump())}
-        sources = {path: tables[path.split(".")[0]][path.split(".")[1]] for path in self.arm().paths()}
-        return {path: source["origin"] if source else "derived" for path, source in sources.items()}
+        """Return the origin by path; what follows from a shape is derived, what is left out is assumed to be zero."""
+        written = self.model_dump()
+        tables = {table["name"]: table for _, table in named(written)} | {"stroke": written["stroke"]}
+
+        def origin(path: str) -> str:
+            name, field, *_ = path.split(".")
+            source = tables[name][field]
+            return source["origin"] if source else "derived" if "shape" in tables[name] else "assumed"
+
+        return {path: origin(path) for path in self.arm().paths()}
 
 
 def named(raw: Mapping[str, Any]) -> Iterator[tuple[Loc, Any]]:
@@ -288,7 +221,7 @@ def named(raw: Mapping[str, Any]) -> Iterator[tuple[Loc, Any]]:
         yield ("joint", n), joint
         for kind in ("shaft", "link"):
             yield from ((("joint", n, kind, m), body) for m, body in _rows(joint, kind))
-    for kind in ("point", "payload"):
+    for kind in ("point", "payload", "drive", "belt"):
         yield from (((kind, n), table) for n, table in _rows(raw, kind))
 
 

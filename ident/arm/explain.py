@@ -9,7 +9,8 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from ident.arm import document
-from ident.arm.document import Loc, Table, named, shown
+from ident.arm.document import Loc, named
+from ident.arm.quantities import Box, Cylinder, Direction, Lump, Origin, Quantity, Table, shown
 from ident.errors import Problem
 from ident.text import NAME_RULE, did_you_mean
 
@@ -34,7 +35,7 @@ EXPECTED = {
 
 ADD = {
     "unit": 'add unit = "..."',
-    "origin": f'add origin = "..."; one of {", ".join(get_args(document.Origin))}',
+    "origin": f'add origin = "..."; one of {", ".join(get_args(Origin))}',
     "joint": "describe each joint in a table [[joint]]",
     "format": 'begin the file with format = "ident-arm/1"',
 }
@@ -46,9 +47,12 @@ TABLES: dict[str, type[Table]] = {
     "joint": document.JointTable,
     "shaft": BODY,
     "link": BODY,
+    "drive": document.DriveTable,
+    "belt": document.BeltTable,
+    "stroke": document.StrokeTable,
 }
-TABLES |= {"point": document.PointTable, "payload": document.PayloadTable, "axis": document.Direction}
-SHAPES: dict[str, type[Table]] = {"box": document.Box, "cylinder": document.Cylinder, "point": document.Lump}
+TABLES |= {"point": document.PointTable, "payload": document.PayloadTable, "axis": Direction}
+SHAPES: dict[str, type[Table]] = {"box": Box, "cylinder": Cylinder, "point": Lump}
 
 
 @dataclass(frozen=True)
@@ -83,13 +87,14 @@ class Source:
         tables = list(named(self.raw))
         joints = [str(table.get("name")) for (*_, kind, _), table in tables if kind == "joint"]
         for loc, table in tables:
-            name, joint = table.get("name"), table.get("joint")
+            name = table.get("name")
             if isinstance(name, str) and seen.setdefault(name, loc) != loc:
                 remedy = f"rename it or {self.words(seen[name])}"
                 yield self.problem((*loc, "name"), f"the name {shown(name)} again", "unique names", remedy)
-            if loc[0] != "joint" and isinstance(joint, str) and joint not in joints:
-                remedy = did_you_mean(joint, joints, "name a joint of this arm")
-                yield self.problem((*loc, "joint"), shown(joint), f"one of {', '.join(joints)}", remedy)
+            for key in ("joint", "driver", "driven") if loc[0] != "joint" else ():
+                if isinstance(joint := table.get(key), str) and joint not in joints:
+                    remedy = did_you_mean(joint, joints, "name a joint of this arm")
+                    yield self.problem((*loc, key), shown(joint), f"one of {', '.join(joints)}", remedy)
 
     def words(self, loc: Loc) -> str:
         """Return a location such as `joint[2] 'joint3'.link[1] 'fingers'.mass`."""
@@ -133,7 +138,7 @@ class Source:
         node: Any = self.raw
         for step in loc:
             node = _child(node, step)
-        table = SHAPES[node["kind"]] if last == "shape" else TABLES.get(last, document.Quantity)
+        table = SHAPES[node["kind"]] if last == "shape" else TABLES.get(last, Quantity)
         return list(table.model_fields)
 
 

@@ -12,9 +12,11 @@ import numpy as np
 import tomlkit
 from pydantic import ValidationError
 
-from ident.arm.arm import COMPONENTS, Arm, Joint
-from ident.arm.document import ArmDocument, Origin, named, si
+from ident.arm.arm import COMPONENTS, Arm
+from ident.arm.document import ArmDocument, named
 from ident.arm.explain import Source
+from ident.arm.parts import Joint
+from ident.arm.quantities import Origin, si
 from ident.errors import InputError, Problem
 from ident.text import decode, one_line, read_bytes
 
@@ -86,9 +88,24 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
             remedy = "give the last joint a shaft or link of positive mass, with inertia or shape"
             loc = ("joint", len(document.joint) - 1)
             problems.append(source.problem(loc, got, "mass beyond every bushing", remedy))
+        elif not problems:
+            problems += _unfit(document, source)
     if problems:
         raise InputError(sorted(problems, key=lambda problem: int(problem.where.rpartition(":")[2])))
     return document
+
+
+def _unfit(document: ArmDocument, source: Source) -> list[Problem]:
+    """Return why the parts do not go together, each problem with its line."""
+    try:
+        document.arm()
+    except InputError as error:
+        places = {table["name"]: loc for loc, table in named(source.raw)}
+        return [
+            source.problem((*places.get(p.where, (p.where,)), p.column), p.got, p.expected, p.remedy)
+            for p in error.problems
+        ]
+    return []
 
 
 def idle(joint: Joint) -> str:

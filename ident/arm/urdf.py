@@ -15,9 +15,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ident.arm.arm import Arm, Body, Joint, Point
-from ident.arm.document import LARGEST
+from ident.arm.arm import Arm
 from ident.arm.file import idle
+from ident.arm.parts import Body, Joint, Point
+from ident.arm.quantities import LARGEST
 from ident.errors import InputError, Problem
 from ident.text import NAME, NAME_RULE, did_you_mean, one_line, read_bytes
 

@@ -14,7 +14,8 @@ import pinocchio as pin
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from ident.arm.arm import Arm, Body
+from ident.arm.arm import Arm
+from ident.arm.parts import Body
 
 EIGHTH_ORDER = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 """Weights of the central difference that is exact for polynomials of degree eight."""

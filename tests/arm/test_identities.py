@@ -11,7 +11,7 @@ import scipy.linalg as sl
 from arms import lcd_arm, posture_of, random_arm, random_body, without_gravity
 from jaxtyping import Array
 
-from ident.arm.arm import Arm, Body, Joint, Payload, Point, stiffness_paths
+from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Chain, Loads, hold, no_loads
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.arm.labels import mode_labels
@@ -26,6 +26,7 @@ from ident.arm.mechanics import (
     unflatten,
 )
 from ident.arm.modes import Linearized, damped_eigenvalues, linearize, mac, modes, natural_frequencies
+from ident.arm.parts import Body, Joint, Payload, Point
 
 G = 9.80665
 held = jax.jit(hold)

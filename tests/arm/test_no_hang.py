@@ -12,7 +12,8 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import numpy as np
-from ident.arm.arm import Arm, Body, Joint, Point, stiffness_paths
+from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.parts import Body, Joint, Point
 from ident.arm.chain import hold
 from ident.arm.equilibrium import deflection
 from ident.arm.modes import damped_eigenvalues, linearize, natural_frequencies

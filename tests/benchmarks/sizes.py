@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from timing import timed
 
-from ident.arm.arm import Arm, Body, Joint, Point, stiffness_paths
+from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import hold
 from ident.arm.equilibrium import deflection, rest
 from ident.arm.modes import lowest_eigenpairs, to_hertz
+from ident.arm.parts import Body, Joint, Point
 
 MODES = 4
 

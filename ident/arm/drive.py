@@ -1,0 +1,123 @@
+"""What moves an arm and shakes it: harmonic drives, the belts between them, and the stroke that they drive."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+SCALARS = {
+    "Drive": ("ratio", "rotor_inertia", "eccentric_mass", "eccentricity", "height", "phase", "error", "error_phase"),
+    "Belt": ("driver_radius", "driven_radius", "pretension", "stiffness", "tau", "height"),
+    "Stroke": ("folded", "unfolded", "speed", "acceleration", "jerk"),
+}
+"""Numbers of each part that can be changed by their paths, as `drive1.eccentricity`."""
+
+
+class Drive(eqx.Module):
+    """A harmonic drive on the shaft of a joint, its wave generator turned by a pulley.
+
+    The pulley turns by theta = ratio * q about the joint's axis, seen from the shaft, while the pin turns by q. A
+    turning mass of the drive has its centre off the axis: at theta = 0 in the direction `phase`, counted about the axis
+    from the shaft's x axis (from y where the joint's axis is x). That mass is part of the shaft's. The pin deviates
+    from the wave generator by the kinematic error, `error` sin(2 theta + error_phase): twice a turn, since the wave
+    generator is an ellipse.
+
+    Attributes:
+        name: unique in its arm.
+        joint: name of the joint on whose shaft it sits.
+        ratio: () [-] turns of the wave generator for one of the joint; negative where it turns the other way.
+        rotor_inertia: () [kg m^2] of pulley and wave generator about the axis.
+        eccentric_mass: () [kg] the turning mass that is off its axis.
+        eccentricity: () [m] distance of its centre from the axis.
+        height: () [m] of that centre above the bushing, along the axis.
+        phase: () [rad] direction of that centre at pulley angle zero.
+        error: () [rad] amplitude of the kinematic error at the pin.
+        error_phase: () [rad] phase of the kinematic error.
+
+    References:
+        Tuttle, Seering, "A nonlinear model of a harmonic drive gear transmission", IEEE T-RA 12(3), 1996 (kinematic
+        error at twice the wave generator's frequency).
+    """
+
+    name: str = eqx.field(static=True)
+    joint: str = eqx.field(static=True)
+    ratio: Float[Array, ""]
+    rotor_inertia: Float[Array, ""]
+    eccentric_mass: Float[Array, ""]
+    eccentricity: Float[Array, ""]
+    height: Float[Array, ""]
+    phase: Float[Array, ""]
+    error: Float[Array, ""]
+    error_phase: Float[Array, ""]
+
+    def __init__(self, name: str, joint: str, *, ratio: Any, **numbers: Any):
+        self.name, self.joint = name, joint
+        for field in SCALARS["Drive"]:
+            setattr(self, field, jnp.asarray(ratio if field == "ratio" else numbers.pop(field, 0.0), float))
+        _no_more(numbers)
+
+
+class Belt(eqx.Module):
+    """A belt along a link, from the pulley of the joint before to the pulley of the joint behind it.
+
+    Attributes:
+        name: unique in its arm.
+        driver: name of the joint whose pulley drives the belt.
+        driven: name of the joint whose pulley it drives, the next one that has a pin.
+        driver_radius: () [m]
+        driven_radius: () [m]
+        pretension: () [N] of each span at rest.
+        stiffness: () [N/m] of each span.
+        tau: () [s] damping per stiffness.
+        height: () [m] of the belt's plane above the bushing of the driven joint, along its axis.
+    """
+
+    name: str = eqx.field(static=True)
+    driver: str = eqx.field(static=True)
+    driven: str = eqx.field(static=True)
+    driver_radius: Float[Array, ""]
+    driven_radius: Float[Array, ""]
+    pretension: Float[Array, ""]
+    stiffness: Float[Array, ""]
+    tau: Float[Array, ""]
+    height: Float[Array, ""]
+
+    def __init__(self, name: str, driver: str, driven: str, **numbers: Any):
+        self.name, self.driver, self.driven = name, driver, driven
+        for field in SCALARS["Belt"]:
+            setattr(self, field, jnp.asarray(numbers.pop(field, 0.0), float))
+        _no_more(numbers)
+
+
+class Stroke(eqx.Module):
+    """The straight motion of the hand: joint angles alpha times `direction`, alpha from folded to unfolded.
+
+    Attributes:
+        name: always `stroke`.
+        direction: (driven,) [-] share of each pin in alpha.
+        folded: () [rad] alpha of the folded arm.
+        unfolded: () [rad] alpha of the unfolded arm.
+        speed: () [rad/s] limit of |d alpha/dt| at full speed.
+        acceleration: () [rad/s^2] limit of the second derivative at full speed.
+        jerk: () [rad/s^3] limit of the third derivative at full speed.
+    """
+
+    name: str = eqx.field(static=True)
+    direction: Float[Array, "driven"]
+    folded: Float[Array, ""]
+    unfolded: Float[Array, ""]
+    speed: Float[Array, ""]
+    acceleration: Float[Array, ""]
+    jerk: Float[Array, ""]
+
+    def __init__(self, direction: Any, **numbers: Any):
+        self.name, self.direction = "stroke", jnp.asarray(direction, float)
+        for field in SCALARS["Stroke"]:
+            setattr(self, field, jnp.asarray(numbers.pop(field), float))
+        _no_more(numbers)
+
+
+def _no_more(numbers: dict[str, Any]) -> None:
+    if numbers:
+        raise TypeError(f"unknown: {', '.join(numbers)}")

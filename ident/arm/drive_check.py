@@ -1,0 +1,94 @@
+"""What drives, belts and stroke of an arm must be like to go together."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+
+from ident.arm.drive import Belt, Drive, Stroke
+from ident.errors import InputError, Problem
+from ident.text import did_you_mean
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+
+
+def check_drives(arm: "Arm") -> None:
+    """Refuse drives, belts and a stroke that no arm can have; abstract values (under `jit` or `grad`) are not checked.
+
+    Raises:
+        InputError: every problem, each with the name of its part.
+    """
+    problems = [
+        *(problem for drive in arm.drives for problem in _of_drive(arm, drive)),
+        *(problem for belt in arm.belts for problem in _of_belt(arm, belt)),
+        *(_of_stroke(arm, arm.stroke) if arm.stroke else ()),
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def _of_drive(arm: "Arm", drive: Drive) -> Iterator[Problem]:
+    names = [joint.name for joint in arm.driven]
+    if drive.joint not in names:
+        remedy = did_you_mean(drive.joint, names, "name a joint that has a pin")
+        yield Problem(drive.name, f"'{drive.joint}'", f"one of {', '.join(names)}", remedy, "joint")
+        return
+    if [d.joint for d in arm.drives].count(drive.joint) > 1:
+        yield Problem(drive.name, f"a second drive of {drive.joint}", "one drive a joint", "remove one", "joint")
+    ratio, mass = _known(drive.ratio), _known(drive.eccentric_mass)
+    if ratio is not None and not (np.isfinite(ratio).all() and np.all(ratio != 0)):
+        remedy = "give the turns of the wave generator for one of the joint, as 100"
+        yield Problem(drive.name, f"{_first(ratio)}", "a ratio that is not zero", remedy, "ratio")
+    shaft = [_known(body.mass) for joint in arm.joints if joint.name == drive.joint for body in joint.shaft]
+    if mass is not None and None not in shaft:
+        heaviest = np.sum([m for m in shaft if m is not None], axis=0)
+        if np.any(mass > heaviest) or np.any(mass < 0):
+            remedy = "the turning mass is part of the shaft's: correct one of them"
+            expected = f"0 to {_first(heaviest):.4g} kg, the mass of the shaft"
+            yield Problem(drive.name, f"{_first(mass):.4g} kg", expected, remedy, "eccentric_mass")
+
+
+def _of_belt(arm: "Arm", belt: Belt) -> Iterator[Problem]:
+    names, drives = [joint.name for joint in arm.driven], [drive.joint for drive in arm.drives]
+    for end, joint in (("driver", belt.driver), ("driven", belt.driven)):
+        if joint not in drives:
+            remedy = did_you_mean(joint, drives, "describe its drive, or leave the belt out")
+            yield Problem(belt.name, f"'{joint}'", "a joint that has a drive", remedy, end)
+            return
+    if names.index(belt.driven) != names.index(belt.driver) + 1:
+        got = f"a belt from {belt.driver} to {belt.driven}"
+        yield Problem(belt.name, got, "neighbours, the driver first", "a belt runs along one link", "driven")
+    if [b.driven for b in arm.belts].count(belt.driven) > 1:
+        yield Problem(belt.name, f"a second belt that drives {belt.driven}", "one", "remove one of them", "driven")
+    radii = _known(belt.driver_radius), _known(belt.driven_radius)
+    if radii[0] is not None and radii[1] is not None and (np.any(radii[0] <= 0) or np.any(radii[1] <= 0)):
+        got = f"radii {_first(radii[0]):g} and {_first(radii[1]):g} m"
+        yield Problem(belt.name, got, "radii > 0", "correct them", "driver_radius")
+    for field in ("pretension", "stiffness", "tau"):
+        value = _known(getattr(belt, field))
+        if value is not None and np.any(value < 0):
+            yield Problem(belt.name, f"{_first(value):g}", "a value >= 0", "correct it", field)
+
+
+def _of_stroke(arm: "Arm", stroke: Stroke) -> Iterator[Problem]:
+    if stroke.direction.shape[0] != len(arm.driven):
+        got = f"{stroke.direction.shape[0]} shares"
+        yield Problem("stroke", got, f"{len(arm.driven)}, one a joint", "correct it", "direction")
+    folded, unfolded = _known(stroke.folded), _known(stroke.unfolded)
+    if folded is not None and unfolded is not None and np.any(folded == unfolded):
+        remedy = "give two different angles"
+        yield Problem("stroke", f"folded and unfolded at {_first(folded):g} rad", "a motion", remedy, "folded")
+    for field in ("speed", "acceleration", "jerk"):
+        value = _known(getattr(stroke, field))
+        if value is not None and not np.all(value > 0):
+            yield Problem("stroke", f"{_first(value):g}", "a limit > 0", "correct it", field)
+
+
+def _known(value: Any) -> np.ndarray | None:
+    return None if isinstance(value, jax.core.Tracer) or not hasattr(value, "shape") else np.asarray(value)
+
+
+def _first(value: Any) -> float:
+    return float(np.ravel(value)[0])

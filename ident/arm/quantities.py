@@ -1,0 +1,208 @@
+"""How `arm.toml` writes a number: with unit and origin, as a scalar, a vector, an inertia tensor or a shape.
+
+`mass = { value = 42.0, unit = "kg", origin = "assumed", note = "..." }`. Any unit of the right dimension will do;
+angles count as a dimension, so that `N*m` is refused where `N*m/rad` is meant.
+"""
+
+from typing import Annotated, Any, Generic, Literal, TypeVar
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic_core import PydanticCustomError
+
+from ident.text import NAME, did_you_mean, quoted
+from ident.units import in_base_units, parse_unit
+
+LARGEST = 1e15
+"""Largest magnitude of any number: beyond it squares and products would overflow unnoticed."""
+
+Origin = Literal["paper", "assumed", "calibrated", "measured", "derived", "datasheet"]
+
+
+def complaint(got: str, expected: str, remedy: str) -> PydanticCustomError:
+    """Return the error by which a validator says what is wrong; pydantic adds where."""
+    return PydanticCustomError("ident", "{got}", {"got": got, "expected": expected, "remedy": remedy})
+
+
+def shown(value: Any) -> str:
+    """Return a value for a message, as TOML writes it and on one line."""
+    if isinstance(value, dict):
+        return "a table"
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+class Table(BaseModel):
+    """A TOML table: no unknown keys, no silent conversion, no nan or inf."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+
+def si(value: Any, unit: str) -> Any:
+    """Return numbers, written in a unit, in SI units."""
+    return np.asarray(value, dtype=float) * in_base_units(parse_unit(unit))[0]
+
+
+def _checked_unit(*examples: str) -> AfterValidator:
+    """Accept units of the dimension of the examples, the first of which is SI."""
+
+    def check(text: str) -> str:
+        unit, expected = parse_unit(text), parse_unit(examples[0])
+        if unit is None or in_base_units(unit)[1] != in_base_units(expected)[1]:
+            got = f"unknown unit {quoted(text)}" if text and unit is None else quoted(text)
+            remedy = did_you_mean(text, examples, "write powers and products as in kg*m^2, N*mm/deg")
+            raise complaint(got, f"a unit such as {examples[0]}", remedy)
+        return text
+
+    return AfterValidator(check)
+
+
+def _ordered(limits: list[float]) -> list[float]:
+    if limits[0] >= limits[1]:
+        raise complaint(shown(limits), "lower limit < upper limit", "swap or correct them")
+    return limits
+
+
+def _not_zero(vector: list[float]) -> list[float]:
+    if np.abs(vector).max() < 1e-9:
+        raise complaint(shown(vector), "a direction, such as [0, 0, 1]", "give the axis of the pin")
+    return vector
+
+
+def _no_zero(ratio: float) -> float:
+    if ratio == 0:
+        raise complaint("0", "a ratio that is not zero", "give the turns of the wave generator for one of the joint")
+    return ratio
+
+
+Name = Annotated[str, Field(pattern=f"^{NAME}$")]
+Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
+Interval = Annotated[list[Number], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
+Tensor = Annotated[
+    Annotated[Vector, Tag("vector")] | Annotated[Matrix, Tag("matrix")],
+    Discriminator(lambda v: "matrix" if isinstance(v, list) and list in map(type, v) else "vector"),
+]
+LengthUnit = Annotated[str, _checked_unit("m", "mm")]
+Unit = TypeVar("Unit", bound=str)
+Value = TypeVar("Value")
+
+
+class Sourced(Table):
+    """A table that says where its numbers come from, and may add a note of one line."""
+
+    origin: Origin
+    note: Line = ""
+
+
+class Quantity(Sourced, Generic[Unit, Value]):
+    """A number, or a vector or matrix of them, in a unit of the right dimension."""
+
+    value: Value
+    unit: Unit
+
+    @property
+    def number(self) -> Any:
+        """The value in SI units."""
+        return si(self.value, self.unit)
+
+
+Mass = Quantity[Annotated[str, _checked_unit("kg", "g")], NonNegative]
+Position = Quantity[LengthUnit, Vector]
+Stiffness = Quantity[Annotated[str, _checked_unit("N*m/rad", "N*mm/deg")], Positive]
+Time = Quantity[Annotated[str, _checked_unit("s", "ms")], NonNegative]
+Acceleration = Quantity[Annotated[str, _checked_unit("m/s^2")], Vector]
+Limits = Quantity[Annotated[str, _checked_unit("rad", "deg")], Interval]
+Angle = Quantity[Annotated[str, _checked_unit("rad", "deg")], Number]
+AngleRate = Quantity[Annotated[str, _checked_unit("rad/s", "deg/s")], Positive]
+AngularAcceleration = Quantity[Annotated[str, _checked_unit("rad/s^2", "deg/s^2")], Positive]
+AngularJerk = Quantity[Annotated[str, _checked_unit("rad/s^3", "deg/s^3")], Positive]
+Length = Quantity[LengthUnit, Number]
+MassMoment = Quantity[Annotated[str, _checked_unit("kg*m^2", "kg*mm^2")], NonNegative]
+Force = Quantity[Annotated[str, _checked_unit("N")], NonNegative]
+SpanStiffness = Quantity[Annotated[str, _checked_unit("N/m", "N/mm")], NonNegative]
+
+
+class Direction(Sourced):
+    """A direction of any length but zero."""
+
+    value: Annotated[Vector, AfterValidator(_not_zero)]
+
+    @property
+    def number(self) -> Any:
+        """The unit vector."""
+        return np.asarray(self.value) / np.linalg.norm(self.value)
+
+
+class Shares(Sourced):
+    """Shares of the pins in one motion, without unit."""
+
+    value: Annotated[list[Number], Field(min_length=1), AfterValidator(_not_zero)]
+
+    @property
+    def number(self) -> Any:
+        """The shares."""
+        return np.asarray(self.value)
+
+
+class NonZero(Sourced):
+    """A ratio, without unit."""
+
+    value: Annotated[Number, AfterValidator(_no_zero)]
+
+    @property
+    def number(self) -> Any:
+        """The ratio."""
+        return np.asarray(self.value)
+
+
+class Inertia(Quantity[Annotated[str, _checked_unit("kg*m^2", "kg*mm^2")], Tensor]):
+    """Principal moments along the frame's axes, or the full tensor, about the mass centre [kg m^2]."""
+
+    def tensor(self, mass: float) -> Any:
+        """Return the (3, 3) tensor; the mass is not used."""
+        return np.diag(self.number) if self.number.ndim == 1 else self.number
+
+
+class Box(Sourced):
+    """A solid box along the frame's axes."""
+
+    kind: Literal["box"]
+    unit: LengthUnit
+    size: Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
+
+    def tensor(self, mass: float) -> Any:
+        """Return m/12 (|s|^2 1 - diag s^2), (3, 3) [kg m^2]."""
+        square = si(self.size, self.unit) ** 2
+        return mass / 12 * np.diag(square.sum() - square)
+
+
+class Cylinder(Sourced):
+    """A solid cylinder along one of the frame's axes."""
+
+    kind: Literal["cylinder"]
+    unit: LengthUnit
+    radius: NonNegative
+    length: NonNegative
+    axis: Literal["x", "y", "z"] = "z"
+
+    def tensor(self, mass: float) -> Any:
+        """Return m r^2/2 about the axis and m (3 r^2 + l^2)/12 across it, (3, 3) [kg m^2]."""
+        radius, length = si([self.radius, self.length], self.unit)
+        moments = np.full(3, (3 * radius**2 + length**2) / 12)
+        moments["xyz".index(self.axis)] = radius**2 / 2
+        return mass * np.diag(moments)
+
+
+class Lump(Table):
+    """A point mass."""
+
+    kind: Literal["point"]
+
+    def tensor(self, mass: float) -> Any:
+        """Return zeros, (3, 3) [kg m^2]."""
+        return np.zeros((3, 3))
