@@ -94,7 +94,7 @@ def hold(arm: Arm, posture: Float[Array, "driven *#batch"], loads: Loads | None 
     mass, moment, second = _moments(arm, before, after, loads)
     bend, tors, damping = _bushings(arm, before)
     return Chain(
-        offset=matvec(links, _stack([joint.offset for joint in arm.joints], 1, rank)),
+        offset=matvec(links, stack([joint.offset for joint in arm.joints], 1, rank)),
         mass=mass,
         moment=moment,
         second=second,
@@ -113,7 +113,7 @@ def _frames(arm: Arm, posture: Array) -> tuple[Array, Array]:
     """Return the axes of all shafts and of all links (3, 3, N, *batch) in the base frame."""
     angles, none = iter(posture), jnp.zeros_like(posture[:1]).sum(0)
     angle = jnp.stack([next(angles) if joint.driven else none for joint in arm.joints])
-    turn = turn_about(_stack([joint.axis for joint in arm.joints], 1, posture.ndim - 1), angle)
+    turn = turn_about(stack([joint.axis for joint in arm.joints], 1, posture.ndim - 1), angle)
     after = [turn[:, :, 0]]
     for j in range(1, len(arm.joints)):
         after.append(matmul(after[-1], turn[:, :, j]))
@@ -125,9 +125,9 @@ def _bushings(arm: Arm, frame: Array) -> tuple[Array, Array, Array]:
     """Return the bending stiffness, torsional stiffness and damping matrices of all bushings in base axes."""
     rank = frame.ndim - 3
     k_bend, k_tors, tau_bend, tau_tors = (
-        _stack([getattr(joint, field) for joint in arm.joints], 0, rank) for field in (*STIFFNESS, *DAMPING)
+        stack([getattr(joint, field) for joint in arm.joints], 0, rank) for field in (*STIFFNESS, *DAMPING)
     )
-    axis = matvec(frame, _stack([joint.axis for joint in arm.joints], 1, rank))
+    axis = matvec(frame, stack([joint.axis for joint in arm.joints], 1, rank))
     along = outer(axis, axis)
     bend, tors = (-along + identity(3, rank + 1)) * k_bend, along * k_tors
     return bend, tors, bend * tau_bend + tors * tau_tors
@@ -150,9 +150,9 @@ def _moments(arm: Arm, before: Array, after: Array, loads: Loads) -> tuple[Array
         raise ModelError(f"{arm.name} has no mass")
 
     share = jnp.concatenate([fixed, loads.payload, loads.mass])
-    m = share * _stack([*(body.mass for body in bodies), *(1.0 for _ in arm.points)], 0, rank)
-    com = _stack([*(body.com for body in bodies), *(point.position for point in arm.points)], 1, rank)
-    inertia = share * _stack([*(b.inertia for b in bodies), *(np.zeros((3, 3)) for _ in arm.points)], 2, rank)
+    m = share * stack([*(body.mass for body in bodies), *(1.0 for _ in arm.points)], 0, rank)
+    com = stack([*(body.com for body in bodies), *(point.position for point in arm.points)], 1, rank)
+    inertia = share * stack([*(b.inertia for b in bodies), *(np.zeros((3, 3)) for _ in arm.points)], 2, rank)
 
     frame = jnp.concatenate([before, after], 2)[:, :, np.array(place)]
     r, turned = matvec(frame, com), matmul(matmul(frame, inertia), transpose(frame))
@@ -166,10 +166,10 @@ def _points(arm: Arm, carrier: tuple[int, ...], after: Array) -> Array:
     rank = after.ndim - 3
     if not carrier:
         return jnp.zeros((3, 0) + (1,) * rank)
-    return matvec(after[:, :, np.array(carrier)], _stack([point.position for point in arm.points], 1, rank))
+    return matvec(after[:, :, np.array(carrier)], stack([point.position for point in arm.points], 1, rank))
 
 
-def _lift(x: Any, components: int, rank: int) -> Array:
+def lift(x: Any, components: int, rank: int) -> Array:
     """Insert singleton batch axes between the components of x and the batch it may carry already."""
     x = jnp.asarray(x)
     own = x.shape[components:]
@@ -178,6 +178,6 @@ def _lift(x: Any, components: int, rank: int) -> Array:
     return x.reshape(x.shape[:components] + (1,) * (rank - len(own)) + own)
 
 
-def _stack(items: Sequence[Any], components: int, rank: int) -> Array:
+def stack(items: Sequence[Any], components: int, rank: int) -> Array:
     """Stack over joints, bodies or points, on the axis between components and batch."""
-    return jnp.stack(jnp.broadcast_arrays(*(_lift(item, components, rank) for item in items)), components)
+    return jnp.stack(jnp.broadcast_arrays(*(lift(item, components, rank) for item in items)), components)
