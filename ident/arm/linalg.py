@@ -43,6 +43,22 @@ def solve_positive(A: Square, b: Float[Array, "n *#batch"]) -> Float[Array, "n *
     return matvec(transpose(W), matvec(W, b))
 
 
+def solve_unpivoted(A: Square, B: Float[Array, "n m *#batch"]) -> Float[Array, "n m *#batch"]:
+    """Return the solution X of A X = B by Gauss-Jordan elimination without row exchanges.
+
+    For matrices whose leading blocks are all well conditioned, such as a mass matrix with small additions.
+    """
+    n, row = A.shape[0], _indices(A)
+
+    def eliminate(k: Array, rest: Array) -> Array:
+        pivot_row = jax.lax.dynamic_index_in_dim(rest, k, 0, keepdims=False)
+        column = jax.lax.dynamic_index_in_dim(rest, k, 1, keepdims=False)
+        pivot = jax.lax.dynamic_index_in_dim(pivot_row, k, 0, keepdims=False)
+        return rest - outer(jnp.where(row == k, 1 - 1 / pivot, column / pivot), pivot_row)
+
+    return jax.lax.fori_loop(0, n, eliminate, jnp.concatenate([A, B], 1))[:, n:]
+
+
 def lowest_modes(
     H: Square, M: Square, count: int
 ) -> tuple[Float[Array, "count *#batch"], Float[Array, "n count *#batch"]]:

@@ -195,7 +195,7 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
 
 
 def _gradient(chain: Chain, phi: Phi, at: Placement, moment: Phi) -> Float[Array, "n *#batch"]:
-    return _flat(matvec(transpose(at.rate), moment) + matvec(chain.stiffness, phi))
+    return flat(matvec(transpose(at.rate), moment) + matvec(chain.stiffness, phi))
 
 
 def _virial(chain: Chain, at: Placement) -> Float[Array, "3 3 N *#batch"]:
@@ -219,7 +219,8 @@ def _moved_by_both(n: int) -> np.ndarray:
     return inboard[:, None] & inboard[None]
 
 
-def _flat(x: Phi) -> Float[Array, "n *#batch"]:
+def flat(x: Phi) -> Float[Array, "n *#batch"]:
+    """Return `(3, N, *batch)` as a flat vector, joint by joint."""
     return jnp.swapaxes(x, 0, 1).reshape((-1, *x.shape[2:]))
 
 

@@ -141,9 +141,9 @@ def _motion(chain: Chain, phi: Phi, direction: Phi) -> Float[Array, "3 P *#batch
     return jax.jvp(lambda p: point_positions(chain, p), (phi,), (direction,))[1]
 
 
-def in_shaft_axes(chain: Chain, shape: Float[Array, "n *#batch"]) -> Phi:
-    """Return elastic coordinates of one mode `(3, N, *batch)` along the axes of each shaft."""
-    return matvec(transpose(chain.frame), unflatten(shape))
+def in_shaft_axes(chain: Chain, phi: Phi) -> Phi:
+    """Return elastic coordinates along the axes of each shaft instead of the base's."""
+    return matvec(transpose(chain.frame), phi)
 
 
 def mac(a: Inexact[Array, "n *#batch"], b: Inexact[Array, "n *#batch"]) -> Float[Array, "*#batch"]:

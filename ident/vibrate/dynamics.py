@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.mechanics import Phi, unflatten
+from ident.arm.mechanics import Phi, flat, unflatten
 from ident.arm.rotations import (
     axial,
     left_jacobian,
@@ -105,8 +105,9 @@ def residual(machine: Machine, command: Command, y: Array, yd: Array, ydd: Array
     if machine.loose:
         on_bushings, on_pins = belt_forces(machine, phi, v, xi.angle, xi.rate, turning.error)
         moment, force = moment + on_bushings, force + on_pins
-    flat = jnp.swapaxes(moment, 0, 1).reshape((-1, *moment.shape[2:]))
-    return jnp.concatenate([flat, force[np.asarray(machine.loose, int)]])
+        on_pins = jnp.broadcast_to(force, (machine.joints, *moment.shape[2:]))[np.asarray(machine.loose)]
+        return jnp.concatenate([flat(moment), on_pins])
+    return flat(moment)
 
 
 def drive_torques(machine: Machine, command: Command, y: Array, yd: Array, ydd: Array) -> Joints:
@@ -175,7 +176,8 @@ def _inverse_dynamics(machine: Machine, pins: Pins, phi: Phi, v: Phi, a: Phi) ->
 
     reach = matvec(before, machine.offset)[:, 1:]
     gravity = machine.gravity.reshape((3,) + (1,) * (centre.ndim - 1))
-    steps = jnp.concatenate([jnp.zeros_like(centre[:, :1]), matvec(swing_link[:, :, :-1], reach)], 1)
+    steps = matvec(swing_link[:, :, :-1], reach)
+    steps = jnp.concatenate([jnp.zeros((3, 1, *steps.shape[2:])), steps], 1)
     acceleration = total(inboard, steps, 1) - gravity
 
     f_shaft, n_shaft = _newton_euler(machine.shaft, shaft, swing, acceleration)

@@ -160,6 +160,13 @@ def machine(arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belt
     )
 
 
+def balanced(machine: Machine) -> Machine:
+    """Return the machine with all turning masses on their axes and without kinematic error: nothing shakes it."""
+    drives = machine.drives
+    none = (jnp.zeros_like(drives.imbalance), jnp.zeros_like(drives.error))
+    return eqx.tree_at(lambda m: (m.drives.imbalance, m.drives.error), machine, none)
+
+
 def _carried(arm: Arm, joint: str, loads: Loads) -> list[tuple[Array | float, Body]]:
     """Return the bodies behind a pin, each with the share of it that is there."""
     bodies: list[tuple[Array | float, Body]] = [
