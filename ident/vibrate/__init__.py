@@ -1,0 +1,1 @@
+"""Drives and motion at work: transient, spectrum, resonance, sweep, design."""
