@@ -77,6 +77,16 @@ def test_marks_stand_at_their_frequency_and_their_texts_do_not_touch():
         assert {line.get_xdata()[0] for line in axes.lines[1:]} == {f for f in marks.values() if f <= 20}
 
 
+HOSTILE = "a$b_{\\frac$ %n \n $$ 玻璃" + "x" * 300
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_names_are_drawn_as_they_are():
+    one = amplitude_spectrum(TIME, BOTH[:, 0])
+    drawn(spectrum_figure({HOSTILE: one}, [HOSTILE], {HOSTILE: 5.0, HOSTILE + "2": 30.0}))
+    drawn(spectrogram_figure(grown().column(0), {HOSTILE: (TIME, TIME)}, title=HOSTILE))
+
+
 def test_a_single_direction_needs_no_columns(tmp_path):
     figure = spectrum_figure({"one $": amplitude_spectrum(TIME, BOTH[:, 0])}, directions=["Z"])
     assert len(figure.axes) == 1
