@@ -1,6 +1,8 @@
 """The exact equations of motion integrated in time, with error control. The only module with diffrax."""
 
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from typing import Any, NamedTuple
 
 import diffrax
 import jax
@@ -24,6 +26,10 @@ REACH = 3.0
 
 OMEGA = 2 * np.pi * 10
 """Rates are weighed against coordinates as at this frequency [rad/s]."""
+
+
+SAMPLES = 250
+"""Times of a section, after each of which progress is shown and what there is can be kept."""
 
 
 class Exact(NamedTuple):
@@ -72,6 +78,7 @@ def integrate(
     *,
     rtol: float = 1e-7,
     atol: float = 1e-10,
+    progress: Callable[[Iterable[int]], Iterator[int]] = iter,
 ) -> Exact:
     """Integrate from rest or any other state; the first of the times is the start.
 
@@ -85,6 +92,10 @@ def integrate(
         times: increasing times at which the solution is wanted [s].
         rtol: relative tolerance of each step.
         atol: absolute tolerance of the coordinates [rad]; that of the rates is OMEGA as large.
+        progress: shows how far it is, over the sections of the time span.
+
+    Returns:
+        The solution; where the user interrupts, up to the section before.
 
     Raises:
         ModelError: the tolerance cannot be met.
@@ -94,14 +105,29 @@ def integrate(
         Kvaerno, "Singly diagonally implicit Runge-Kutta methods with an explicit first stage", BIT 44, 2004.
     """
     method = "Dopri8" if _explicit_steps(machine, motion, start, times) < EXPLICIT_STEPS else "Kvaerno5"
-    end, y, yd, steps, rejected = _solve(machine, motion, start, jnp.asarray(times), rtol, atol, method)
-    if not end:
-        reached = float(times[int(np.isfinite(np.asarray(y[0])).sum()) - 1])
-        raise ModelError(
-            f"the simulation cannot meet its tolerance beyond {reached:.4g} s; loosen --rtol, or check stiffness, "
-            "damping and motion there"
-        )
-    return Exact(y, yd, int(steps), int(rejected), method)
+    parts, steps, rejected = [(start[0][:, None], start[1][:, None])], 0, 0
+    sections = _sections(times)
+    with suppress(KeyboardInterrupt):
+        for k in progress(range(len(sections))):
+            state = parts[-1][0][:, -1], parts[-1][1][:, -1]
+            reached, y, yd, took, failed = _solve(machine, motion, state, sections[k], rtol, atol, method)
+            if not reached:
+                raise ModelError(
+                    f"the simulation cannot meet its tolerance from {sections[k][0]:.4g} to {sections[k][-1]:.4g} s; "
+                    "loosen the tolerance, or check stiffness, damping and motion there"
+                )
+            parts.append((y[:, 1:], yd[:, 1:]))
+            steps, rejected = steps + int(took), rejected + int(failed)
+    y, yd = (jnp.concatenate(part, 1)[:, : len(times)] for part in zip(*parts, strict=True))
+    return Exact(y, yd, steps, rejected, method)
+
+
+def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:
+    """Cut the times into sections of equal length, each beginning where the one before ends; the last may overhang."""
+    count = -(-(len(times) - 1) // SAMPLES)
+    beyond = times[-1] + (times[-1] - times[-2]) * np.arange(1, count * SAMPLES + 2 - len(times))
+    whole = np.concatenate([times, beyond])
+    return [whole[k * SAMPLES : (k + 1) * SAMPLES + 1] for k in range(count)]
 
 
 def _explicit_steps(machine: Machine, motion: Motion, start: tuple[Array, Array], times: np.ndarray) -> float:
@@ -126,11 +152,12 @@ def _solve(
     atol: float,
     method: str,
 ) -> tuple[Array, Array, Array, Array, Array]:
-    def rates(t: Array, state: tuple[Array, Array], _: None) -> tuple[Array, Array]:
+    def rates(t: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:
         y, v = state
         return OMEGA * v, acceleration(machine, Command(*motion(t)), y, OMEGA * v) / OMEGA
 
     y, yd = start
+    control = diffrax.PIDController(rtol=rtol, atol=atol)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rates),
         getattr(diffrax, method)(),
@@ -139,7 +166,7 @@ def _solve(
         None,
         (y, yd / OMEGA),
         saveat=diffrax.SaveAt(ts=times),
-        stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol, jump_ts=motion.breaks),
+        stepsize_controller=diffrax.ClipStepSizeController(control, jump_ts=jnp.asarray(motion.breaks)),
         max_steps=MAX_STEPS,
         throw=False,
     )

@@ -4,15 +4,16 @@ With y = y_r(t) + x, y_r the equilibrium at the posture of the moment:
 
     M(t) d2x/dt2 + D(t) dx/dt + K(t) x = f(t),   f = -residual(y_r, dy_r/dt, d2y_r/dt2)
 
-M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning masses;
-f has them all. What is left out is of second order in x. M, D, K and y_r are smooth and are interpolated in each panel of
-time; f is evaluated where it is needed. The method is Gauss's of order four, which follows slow modes closely and stays
-stable for fast ones.
+M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning
+masses; f has them all. What is left out is of second order in x. M, D, K and y_r are smooth and are interpolated in
+each panel of time; f is evaluated where it is needed. The method is Gauss's of order four, which follows slow modes
+closely and stays stable for fast ones.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import jax
@@ -50,13 +51,11 @@ class Fast(NamedTuple):
         time: (T,) [s] ends of the steps, the start first.
         y: (n, T, *sets) coordinates, see `dynamics`.
         yd: (n, T, *sets) their rates [1/s]
-        rest: (n, T, *sets) coordinates of the equilibrium at each moment's posture.
     """
 
     time: Float[np.ndarray, "T"]
     y: Float[Array, "n T *sets"]
     yd: Float[Array, "n T *sets"]
-    rest: Float[Array, "n T *sets"]
 
 
 def panels(motion: Motion, start: float, end: float, step: float = STEP) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +63,7 @@ def panels(motion: Motion, start: float, end: float, step: float = STEP) -> tupl
     breaks = np.asarray(motion.breaks)
     edges = np.unique(np.concatenate([[start, end], breaks[(breaks > start) & (breaks < end)]]))
     starts, steps = [], []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         count = int(np.ceil((high - low) / (STEPS * step) - 1e-9))
         starts += list(low + (high - low) / count * np.arange(count))
         steps += [(high - low) / (count * STEPS)] * count
@@ -86,15 +85,15 @@ def integrate(
         step: longest time step [s].
     """
     starts, steps = panels(motion, start, end, step)
-    y, yd, rest = _integrate(arm, machine, motion, loads, starts, steps)
+    y, yd = _integrate(arm, machine, motion, loads, starts, steps)
     ends = starts[:, None] + steps[:, None] * np.arange(1, STEPS + 1)
-    return Fast(np.concatenate([[start], ends.ravel()]), y, yd, rest)
+    return Fast(np.concatenate([[start], ends.ravel()]), y, yd)
 
 
 @jax.jit
 def _integrate(
     arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, starts: Array, steps: Array
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     def panel(state: tuple[Array, Array], span: tuple[Array, Array]) -> tuple[tuple[Array, Array], tuple]:
         start, h = span
         rest, M, D, K = _linearized(arm, machine, motion, loads, start + h * STEPS * NODE_PLACES)
@@ -103,16 +102,15 @@ def _integrate(
         x, v = state[0] - line[:, 0], state[1] - line_rate[:, 0]
         _, (xs, vs) = jax.lax.scan(_step, (x, v, h), (jnp.moveaxis(gain, 2, 0), jnp.moveaxis(own, 1, 0)))
         y, yd = line[:, 1:] + jnp.moveaxis(xs, 0, 1), line_rate[:, 1:] + jnp.moveaxis(vs, 0, 1)
-        return (y[:, -1], yd[:, -1]), (y, yd, line[:, 1:])
+        return (y[:, -1], yd[:, -1]), (y, yd)
 
     first = sag(arm, machine, jnp.expand_dims(motion(starts[:1])[0], tuple(range(2, machine.offset.ndim - 1))), loads)
     start = first[:, 0], jnp.zeros_like(first[:, 0])
-    _, (y, yd, rest) = jax.lax.scan(panel, start, (starts, steps))
-    joined = (jnp.moveaxis(part, 0, 1).reshape((part.shape[1], -1, *part.shape[3:])) for part in (y, yd, rest))
-    y, yd, rest = (
-        jnp.concatenate([zero, part], 1) for zero, part in zip((first, 0 * first, first), joined, strict=True)
-    )
-    return y, yd, rest
+    _, (y, yd) = jax.lax.scan(panel, start, (starts, steps))
+    joined = (jnp.moveaxis(part, 0, 1).reshape((part.shape[1], -1, *part.shape[3:])) for part in (y, yd))
+    begin = (first, jnp.zeros_like(first))
+    y, yd = (jnp.concatenate([zero, part], 1) for zero, part in zip(begin, joined, strict=True))
+    return y, yd
 
 
 def _step(state: tuple[Array, Array, Array], step: tuple[Array, Array]) -> tuple[tuple, tuple[Array, Array]]:
@@ -151,12 +149,11 @@ def _transitions(
     reference = [_interpolate(rest, W, 1) / (h * STEPS) ** k for k, W in enumerate(AT_STAGES)]
     command = _command(machine, motion, start + h * STAGE_PLACES)
     f = -residual(machine, command, *reference)
-    M, D, K = (_by_stage(_interpolate(X, AT_STAGES[0], 2), 2) for X in (M, D, K))
-    f = _by_stage(f, 1)
+    stages = zip(*(_by_stage(_interpolate(X, AT_STAGES[0], 2), 2) for X in (M, D, K)), _by_stage(f, 1), strict=True)
     left, right = [], []
-    for i in range(2):
-        left.append([(M[i] if i == j else 0.0) + h * A[i, j] * D[i] + h * h * (A @ A)[i, j] * K[i] for j in range(2)])
-        right.append([-K[i], -D[i] - h * GAUSS[i] * K[i], f[i][:, None]])
+    for i, (m, d, k, shake) in enumerate(stages):
+        left.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * (A @ A)[i, j] * k for j in range(2)])
+        right.append([-k, -d - h * GAUSS[i] * k, shake[:, None]])
     solved = solve_unpivoted(*(jnp.concatenate([jnp.concatenate(row, 1) for row in rows], 0) for rows in (left, right)))
     return solved[:, :-1], solved[:, -1]
 
