@@ -1,0 +1,216 @@
+"""The prescribed motion of the pins as a value: joint angles over time, piece by piece a polynomial."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from ident.errors import InputError, Problem
+
+JOINED = 1e-9
+"""Largest jump of an angle [rad] between two pieces that counts as none."""
+
+FASTEST = 1000.0
+"""Highest speed override [%]."""
+
+State = tuple[Float[Array, "driven *t"], Float[Array, "driven *t"], Float[Array, "driven *t"]]
+"""Angles [rad], their velocities [rad/s] and accelerations [rad/s^2], each `(driven, *t.shape)`."""
+
+
+class Motion(eqx.Module):
+    """Joint angles over time as piecewise polynomials; held still before the first break and from the last one on.
+
+    q(t) = sum over n of c_n (t - breaks[k])^n for breaks[k] <= t < breaks[k + 1]. Angles are continuous; velocity and
+    acceleration may jump at a break, where a call gives the values after the jump.
+
+    Attributes:
+        name: what the motion is called.
+        breaks: (pieces + 1,) [s] times at which some derivative may jump.
+        coefficients: (powers, pieces, driven) [rad/s^n] highest power first, as in `scipy.interpolate.PPoly`.
+        arrival: () [s] when the arm arrives and dwell begins, on the clock of `breaks`; the end, when not given.
+    """
+
+    name: str = eqx.field(static=True)
+    breaks: Float[Array | np.ndarray, " breaks"]
+    coefficients: Float[Array, "powers pieces driven"]
+    arrival: float = eqx.field(static=True)
+
+    def __init__(self, name: str, breaks: Any, coefficients: Any, arrival: float | None = None):
+        self.name = name
+        self.breaks = breaks if isinstance(breaks, jax.Array) else np.asarray(breaks, float)
+        self.coefficients = jnp.asarray(coefficients, float)
+        self.arrival = float(self.breaks[-1] if arrival is None else arrival)
+
+    def __check_init__(self) -> None:
+        if isinstance(self.breaks, jax.core.Tracer) or isinstance(self.coefficients, jax.core.Tracer):
+            return
+        problem = next(_faults(np.asarray(self.breaks), np.asarray(self.coefficients), self.arrival), None)
+        if problem:
+            raise InputError(Problem(self.name, *problem))
+
+    @property
+    def duration(self) -> Float[ArrayLike, ""]:
+        """Time [s] from the first break to the last."""
+        return self.breaks[-1] - self.breaks[0]
+
+    def __call__(self, t: ArrayLike) -> State:
+        """Return angles, velocities and accelerations at times t.
+
+        Works under `jit` and `vmap`; differentiable in t (within a piece) and in the coefficients.
+
+        Args:
+            t: (*t) [s]
+
+        Returns:
+            q, qd, qdd: each (driven, *t) [rad, rad/s, rad/s^2]; at a break the values on the piece after it.
+        """
+        t, breaks = jnp.asarray(t, float), jnp.asarray(self.breaks)
+        first, last = breaks[0], breaks[-1]
+        moves = (t >= first) & (t < last)
+        piece = jnp.searchsorted(breaks, t, side="right") - 1
+        at = jnp.where(moves, t, jnp.where(t < first, first, last))
+        q, qd, qdd = self.on_piece(jnp.clip(piece, 0, len(breaks) - 2), at)
+        return q, jnp.where(moves, qd, 0.0), jnp.where(moves, qdd, 0.0)
+
+    def on_piece(self, k: int | Int[ArrayLike, "*t"], t: ArrayLike) -> State:
+        """Return what a call returns, by the polynomial of piece k: at a break, the values on either side of it.
+
+        Args:
+            k: (*t) or () the piece, from 0.
+            t: (*t) [s]; beyond the piece its polynomial goes on.
+
+        Returns:
+            q, qd, qdd: each (driven, *t) [rad, rad/s, rad/s^2]
+        """
+        t = jnp.asarray(t, float)
+        k = jnp.broadcast_to(k, t.shape)
+        return _horner(jnp.moveaxis(self.coefficients[:, k], -1, 1), t - jnp.asarray(self.breaks)[k])
+
+    def dwell(self, seconds: float) -> "Motion":
+        """Return the motion held still at its end for some time; the arrival stays.
+
+        Raises:
+            InputError: the time is negative or not finite.
+        """
+        _check_seconds(seconds, "dwell")
+        if seconds == 0:
+            return self
+        q, _, _ = self.on_piece(len(self.breaks) - 2, self.breaks[-1])
+        held = jnp.zeros_like(self.coefficients[:, :1]).at[-1, 0].set(q)
+        coefficients = jnp.concatenate([self.coefficients, held], axis=1)
+        return Motion(self.name, _append(self.breaks, self.breaks[-1:] + seconds), coefficients, self.arrival)
+
+    def then(self, other: "Motion") -> "Motion":
+        """Return this motion and after it another one, whose clock is moved; it arrives when the other one does.
+
+        Raises:
+            InputError: the other one does not start at the angles where this one ends.
+        """
+        _check_joined(self, other)
+        shift = float(self.breaks[-1] - other.breaks[0])
+        powers = max(len(self.coefficients), len(other.coefficients))
+        coefficients = jnp.concatenate([_padded(motion.coefficients, powers) for motion in (self, other)], axis=1)
+        breaks = _append(self.breaks, other.breaks[1:] + shift)
+        return Motion(f"{self.name}, {other.name}", breaks, coefficients, other.arrival + shift)
+
+    def at_speed(self, percent: float) -> "Motion":
+        """Return the same path on another clock: with s = percent / 100, t -> t/s, qd -> s qd, qdd -> s^2 qdd.
+
+        Raises:
+            InputError: the percentage is not above 0 or above `FASTEST`.
+        """
+        s = speed_factor(percent)
+        powers = np.arange(len(self.coefficients))[::-1, None, None]
+        return Motion(self.name, self.breaks / s, self.coefficients * s**powers, self.arrival / s)
+
+
+def hold_still(q: Any, seconds: float) -> Motion:
+    """Return the motion that is none: a posture held for some time, arrived at the start.
+
+    Args:
+        q: (driven,) [rad]
+        seconds: () [s] above 0.
+
+    Raises:
+        InputError: the time is not above 0, or not finite.
+    """
+    _check_seconds(seconds, "seconds", above=True)
+    return Motion("held still", [0.0, seconds], jnp.asarray(q, float)[None, None], arrival=0.0)
+
+
+def speed_factor(percent: float) -> float:
+    """Return the factor of a speed override [%].
+
+    Raises:
+        InputError: the percentage is not above 0 or above `FASTEST`.
+    """
+    if not 0 < percent <= FASTEST:
+        remedy = "100 is full speed, 10 a tenth of it"
+        raise InputError(Problem("", f"{percent:g} %", f"above 0 and at most {FASTEST:g} %", remedy, "percent"))
+    return percent / 100
+
+
+def _horner(c: Float[Array, "powers driven *t"], x: Float[Array, "*t"]) -> State:
+    """Return the polynomial with its first and second derivative."""
+    p, d, half_dd = c[0], jnp.zeros_like(c[0]), jnp.zeros_like(c[0])
+    for lower in c[1:]:
+        half_dd = half_dd * x + d
+        d = d * x + p
+        p = p * x + lower
+    return p + 0.0 * x, d, 2.0 * half_dd
+
+
+def _faults(
+    breaks: Float[np.ndarray, " breaks"], c: Float[np.ndarray, "powers pieces driven"], arrival: float
+) -> Iterator[tuple[str, str, str]]:
+    """Yield what was got, what was expected and what to do, the most basic fault first."""
+    if len(breaks) < 2 or c.shape[1] != len(breaks) - 1 or 0 in c.shape:
+        shape = f"coefficients {c.shape}"
+        yield f"{len(breaks)} breaks and {shape}", "one break more than pieces", "give (powers, pieces, driven)"
+    if not (np.isfinite(breaks).all() and np.isfinite(c).all()):
+        yield "a break or coefficient that is not finite", "finite numbers", "correct the motion"
+    steps = np.diff(breaks)
+    if (steps <= 0).any():
+        back = int(np.argmax(steps <= 0))
+        yield f"a break at {breaks[back + 1]:g} s after {breaks[back]:g} s", "breaks that increase", "sort the pieces"
+    ends = np.stack([np.polyval(c[:, k], step) for k, step in enumerate(steps)])
+    jumps = np.abs(ends[:-1] - c[-1, 1:])
+    if (jumps > JOINED).any():
+        k, joint = np.unravel_index(np.argmax(jumps), jumps.shape)
+        got = f"a jump of {jumps[k, joint]:.3g} rad of q{joint + 1} at {breaks[k + 1]:g} s"
+        yield got, f"angles that join within {JOINED:g} rad", "correct the pieces"
+    if not breaks[0] <= arrival <= breaks[-1]:
+        yield f"arrival at {arrival:g} s", f"a time from {breaks[0]:g} to {breaks[-1]:g} s", "correct the arrival"
+
+
+def _check_joined(one: Motion, other: Motion) -> None:
+    end, start = np.asarray(one(one.breaks[-1])[0]), np.asarray(other.coefficients[-1, 0])
+    if end.shape != start.shape:
+        got, expected = f"{len(start)} joint angles", f"{len(end)}, as in {one.name}"
+        raise InputError(Problem(other.name, got, expected, "give every joint's angle"))
+    gaps = np.abs(end - start)
+    if (gaps > JOINED).any():
+        joint = int(np.argmax(gaps))
+        got = f"a start at q{joint + 1} = {math.degrees(start[joint]):.7g} deg"
+        expected = f"{math.degrees(end[joint]):.7g} deg, where {one.name} ends"
+        raise InputError(Problem(other.name, got, expected, "start where the motion before ends"))
+
+
+def _check_seconds(seconds: float, name: str, above: bool = False) -> None:
+    if not 0 <= seconds < math.inf or (above and seconds == 0):
+        expected = f"a finite time {'above 0' if above else 'of at least 0 s'}"
+        raise InputError(Problem("", f"{seconds:g} s", expected, "correct the time", name))
+
+
+def _append(breaks: Any, more: Any) -> Any:
+    library = jnp if isinstance(breaks, jax.Array) or isinstance(more, jax.Array) else np
+    return library.concatenate([breaks, more])
+
+
+def _padded(c: Float[Array, "powers pieces driven"], powers: int) -> Float[Array, "more pieces driven"]:
+    return jnp.pad(c, ((powers - len(c), 0), (0, 0), (0, 0)))
