@@ -109,8 +109,10 @@ def parse_series(
     sha256, rows_at = hashlib.sha256(data).hexdigest(), tuple(w for w, _ in fitting)
     series = Series(file, sha256, where, rows_at, columns, at_fault, ignored)
     found += few(_time_problems(series), file)
-    if len(records) - 1 < rows:
-        found.append(Problem(file, f"{len(records) - 1} rows", f"at least {rows}", "give a longer recording"))
+    given = len(records) - 1
+    if given < rows:
+        got = f"{given} row{'s' if given > 1 else ''}"
+        found.append(Problem(file, got, f"at least {rows}", "give a longer recording"))
     return series
 
 
@@ -176,7 +178,9 @@ def _measured(unit: str, name: str, quantities: tuple[str, ...]) -> tuple[str, f
             return quantity, si_factor(unit, quantity)
         except InputError as error:
             refusal = error.problems[0]
-    raise InputError(Problem("", refusal.got, expected, refusal.remedy))
+    gravity = unit == "g" and "acceleration" in quantities
+    remedy = "write g_0 for standard gravity, g is gram" if gravity else refusal.remedy
+    raise InputError(Problem("", refusal.got, expected, remedy))
 
 
 def _fitting(records: list[Record], columns: int, delimiter: str, file: str, found: Findings) -> list[Record]:
