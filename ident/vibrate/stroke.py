@@ -48,7 +48,8 @@ def stroke(
     """Return the motion along the straight path, from rest to rest, the shortest of its profile within the limits.
 
     `s-curve` has bounded jerk, `trapezoid` ignores the jerk limit, both are time-optimal; `cycloid` is
-    alpha = s - sin(2 pi s) / (2 pi), s = t/T, of the shortest T within all three limits.
+    alpha = s - sin(2 pi s) / (2 pi), s = t/T, of the shortest T within all three limits. Not differentiable in path
+    and limits, which are numbers.
 
     The percentage p slows the clock: speed x p, acceleration x p^2, jerk x p^3, so the same path is passed with the
     same shape of motion over time, only more slowly. So does the speed override of common robot controllers; that
