@@ -1,4 +1,4 @@
-"""What was measured: campaigns of frequencies, deflections and damping ratios, logs and traces, from CSV into SI units."""
+"""What was measured: campaigns of single numbers, logs and traces, from CSV into SI units."""
 
 from ident.measure.campaign import KINDS, Campaign, Measurement
 from ident.measure.columns import COLUMNS

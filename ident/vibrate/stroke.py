@@ -34,12 +34,18 @@ class StraightPath(Protocol):
         jerk: () [rad/s^3] limit of its third derivative; infinite for none.
     """
 
-    direction: Any
-    folded: Any
-    unfolded: Any
-    speed: Any
-    acceleration: Any
-    jerk: Any
+    @property
+    def direction(self) -> Any: ...  # noqa: D102
+    @property
+    def folded(self) -> Any: ...  # noqa: D102
+    @property
+    def unfolded(self) -> Any: ...  # noqa: D102
+    @property
+    def speed(self) -> Any: ...  # noqa: D102
+    @property
+    def acceleration(self) -> Any: ...  # noqa: D102
+    @property
+    def jerk(self) -> Any: ...  # noqa: D102
 
 
 def stroke(
