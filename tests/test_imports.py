@@ -15,7 +15,14 @@ ALLOWED = {
     "present": BOTTOM | {"arm", "measure", "identify", "vibrate"},
     "cli": BOTTOM | {"arm", "measure", "identify", "vibrate", "present"},
 }
-ONLY_IN = {"matplotlib": "present", "optimistix": "identify/fit", "pydantic": "arm", "typer": "cli", "rich": "cli"}
+ONLY_IN = {
+    "matplotlib": "present",
+    "optimistix": "identify/fit",
+    "pydantic": "arm",
+    "rich": "cli",
+    "ruckig": "vibrate/stroke",
+    "typer": "cli",
+}
 
 
 def imports(path):

@@ -1,9 +1,11 @@
-"""What was measured: campaigns of frequencies, deflections and damping ratios, from CSV into SI units."""
+"""What was measured: campaigns of single numbers, logs and traces, from CSV into SI units."""
 
 from ident.measure.campaign import KINDS, Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.load import OWN_WEIGHT, Load, parse_direction
+from ident.measure.log import Log, parse_log, read_log
 from ident.measure.reading import parse_campaign, read_campaign
+from ident.measure.trace import Trace, parse_trace, read_trace
 from ident.measure.units import NMM_PER_DEG, stiffness_from_nmm_per_deg, stiffness_to_nmm_per_deg, to_si
 from ident.measure.writing import format_campaign, write_campaign
 
@@ -14,11 +16,17 @@ __all__ = [
     "OWN_WEIGHT",
     "Campaign",
     "Load",
+    "Log",
     "Measurement",
+    "Trace",
     "format_campaign",
     "parse_campaign",
     "parse_direction",
+    "parse_log",
+    "parse_trace",
     "read_campaign",
+    "read_log",
+    "read_trace",
     "stiffness_from_nmm_per_deg",
     "stiffness_to_nmm_per_deg",
     "to_si",

@@ -1,8 +1,6 @@
 """Campaign CSV into a campaign: every cell is checked, and every problem of the file reported at once."""
 
 import hashlib
-import re
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,15 +18,13 @@ from ident.measure.campaign import (
 )
 from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
 from ident.measure.load import Load, parse_direction
-from ident.measure.table import Findings, Record, read_records, sniff_delimiter
+from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter
 from ident.measure.text import parse_fraction, parse_number
 from ident.measure.units import si_factor
 from ident.text import decode, nearest, one_line, quoted, read_bytes
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-_DECIMAL_MARK = re.compile(r"(?<![\w.,])[+-]?[0-9]*([.,])[0-9]")
 
 
 def read_campaign(path: str | Path) -> Campaign:
@@ -98,25 +94,11 @@ def _rows(records: list[Record], header: Header, delimiter: str, found: Findings
     """Returns the rows that fit the header, and their decimal mark."""
     fitting = [(where, cells) for where, cells in records if len(cells) == len(header.names)]
     misfits = [(where, len(cells)) for where, cells in records if len(cells) != len(header.names)]
-    found += [_misfit(where, count, len(header.names), delimiter) for where, count in misfits]
+    found += [misfit(where, count, len(header.names), delimiter) for where, count in misfits]
     table = [(where, dict(zip(header.names, cells, strict=True))) for where, cells in fitting]
-    decimal = "." if delimiter == "," else _decimal_mark([cells for _, cells in table], header)
+    numeric = [name for name in header.names if name in header.angles or name in NUMERIC_COLUMNS]
+    decimal = decimal_mark(delimiter, (cells[name] for _, cells in table for name in numeric))
     return [_Row(where, cells, decimal, found) for where, cells in table], decimal
-
-
-def _misfit(where: str, fields: int, columns: int, delimiter: str) -> Problem:
-    remedy = "quote text that contains the delimiter, and keep a delimiter for every empty cell"
-    if delimiter == "," and fields > columns:
-        remedy = "if these are decimal commas, write decimal points or separate the columns by semicolons"
-    return Problem(where, f"{fields} fields", f"{columns}, as in the header", remedy)
-
-
-def _decimal_mark(table: list[dict[str, str]], header: Header) -> str:
-    """Returns the mark that most numbers have; numbers with the other one are refused when they are read."""
-    columns = [name for name in header.names if name in header.angles or name in NUMERIC_COLUMNS]
-    numbers = (cells[name] for cells in table for name in columns)
-    marks = Counter(mark for number in numbers for mark in _DECIMAL_MARK.findall(number))
-    return "," if marks[","] > marks["."] else "."
 
 
 def _read_row(row: _Row, header: Header) -> Measurement | None:

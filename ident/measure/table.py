@@ -2,7 +2,9 @@
 
 import csv
 import io
-from collections.abc import Callable, Iterator
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
 from typing import ParamSpec, TypeVar
@@ -14,6 +16,8 @@ T = TypeVar("T")
 
 DELIMITERS = ",;\t"
 """Column delimiters that are told apart."""
+
+_DECIMAL_MARK = re.compile(r"(?<![\w.,])[+-]?[0-9]*([.,])[0-9]")
 
 Record = tuple[str, list[str]]
 """The place `file:row` at which a record starts, and its cells without blanks around them."""
@@ -52,6 +56,22 @@ def read_records(text: str, delimiter: str, file: str, found: Findings) -> Itera
         except csv.Error as error:
             remedy = 'close every quoted cell, and double the quotes within one: "a ""b"" c"'
             found.append(Problem(where, f"a broken row ({error})", "well-formed CSV", remedy))
+
+
+def misfit(where: str, fields: int, columns: int, delimiter: str) -> Problem:
+    """Returns the problem of a row that has more or fewer fields than the header."""
+    remedy = "quote text that contains the delimiter, and keep a delimiter for every empty cell"
+    if delimiter == "," and fields > columns:
+        remedy = "if these are decimal commas, write decimal points or separate the columns by semicolons"
+    return Problem(where, f"{fields} fields", f"{columns}, as in the header", remedy)
+
+
+def decimal_mark(delimiter: str, numbers: Iterable[str]) -> str:
+    """Returns the mark that most numbers have; numbers with the other one are refused when they are read."""
+    if delimiter == ",":
+        return "."
+    marks = Counter(mark for number in numbers for mark in _DECIMAL_MARK.findall(number))
+    return "," if marks[","] > marks["."] else "."
 
 
 def _content_lines(text: str) -> Iterator[tuple[int, str, Iterator[str]]]:

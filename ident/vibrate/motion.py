@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from functools import reduce
 from typing import Any
 
 import equinox as eqx
@@ -178,7 +179,7 @@ def _faults(
     if (steps <= 0).any():
         back = int(np.argmax(steps <= 0))
         yield f"a break at {breaks[back + 1]:g} s after {breaks[back]:g} s", "breaks that increase", "sort the pieces"
-    ends = np.stack([np.polyval(c[:, k], step) for k, step in enumerate(steps)])
+    ends = reduce(lambda p, lower: p * steps[:, None] + lower, c)
     jumps = np.abs(ends[:-1] - c[-1, 1:])
     if (jumps > JOINED).any():
         k, joint = np.unravel_index(np.argmax(jumps), jumps.shape)

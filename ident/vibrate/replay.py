@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import BSpline, make_interp_spline, make_splprep
+from scipy.interpolate import BSpline, generate_knots, make_interp_spline
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import spsolve
 
@@ -15,7 +15,11 @@ DEGREE = 5
 """Degree of the spline: its fourth derivative is continuous, so the acceleration that shakes the arm is smooth."""
 
 AT_REST = 0.01
-"""Speed over the first or last three samples, as a fraction of the largest, below which the data are at rest there."""
+"""Speed at an end, as a fraction of the largest, up to which the data are at rest there."""
+
+
+MOST_KNOTS = 600
+"""Knots of a smoothing spline; noise that is not smoothed asks for as many as there are samples, and takes minutes."""
 
 
 def replay(
@@ -40,12 +44,12 @@ def replay(
         The motion; its arrival is its end.
 
     Raises:
-        InputError: times do not increase, a number is not finite, samples are too few, or smoothing is negative.
+        InputError: times do not increase, a number is not finite, samples are too few, or smoothing is negative or far
+            below the noise.
     """
     _check(time, angles, smoothing)
     t = np.asarray(time, float) - time[0]
-    ends = _at_rest(t, angles)
-    spline = _smooth(t, angles, smoothing, ends) if smoothing else _through(t, angles, ends)
+    spline = _smooth(t, angles, smoothing) if smoothing else _through(t, angles)
     breaks = np.unique(spline.t)
     powers = range(DEGREE, -1, -1)
     return Motion(name, breaks, np.stack([spline(breaks[:-1], nu=n) / math.factorial(n) for n in powers]))
@@ -55,35 +59,43 @@ Ends = tuple[bool, bool]
 """Whether the data are at rest at the start and at the end."""
 
 
-def _at_rest(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"]) -> Ends:
-    speeds = np.linalg.norm(angles[:, 2:] - angles[:, :-2], axis=0) / (t[2:] - t[:-2])
+def _at_rest(velocities: Float[np.ndarray, "driven times"]) -> Ends:
+    speeds = np.linalg.norm(velocities, axis=0)
     slow = speeds <= AT_REST * speeds.max()
     return bool(slow[0]), bool(slow[-1])
 
 
-def _through(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], ends: Ends) -> BSpline:
+def _through(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"]) -> BSpline:
     """Return the interpolating spline; at a moving end its third and fourth derivatives are zero, as no data tell."""
+    ends = _at_rest((angles[:, 2:] - angles[:, :-2]) / (t[2:] - t[:-2]))
     still = np.zeros(len(angles))
     conditions = [[(order, still) for order in ((1, 2) if rest else (3, 4))] for rest in ends]
     return make_interp_spline(t, angles.T, k=DEGREE, bc_type=conditions)
 
 
-def _smooth(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], rms: float, ends: Ends) -> BSpline:
-    """Return the least-squares spline on the knots of the library's smoothing spline, at rest where the data are.
+def _smooth(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], rms: float) -> BSpline:
+    """Return the least-squares spline with as few knots as the residuals allow, at rest where it nearly is."""
+    *_, knots = generate_knots(t, angles.T, k=DEGREE, s=angles.size * rms**2, nest=MOST_KNOTS)
+    if len(knots) >= MOST_KNOTS:
+        expected, remedy = "at least the noise of the angles", "give a larger one, or 0 to pass all samples"
+        raise InputError(Problem("", f"{rms:g} rad", expected, remedy, "smoothing"))
+    free = _least_squares(t, angles, knots, (False, False))
+    return _least_squares(t, angles, knots, _at_rest(free(t, nu=1).T))
+
+
+def _least_squares(
+    t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], knots: Float[np.ndarray, " knots"], ends: Ends
+) -> BSpline:
+    """Return the spline on these knots that is nearest to the samples, and has no speed at the ends that are at rest.
 
     A clamped spline has no speed at an end where its two outermost coefficients are equal. The acceleration is left to
     the data there: a log that starts with the motion may start with a jump of it, which noise hides.
     """
-    found, _ = make_splprep(angles, u=t, k=DEGREE, s=angles.size * rms**2)
-    knots = found.t
-    count = len(knots) - DEGREE - 1
-    group = np.arange(count)
-    if ends[0]:
-        group[1] = 0
-    if ends[1]:
-        group[-1] = count - 2
+    group = np.arange(len(knots) - DEGREE - 1)
+    group[1] -= ends[0]
+    group[-1] -= ends[1]
     _, group = np.unique(group, return_inverse=True)
-    tie = csr_array((np.ones(count), (np.arange(count), group)))
+    tie = csr_array((np.ones(len(group)), (np.arange(len(group)), group)))
     A = BSpline.design_matrix(t, knots, DEGREE) @ tie
     coefficients = spsolve((A.T @ A).tocsc(), A.T @ angles.T)
     return BSpline(knots, tie @ coefficients.reshape(-1, len(angles)), DEGREE)

@@ -17,6 +17,10 @@ CYCLOID_PIECES, CYCLOID_DEGREE = 8, 13
 """Polynomials that stand for the cycloid; they agree with it to the last digit, and its acceleration to 1e-13."""
 
 
+ROUNDING = 1e-12
+"""Duration of a piece, as a fraction of all, below which it is there by rounding only."""
+
+
 @runtime_checkable
 class StraightPath(Protocol):
     """The path q = alpha direction on which the hand moves straight, and the limits of alpha at 100 %.
@@ -30,12 +34,18 @@ class StraightPath(Protocol):
         jerk: () [rad/s^3] limit of its third derivative; infinite for none.
     """
 
-    direction: Any
-    folded: Any
-    unfolded: Any
-    speed: Any
-    acceleration: Any
-    jerk: Any
+    @property
+    def direction(self) -> Any: ...  # noqa: D102
+    @property
+    def folded(self) -> Any: ...  # noqa: D102
+    @property
+    def unfolded(self) -> Any: ...  # noqa: D102
+    @property
+    def speed(self) -> Any: ...  # noqa: D102
+    @property
+    def acceleration(self) -> Any: ...  # noqa: D102
+    @property
+    def jerk(self) -> Any: ...  # noqa: D102
 
 
 def stroke(
@@ -44,7 +54,8 @@ def stroke(
     """Return the motion along the straight path, from rest to rest, the shortest of its profile within the limits.
 
     `s-curve` has bounded jerk, `trapezoid` ignores the jerk limit, both are time-optimal; `cycloid` is
-    alpha = s - sin(2 pi s) / (2 pi), s = t/T, of the shortest T within all three limits.
+    alpha = s - sin(2 pi s) / (2 pi), s = t/T, of the shortest T within all three limits. Not differentiable in path
+    and limits, which are numbers.
 
     The percentage p slows the clock: speed x p, acceleration x p^2, jerk x p^3, so the same path is passed with the
     same shape of motion over time, only more slowly. So does the speed override of common robot controllers; that
@@ -102,7 +113,7 @@ def _s_curve(distance: float, limits: _Limits) -> Pieces:
     found = answer.profiles[0][0]
     s = np.stack([np.divide(found.j, 6), np.divide(found.a[:-1], 2), found.v[:-1], found.p[:-1]])
     durations = np.asarray(found.t)
-    kept = durations > 0
+    kept = durations > ROUNDING * durations.sum()
     return durations[kept] * unit, s[:, kept] / unit ** np.arange(3, -1, -1)[:, None]
 
 
@@ -152,10 +163,11 @@ PROFILES: dict[str, Callable[[float, _Limits], Pieces]] = {
 def _limits(path: StraightPath) -> _Limits:
     """Return the limits of alpha, after a look at the path."""
     limits = _Limits(float(path.speed), float(path.acceleration), float(path.jerk))
+    expected = ("a finite speed above 0", "a finite acceleration above 0", "a jerk above 0, or inf for none")
     units = ("rad/s", "rad/s^2", "rad/s^3")
     found = [
-        Problem("", f"{limit:g} {unit}", f"a {name} limit above 0", "correct the limit", name)
-        for name, limit, unit in zip(limits._fields, limits, units, strict=True)
+        Problem("", f"{limit:g} {unit}", right, "correct the limit", name)
+        for name, limit, unit, right in zip(limits._fields, limits, units, expected, strict=True)
         if not limit > 0 or (math.isinf(limit) and name != "jerk")
     ]
     if not math.isfinite(path.folded - path.unfolded) or path.folded == path.unfolded:

@@ -1,0 +1,207 @@
+"""Logs: columns in any order and unit, and every mistake with the place, the column and what to do."""
+
+import dataclasses
+import hashlib
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ident.errors import InputError
+from ident.measure.log import parse_log, read_log
+
+JOINTS = ("joint1", "joint2")
+HEADER = "time [s],joint1 [deg],joint2 [rad]\n"
+ROWS = ["0,10,0.1", "0.1,11,0.2", "0.2,12,0.3", "0.3,13,0.4", "0.4,14,0.5"]
+
+
+def parse(text, joints=JOINTS):
+    return parse_log(text.encode(), "log.csv", joints)
+
+
+def table(rows=ROWS, header=HEADER):
+    return header + "\n".join(rows) + "\n"
+
+
+def problems(text, joints=JOINTS):
+    with pytest.raises(InputError) as caught:
+        parse(text, joints)
+    assert len(str(caught.value).splitlines()) == len(caught.value.problems)
+    return [str(p) for p in caught.value.problems]
+
+
+def test_a_log_is_read_in_si_units():
+    text = table()
+    log = parse(text)
+    np.testing.assert_allclose(log.time, [0.0, 0.1, 0.2, 0.3, 0.4], rtol=1e-15)
+    np.testing.assert_allclose(log.angles["joint1"], np.deg2rad([10, 11, 12, 13, 14]), rtol=1e-15)
+    np.testing.assert_allclose(log.angles["joint2"], [0.1, 0.2, 0.3, 0.4, 0.5], rtol=1e-15)
+    assert (log.path, log.sha256, log.ignored) == ("log.csv", hashlib.sha256(text.encode()).hexdigest(), ())
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        log.path = "other.csv"
+
+
+@given(
+    order=st.permutations(["Time [ms]", "JOINT1 [mrad]", "joint2 [°]", "speed", "torque [N*m]"]),
+    delimiter=st.sampled_from(",;\t"),
+)
+@settings(max_examples=30)
+def test_columns_in_any_order_unit_and_delimiter(order, delimiter):
+    numbers = {"Time [ms]": [0, 1.5, 3, 4.5], "JOINT1 [mrad]": [1, 2, 3, 4], "joint2 [°]": [0, 0.25, 0.5, 0.75]}
+    cells = [[str(numbers[name][row]) if name in numbers else "x" for name in order] for row in range(4)]
+    lines = [delimiter.join(line) for line in [order, *cells]]
+    log = parse("# of 3 May\n" + "\n\n# more\n".join(lines))
+    np.testing.assert_allclose(log.time, [0, 0.0015, 0.003, 0.0045], rtol=1e-14)
+    np.testing.assert_allclose(log.angles["joint1"], [0.001, 0.002, 0.003, 0.004], rtol=1e-14)
+    np.testing.assert_allclose(np.rad2deg(log.angles["joint2"]), [0, 0.25, 0.5, 0.75], rtol=1e-14)
+    assert list(log.angles) == list(JOINTS)
+    assert log.ignored == tuple(name for name in order if name in ("speed", "torque [N*m]"))
+
+
+def test_decimal_commas():
+    log = parse("time [s];joint1 [deg];joint2 [deg]\n0;1;2\n0,5;1,5;2\n1;1;2\n1,5;1;2\n")
+    np.testing.assert_allclose(log.time, [0, 0.5, 1, 1.5])
+    np.testing.assert_allclose(np.rad2deg(log.angles["joint1"][1]), 1.5)
+
+
+def test_the_joints_come_in_the_order_asked_for(tmp_path):
+    (tmp_path / "log.csv").write_text(table())
+    log = read_log(tmp_path / "log.csv", ["joint2", "joint1"])
+    assert list(log.angles) == ["joint2", "joint1"]
+    assert read_log(tmp_path / "log.csv", ["joint2"]).ignored == ("joint1 [deg]",)
+
+
+NEAT = "sort the rows or delete the repeated one"
+FIX = "write a plain number such as 12.5 or 1e-3"
+BAD_ROWS = [
+    ("0.5,,0.5", "log.csv:8, joint1: got nothing, expected a number; fill the cell"),
+    ("0.5,nan,0.5", "log.csv:8, joint1: got 'nan', expected a finite number; give the number or delete the row"),
+    ("0.5,15,-inf", "log.csv:8, joint2: got '-inf', expected a finite number; give the number or delete the row"),
+    ("0.5,15,1e999", "log.csv:8, joint2: got '1e999', expected a finite number; correct the number"),
+    ("0.5,x,0.5", f"log.csv:8, joint1: got 'x', expected a number; {FIX}"),
+    (",15,0.5", "log.csv:8, time: got nothing, expected a number; fill the cell"),
+    ("0.4,15,0.5", f"log.csv:8, time: got 0.4 s after 0.4 s, expected times that increase; {NEAT}"),
+    ("0.35,15,0.5", f"log.csv:8, time: got 0.35 s after 0.4 s, expected times that increase; {NEAT}"),
+    (
+        "0.5,15",
+        "log.csv:8: got 2 fields, expected 3, as in the header; "
+        "quote text that contains the delimiter, and keep a delimiter for every empty cell",
+    ),
+    (
+        "0,5,15,0.5",
+        "log.csv:8: got 4 fields, expected 3, as in the header; if these are decimal commas, "
+        "write decimal points or separate the columns by semicolons",
+    ),
+    (
+        "0.5,15,11",
+        "log.csv:8, joint2: got a jump of 10.5 rad within 0.1 s, 105 rad/s, expected at most 100 rad/s; "
+        "check the units in 'joint2 [rad]' and 'time [s]', or remove the outlier",
+    ),
+    (
+        "0.5,15,63",
+        "log.csv:8, joint2: got 63 rad, expected at most ten turns, 62.8 rad; "
+        "if the angles are in degrees, write 'joint2 [deg]' in the header",
+    ),
+]
+
+
+@pytest.mark.parametrize(("row", "text"), BAD_ROWS, ids=[row for row, _ in BAD_ROWS])
+def test_a_bad_row_is_named(row, text):
+    assert problems("# comment\n" + table([*ROWS, row])) == [text]
+
+
+def test_what_is_just_within_the_bounds_is_read():
+    parse(table([*ROWS, "0.5,15,10.4"]))
+    parse(table(["0,0,62.8", "1,0,62.8", "3,0,-62.8", "5,0,62"]))
+
+
+NO_UNIT = "expected an angle unit such as deg or rad, as in 'joint1 [deg]'; write the unit in square brackets"
+BAD_HEADERS = [
+    ("time,joint1 [deg],joint2 [rad]", "log.csv:1, time: got no unit, expected a time unit such as s or ms, "
+     "as in 'time [s]'; write the unit in square brackets"),
+    ("time [deg],joint1 [deg],joint2 [rad]",
+     "log.csv:1, time: got 'deg', expected a time unit such as s or ms; correct the unit"),
+    ("t [s],joint1 [deg],joint2 [rad]", "log.csv:1, time: got no such column, expected a column 'time [s]'; "
+     "add the column"),
+    ("times [s],joint1 [deg],joint2 [rad]", "log.csv:1, time: got no such column, expected a column 'time [s]'; "
+     "rename times"),
+    ("time [s],joint1,joint2 [rad]", f"log.csv:1, joint1: got no unit, {NO_UNIT}"),
+    ("time [s],joint1 [],joint2 [rad]", f"log.csv:1, joint1: got no unit, {NO_UNIT}"),
+    ("time [s],joint1 [mm],joint2 [rad]",
+     "log.csv:1, joint1: got 'mm', expected an angle unit such as deg or rad; correct the unit"),
+    ("time [s],joint1 [degs/],joint2 [rad]",
+     "log.csv:1, joint1: got 'degs/', expected an angle unit such as deg or rad; correct the unit"),
+    ("time [s],joint1 [deg/s],joint2 [rad]",
+     "log.csv:1, joint1: got 'deg/s', expected an angle unit such as deg or rad; correct the unit"),
+    ("time [s],jiont1 [deg],joint2 [rad]", "log.csv:1, joint1: got no such column, expected a column 'joint1 [deg]'; "
+     "rename jiont1"),
+    ("time [s],elbow [deg],joint2 [rad]", "log.csv:1, joint1: got no such column, expected a column 'joint1 [deg]'; "
+     "add the column"),
+    ("time [s],joint2 [deg],joint2 [rad],joint1 [deg]", "log.csv:1, joint2: got the column 2 times, expected it once; "
+     "remove or rename one"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("header", "text"), BAD_HEADERS, ids=[header for header, _ in BAD_HEADERS])
+def test_a_bad_header_is_named_once(header, text):
+    columns = header.count(",") + 1
+    rows = [",".join([str(0.1 * k), *["0"] * (columns - 1)]) for k in range(5)]
+    assert problems(table(rows, header + "\n")) == [text]
+
+
+def test_degrees_marked_as_radians_are_caught():
+    rows = [f"{0.1 * k:.1f},{10 * k},0" for k in range(10)]
+    (text,) = problems(table(rows, "time [s],joint1 [rad],joint2 [rad]\n"))
+    assert text.startswith("log.csv:9, joint1: got 70 rad, expected at most ten turns")
+    parse(table(rows))
+
+
+def test_seconds_marked_as_milliseconds_are_caught():
+    rows = [f"{0.1 * k:.1f},{10 * k},0" for k in range(10)]
+    (text,) = problems(table(rows, "time [ms],joint1 [deg],joint2 [rad]\n"))
+    assert text.startswith("log.csv:3, joint1: got a jump of 0.1745 rad within 0.0001 s, 1745 rad/s")
+
+
+def test_all_problems_are_told_at_once():
+    text = table(["0,a,1", "0,2", "1,3,x", "0.5,4,900"], "time [s],joint1 [deg],joint2 [rad]\n")
+    assert [one.split(": got")[0] for one in problems(text, ("joint1", "joint2", "joint3"))] == [
+        "log.csv:3",
+        "log.csv:2, joint1",
+        "log.csv:4, joint2",
+        "log.csv:5, time",
+        "log.csv:5, joint2",
+        "log.csv:1, joint3",
+    ]
+
+
+def test_a_column_of_bad_cells_is_one_mistake():
+    rows = [f"{k},n/a,0" for k in range(900)]
+    found = problems(table(rows))
+    assert len(found) == 6
+    assert found[4].startswith("log.csv:6, joint1: got 'n/a'")
+    assert found[5] == "log.csv, joint1: got 895 more such rows, expected none; mend them likewise"
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_too_few_rows(rows):
+    got = f"{rows} row{'s' if rows > 1 else ''}"
+    assert problems(table(ROWS[:rows])) == [f"log.csv: got {got}, expected at least 4; give a longer recording"]
+    assert len(parse(table(ROWS[:4])).time) == 4
+
+
+@pytest.mark.parametrize(("text", "got"), [("", "no row"), ("# nothing\n", "no row"), (HEADER, "only one row")])
+def test_a_file_that_is_no_table(text, got):
+    assert problems(text) == [f"log.csv: got {got}, expected a header and a row for each time; check the file"]
+
+
+def test_a_file_that_cannot_be_read(tmp_path):
+    with pytest.raises(InputError, match="expected a readable CSV file"):
+        read_log(tmp_path / "absent.csv", JOINTS)
+
+
+def test_numbers_too_large_for_their_unit():
+    (text,) = problems(table([*ROWS, "1e308,15,0.6"], "time [min],joint1 [deg],joint2 [rad]\n"))
+    assert text == "log.csv:7, time: got '1e308', expected a finite number; correct the number or its unit"
+    assert math.isfinite(parse(table()).time[-1])
