@@ -16,6 +16,9 @@ ALLOWED = {
     "cli": BOTTOM | {"arm", "measure", "identify", "vibrate", "present"},
 }
 ONLY_IN = {
+    "diffrax": "vibrate/exact",
+    "dynesty": "identify/evidence",
+    "emcee": "identify",
     "matplotlib": "present",
     "optimistix": "identify/fit",
     "pydantic": "arm",

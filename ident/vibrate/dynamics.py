@@ -28,6 +28,7 @@ from ident.arm.rotations import (
 )
 from ident.vibrate.belts import belt_forces
 from ident.vibrate.machine import Machine, Moments
+from ident.vibrate.motion import Motion
 
 Joints = Float[Array, "N *#batch"]
 
@@ -46,12 +47,23 @@ class Command(NamedTuple):
     qdd: Float[Array, "driven *#batch"]
 
 
+def command(machine: Machine, motion: Motion, times: Float[Array, "T"]) -> Command:
+    """Return what the motors are told at times [s], with singleton axes for the machine's sets."""
+    ones = tuple(range(2, machine.offset.ndim - 1))
+    return Command(*(jnp.expand_dims(part, ones) for part in motion(times)))
+
+
 class Turning(NamedTuple):
     """An angle and its rates at each joint, `(N, *batch)` [rad, rad/s, rad/s^2]."""
 
     angle: Joints
     rate: Joints
     acceleration: Joints
+
+
+def at_rest(angle: Joints) -> Turning:
+    """Return angles that do not change."""
+    return Turning(angle, jnp.zeros_like(angle), jnp.zeros_like(angle))
 
 
 class Pins(eqx.Module):

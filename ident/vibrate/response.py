@@ -1,44 +1,55 @@
-"""What a simulation gives: how the end point vibrates, how joints and belts are loaded, and measures of it."""
+"""What a simulation gives: how the end point vibrates, how the joints are loaded, and measures of it."""
 
-from collections.abc import Iterator
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ident.arm.rotations import matvec
+from ident.vibrate.dynamics import bushings, command
+from ident.vibrate.machine import Machine
+from ident.vibrate.motion import Motion
+
 Vibration = Float[Array, "3 T *sets"]
+
+
+class Pulleys(NamedTuple):
+    """How the pulleys turn as they are told, `(driven, T)` each.
+
+    Attributes:
+        angle: against their shafts [rad]
+        frequency: of turning, counted positive [Hz]
+    """
+
+    angle: Float[Array, "driven T"]
+    frequency: Float[Array, "driven T"]
 
 
 class Response(eqx.Module):
     """The response of an arm to a motion, sampled uniformly.
 
     Attributes:
+        machine: the arm under its load.
+        motion: what the motors were told.
         time: (T,) [s]
-        posture: (driven, T) [rad] angles that the motors are told.
+        y: (n, T, *sets) coordinates, see `dynamics`.
+        yd: (n, T, *sets) their rates [1/s]
         path: (3, T) [m] where the end point would be, were the joints rigid.
         displacement: (3, T, *sets) [m] of the end point from that path, in the base frame.
         sag: (3, T, *sets) [m] the part of it that the arm would have at rest in the posture of the moment.
-        phi: (3, N, T, *sets) [rad] rotation vectors of the bushings along their shafts' axes.
-        moment: (3, N, T, *sets) [N m] moments of the bushings along their shafts' axes.
-        pulley: (N, T) [Hz] turning frequencies of the pulleys, counted positive.
-        angle: (N, T) [rad] angles of the pulleys.
-        tension: (2, B, T) [N] of upper and lower span of each belt; None where there are several sets.
-        arrival: [s] when the motion ends.
         method: how it was computed.
     """
 
+    machine: Machine
+    motion: Motion
     time: Float[Array, "T"]
-    posture: Float[Array, "driven T"]
+    y: Float[Array, "n T *sets"]
+    yd: Float[Array, "n T *sets"]
     path: Float[Array, "3 T"]
     displacement: Vibration
     sag: Vibration
-    phi: Float[Array, "3 N T *sets"]
-    moment: Float[Array, "3 N T *sets"]
-    pulley: Float[Array, "N T"]
-    angle: Float[Array, "N T"]
-    tension: Float[Array, "2 B T"] | None
-    arrival: float = eqx.field(static=True)
     method: str = eqx.field(static=True)
 
     @property
@@ -46,9 +57,37 @@ class Response(eqx.Module):
         """(3, T, *sets) [m] displacement of the end point from where the sagging arm would be."""
         return self.displacement - self.sag
 
+    @property
+    def posture(self) -> Float[Array, "driven T"]:
+        """Angles that the motors are told [rad]."""
+        return self.motion(self.time)[0]
+
+    @property
+    def phi(self) -> Float[Array, "3 N T *sets"]:
+        """Rotation vectors of the bushings along their shafts' axes [rad]."""
+        return bushings(self.machine, self.y)
+
+    @property
+    def moment(self) -> Float[Array, "3 N T *sets"]:
+        """Moments of the bushings, stiffness and damping, along their shafts' axes [N m]."""
+        rate = bushings(self.machine, self.yd)
+        return matvec(self.machine.stiffness, self.phi) + matvec(self.machine.damping, rate)
+
+    @property
+    def pulley(self) -> Pulleys:
+        """Angles [rad] and turning frequencies [Hz], counted positive, of the pulleys, `(driven, T)` each."""
+        q, qd, _ = command(self.machine, self.motion, self.time)
+        ratio = self.machine.drives.ratio[np.asarray(self.machine.driven)]
+        angle, rate = (_first_set(ratio * part) for part in (q, qd))
+        return Pulleys(angle, jnp.abs(rate) / (2 * jnp.pi))
+
     def after(self, time: float) -> Vibration:
         """Return the vibration from a time on."""
         return self.vibration[:, int(np.searchsorted(np.asarray(self.time), time - 1e-9)) :]
+
+
+def _first_set(x: Array) -> Float[Array, "driven T"]:
+    return x[(..., *(0,) * (x.ndim - 2))]
 
 
 def peak(vibration: Vibration) -> Float[Array, "3 *sets"]:
@@ -67,19 +106,8 @@ def settling_time(response: Response, tolerance: float) -> Float[np.ndarray, "3 
     Infinite where the response ends before it stays within.
     """
     time = np.asarray(response.time)
-    late = time >= response.arrival - 1e-9
+    late = time >= response.motion.arrival - 1e-9
     beyond = np.abs(np.asarray(response.vibration)[:, late]) > tolerance
     last = beyond.shape[1] - 1 - np.argmax(beyond[:, ::-1], 1)
-    after = np.append(time[late], np.inf)[last + 1] - response.arrival
+    after = np.append(time[late], np.inf)[last + 1] - response.motion.arrival
     return np.where(beyond.any(1), after, 0.0)
-
-
-def slack(response: Response) -> Iterator[tuple[int, int, float, float]]:
-    """Yield belt, span (0 upper, 1 lower) and the times between which it hangs slack [s]."""
-    if response.tension is None:
-        return
-    loose = np.asarray(response.tension) <= 0
-    for span, belt in np.argwhere(loose.any(2)):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], loose[span, belt].astype(int), [0]])))
-        for first, end in edges.reshape(-1, 2):
-            yield int(belt), int(span), float(response.time[first]), float(response.time[end - 1])

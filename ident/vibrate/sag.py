@@ -4,6 +4,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
@@ -12,17 +13,21 @@ from ident.arm.equilibrium import equilibrium
 from ident.arm.linalg import solve_positive
 from ident.arm.mechanics import flat
 from ident.arm.modes import in_shaft_axes
-from ident.vibrate.dynamics import Command, residual
+from ident.vibrate.dynamics import Command, command, residual
 from ident.vibrate.machine import Machine, balanced
+from ident.vibrate.motion import Motion
+from ident.vibrate.panels import NODE_PLACES, STEPS, interpolate, panels, weights
 
 BELT_STEPS = 3
-"""Newton steps that take a belt's stretch into account; it moves an arm at rest by less than a thousandth."""
+"""Newton steps that take the stretch of belts into account; it moves an arm at rest by less than a thousandth."""
+STEP = 0.005
+"""Step of the panels along which the line is interpolated [s]."""
 
 
 def sag(arm: Arm, machine: Machine, posture: Array, loads: Loads | None = None) -> Float[Array, "n *#batch"]:
     """Return the coordinates at which the arm rests at a posture (driven, *batch) [rad]; see `dynamics`.
 
-    Differentiable. The eccentric masses are on their axes here: they shake the arm and do not bend it.
+    Differentiable. The turning masses are on their axes here: they shake the arm and do not bend it.
 
     Raises:
         ModelError: the posture does not fit the arm.
@@ -32,12 +37,15 @@ def sag(arm: Arm, machine: Machine, posture: Array, loads: Loads | None = None) 
     if not machine.loose:
         return y
     machine = balanced(machine)
-    y = jnp.concatenate([y, jnp.zeros((len(machine.loose), *y.shape[1:]))])
-    still, none = Command(posture, *(jnp.zeros_like(posture),) * 2), jnp.zeros_like(y)
-    for _ in range(BELT_STEPS):
+    still = Command(posture, *(jnp.zeros_like(posture),) * 2)
+
+    def improve(_: Array, y: Array) -> Array:
+        none = jnp.zeros_like(y)
         K = slope(lambda y: residual(machine, still, y, none, none), y)
-        y = y - solve_positive(K, residual(machine, still, y, none, none))
-    return y
+        return y - solve_positive(K, residual(machine, still, y, none, none))
+
+    taut = jnp.zeros((len(machine.loose), *y.shape[1:]))
+    return jax.lax.fori_loop(0, BELT_STEPS, improve, jnp.concatenate([y, taut]))
 
 
 def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "n n *batch"]:
@@ -48,3 +56,29 @@ def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "n n *bat
         return jax.jvp(function, (at,), (direction,))[1]
 
     return jax.vmap(column, out_axes=1)(jnp.arange(at.shape[0]))
+
+
+def sag_along(
+    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, end: float
+) -> tuple[Float[np.ndarray, "E"], Float[Array, "n E *sets"], Float[Array, "n E *sets"]]:
+    """Return times from the first break to the end [s], the coordinates at rest then and their rates."""
+    starts, steps = panels(motion, float(motion.breaks[0]), end, STEP)
+    ends = starts[:, None] + steps[:, None] * np.arange(STEPS + 1)
+    y, yd = _sag_along(arm, machine, motion, loads, starts, steps)
+    # the last end of a panel is the first of the next one
+    keep = np.append(np.arange(ends.size).reshape(ends.shape)[:, :-1].ravel(), ends.size - 1)
+    return ends.ravel()[keep], y[:, keep], yd[:, keep]
+
+
+@jax.jit
+def _sag_along(
+    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, starts: Array, steps: Array
+) -> tuple[Array, Array]:
+    times = (starts[:, None] + (steps * STEPS)[:, None] * NODE_PLACES).ravel()
+    rest = sag(arm, machine, command(machine, motion, times).q, loads)
+    rest = rest.reshape((rest.shape[0], len(starts), len(NODE_PLACES), *rest.shape[2:]))
+    length = (steps * STEPS).reshape((1, -1, 1) + (1,) * (rest.ndim - 3))
+    values, slopes, _ = weights(np.arange(STEPS + 1) / STEPS)
+    lines = (interpolate(rest, values, 2), interpolate(rest, slopes, 2) / length)
+    y, yd = (line.reshape((line.shape[0], -1, *line.shape[3:])) for line in lines)
+    return y, yd

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,21 +9,17 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
 from ident.vibrate import exact, fast
-from ident.vibrate.belts import stretch, tensions
-from ident.vibrate.dynamics import Command, Pins, Turning, bushings, deviations, drive_torques, pins, positions
+from ident.vibrate.dynamics import at_rest, bushings, command, deviations, pins, positions
 from ident.vibrate.machine import Machine, machine
 from ident.vibrate.motion import Motion
-from ident.vibrate.response import Response
-from ident.vibrate.sag import sag
+from ident.vibrate.panels import resample
+from ident.vibrate.response import Response, Vibration
+from ident.vibrate.sag import sag_along
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
-
-BATCH = 256
-"""Moments whose accelerations are found together."""
 
 Progress = Callable[[Iterable[int]], Iterator[int]]
 
@@ -65,15 +60,19 @@ def simulate(
     sets = number_of_sets(arm)
     gathered = machine(arm, loads, rank=1 + len(sets), elastic_belts=elastic_belts)
     if method == "fast":
-        solved = fast.integrate(arm, gathered, motion, time[0], time[-1], loads, step)
-        y, yd = _resample(solved.time, solved.y, solved.yd, time)
+        solved = fast.integrate(arm, gathered, motion, time[-1], loads, step)
+        y, yd = resample(solved.time, solved.y, solved.yd, time)
+        rest, _ = resample(solved.time, solved.rest, solved.rest_rate, time)
     elif sets:
         raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
     else:
-        first = sag(arm, gathered, motion(time[:1])[0], loads)[:, 0]
-        exactly = exact.integrate(gathered, motion, (first, jnp.zeros_like(first)), time, rtol=rtol, progress=progress)
-        time, y, yd = time[: exactly.y.shape[1]], exactly.y, exactly.yd
-    return _response(arm, gathered, motion, loads, jnp.asarray(time), y, yd, method)
+        ends, line, rate_of_line = sag_along(arm, gathered, motion, loads, time[-1])
+        rest, _ = resample(ends, line, rate_of_line, time)
+        start = rest[:, 0], jnp.zeros_like(rest[:, 0])
+        y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
+        time, rest = time[: y.shape[1]], rest[:, : y.shape[1]]
+    path, displacement, sag = _end_point(gathered, motion, time, y, rest)
+    return Response(gathered, motion, jnp.asarray(time), y, yd, path, displacement, sag, method)
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -96,78 +95,17 @@ def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
         raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
 
 
-def _resample(
-    ends: np.ndarray, y: Array, yd: Array, time: np.ndarray
-) -> tuple[Float[Array, "n T *sets"], Float[Array, "n T *sets"]]:
-    """Return coordinates and rates at other times, by cubic Hermite interpolation of the steps."""
-    k = np.clip(np.searchsorted(ends, time, side="right") - 1, 0, len(ends) - 2)
-    shape = (1, -1) + (1,) * (y.ndim - 2)
-    h = (ends[k + 1] - ends[k]).reshape(shape)
-    s = ((time - ends[k]).reshape(shape)) / h
-    y0, y1, d0, d1 = y[:, k], y[:, k + 1], h * yd[:, k], h * yd[:, k + 1]
-    rise = y1 - y0
-    a, b = d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1
-    return y0 + s * (d0 + s * (b + s * a)), (d0 + s * (2 * b + s * 3 * a)) / h
+@jax.jit
+def _end_point(
+    machine: Machine, motion: Motion, time: Array, y: Array, rest: Array
+) -> tuple[Float[Array, "3 T"], Vibration, Vibration]:
+    """Return path, displacement and sag of the end point."""
+    told = command(machine, motion, time)
 
+    def end(y: Array, error: float) -> Array:
+        turning = pins(machine, told, at_rest(deviations(machine, y)))
+        angle = turning.pin.angle - (1 - error) * turning.error
+        return positions(machine, angle, bushings(machine, y))[:, -1]
 
-@eqx.filter_jit
-def _response(
-    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, time: Array, y: Array, yd: Array, method: str
-) -> Response:
-    ones = tuple(range(2, machine.offset.ndim - 1))
-    command = Command(*(jnp.expand_dims(part, ones) for part in motion(time)))
-    rest = sag(arm, machine, command.q, loads)
-    phi, v = bushings(machine, y), bushings(machine, yd)
-    turning, still = (pins(machine, command, _deviation(machine, part)) for part in (y, rest))
-    straight = pins(machine, command, _deviation(machine, jnp.zeros_like(rest))).pin.angle
-    path = _end(machine, straight - turning.error, jnp.zeros_like(phi))
-    return Response(
-        time=time,
-        posture=motion(time)[0],
-        path=path[(..., *(0,) * len(ones))],
-        displacement=_end(machine, turning.pin.angle, phi) - path,
-        sag=_end(machine, still.pin.angle - still.error, bushings(machine, rest)) - path,
-        phi=phi,
-        moment=matvec(machine.stiffness, phi) + matvec(machine.damping, v),
-        pulley=jnp.abs(turning.pulley.rate) / (2 * jnp.pi),
-        angle=turning.pulley.angle,
-        tension=None if ones else _tensions(machine, command, y, yd, turning),
-        arrival=motion.arrival,
-        method=method,
-    )
-
-
-def _end(machine: Machine, q: Array, phi: Array) -> Float[Array, "3 T *sets"]:
-    return positions(machine, q, phi)[:, -1]
-
-
-def _deviation(machine: Machine, y: Array, yd: Array | None = None) -> Turning:
-    """Return the deviations of the pins from their commands, at rest unless their rates are given."""
-    xi = deviations(machine, y)
-    return Turning(xi, jnp.zeros_like(xi) if yd is None else deviations(machine, yd), jnp.zeros_like(xi))
-
-
-def _tensions(machine: Machine, command: Command, y: Array, yd: Array, turning: Pins) -> Float[Array, "2 B T"]:
-    """Return the tension of each span: from its stretch, or from the torque that a rigid belt has to carry."""
-    if machine.loose:
-        phi, xi, v, xi_dot = (part(machine, x) for x in (y, yd) for part in (bushings, deviations))
-
-        def length(phi: Array, xi: Array) -> Array:
-            return stretch(machine, phi, xi, turning.error)
-
-        return tensions(machine, *jax.jvp(length, (phi, xi), (v, xi_dot)))
-    if not machine.belts.ends:
-        return jnp.zeros((2, 0, y.shape[1]))
-    ydd = jax.lax.map(lambda now: exact.acceleration(machine, *now), _by_time(command, y, yd), batch_size=BATCH).T
-    wanted = list(drive_torques(machine, command, y, yd, ydd) / machine.drives.ratio)
-    half = {}
-    for b in reversed(range(len(machine.belts.ends))):
-        driver, driven = machine.belts.ends[b]
-        half[b] = wanted[driven] / machine.belts.radius[1, b] / 2
-        wanted[driver] = wanted[driver] + 2 * half[b] * machine.belts.radius[0, b]
-    pull = jnp.stack([half[b] for b in range(len(half))])
-    return machine.belts.pretension + jnp.stack([pull, -pull])
-
-
-def _by_time(command: Command, y: Array, yd: Array) -> tuple[Command, Array, Array]:
-    return Command(*(part.T for part in command)), y.T, yd.T
+    path = end(jnp.zeros_like(rest), 0.0)
+    return path[(..., *(0,) * (path.ndim - 2))], end(y, 1.0) - path, end(rest, 0.0) - path
