@@ -18,7 +18,6 @@ from ident.arm.rotations import (
     left_jacobian,
     matmul,
     matvec,
-    outer,
     rotation_by,
     skew,
     slide,
@@ -93,6 +92,12 @@ def pins(machine: Machine, command: Command, xi: Turning) -> Pins:
     return Pins(pin, Turning(drives.ratio * q, drives.ratio * qd, drives.ratio * qdd), slope, error)
 
 
+def inexactness(machine: Machine, turning: Pins) -> Turning:
+    """Return by how much the pins deviate from their wave generators: the kinematic error and its rates."""
+    exact = [part / machine.drives.ratio for part in turning.pulley]
+    return Turning(*(pin - wave for pin, wave in zip(turning.pin, exact, strict=True)))
+
+
 def residual(machine: Machine, command: Command, y: Array, yd: Array, ydd: Array) -> Float[Array, "n *#batch"]:
     """Return M(y) d2y/dt2 + h(y, dy/dt, t): zero where the equations of motion hold [N m].
 
@@ -109,17 +114,21 @@ def residual(machine: Machine, command: Command, y: Array, yd: Array, ydd: Array
         Featherstone, "Rigid Body Dynamics Algorithms", 2008, section 5.3 (recursive Newton-Euler).
     """
     xi = Turning(*(deviations(machine, part) for part in (y, yd, ydd)))
-    turning = pins(machine, command, xi)
-    phi, v, a = (bushings(machine, part) for part in (y, yd, ydd))
-    moment, pin, pulley = _inverse_dynamics(machine, turning, phi, v, a)
-    moment = moment + matvec(machine.stiffness, phi) + matvec(machine.damping, v)
-    force = turning.slope * pin + machine.drives.ratio * pulley
-    if machine.loose:
-        on_bushings, on_pins = belt_forces(machine, phi, v, xi.angle, xi.rate, turning.error)
-        moment, force = moment + on_bushings, force + on_pins
-        on_pins = jnp.broadcast_to(force, (machine.joints, *moment.shape[2:]))[np.asarray(machine.loose)]
-        return jnp.concatenate([flat(moment), on_pins])
-    return flat(moment)
+    return residual_of(machine, pins(machine, command, xi), y, yd, ydd)
+
+
+def residual_of(machine: Machine, turning: Pins, y: Array, yd: Array, ydd: Array) -> Float[Array, "n *#batch"]:
+    """Return the residual where it is known how pins and pulleys turn; see `residual`."""
+    at = kinematics(machine, turning.pin, *(bushings(machine, part) for part in (y, yd, ydd)))
+    forces = _sum(_of_bodies(machine, at, turning.pulley), imbalance(machine, at, turning.pulley))
+    moved = equations(machine, at, turning.slope, forces)
+    phi, v = bushings(machine, y), bushings(machine, yd)
+    spring = flat(matvec(machine.stiffness, phi) + matvec(machine.damping, v))
+    if not machine.loose:
+        return moved + spring
+    xi, xi_dot = deviations(machine, y), deviations(machine, yd)
+    on_bushings, on_pins = belt_forces(machine, phi, v, xi, xi_dot, turning.error)
+    return moved + jnp.concatenate([spring + flat(on_bushings), on_pins[np.asarray(machine.loose)]])
 
 
 def drive_torques(machine: Machine, command: Command, y: Array, yd: Array, ydd: Array) -> Joints:
@@ -127,10 +136,10 @@ def drive_torques(machine: Machine, command: Command, y: Array, yd: Array, ydd: 
 
     It is the torque at the wave generator times the ratio.
     """
-    xi = Turning(*(deviations(machine, part) for part in (y, yd, ydd)))
-    turning = pins(machine, command, xi)
-    _, pin, pulley = _inverse_dynamics(machine, turning, *(bushings(machine, part) for part in (y, yd, ydd)))
-    return turning.slope * pin + machine.drives.ratio * pulley
+    turning = pins(machine, command, Turning(*(deviations(machine, part) for part in (y, yd, ydd))))
+    at = kinematics(machine, turning.pin, *(bushings(machine, part) for part in (y, yd, ydd)))
+    forces = _sum(_of_bodies(machine, at, turning.pulley), imbalance(machine, at, turning.pulley))
+    return _on_pins(machine, at, turning.slope, forces, _outboard_moment(machine, at, forces))
 
 
 def bushings(machine: Machine, y: Array) -> Phi:
@@ -170,38 +179,113 @@ def _frames(machine: Machine, q: Joints, phi: Phi, J: Array) -> tuple[Array, Arr
     return before, jnp.stack(shaft, 2), after, total(_inboard(machine), matvec(before, machine.offset), 1)
 
 
-def _inverse_dynamics(machine: Machine, pins: Pins, phi: Phi, v: Phi, a: Phi) -> tuple[Phi, Joints, Joints]:
-    """Return what inertia and weight ask of the bushings (3, N), of the pins (N) and of the pulleys (N) [N m]."""
-    inboard, outboard = _inboard(machine), _inboard(machine).T
+class Kinematics(NamedTuple):
+    """Where shafts and links are and how they move, in base axes.
+
+    Attributes:
+        shaft: (3, 3, N, *batch) axes of the shafts.
+        link: (3, 3, N, *batch) axes of the links.
+        project: (3, 3, N, *batch) map from a moment about a bushing to the bushing's coordinates, by virtual work.
+        axis: (3, N, *batch) axes of the pins.
+        centre: (3, N, *batch) [m] bushing centres.
+        acceleration: (3, N, *batch) [m/s^2] of the centres, against free fall.
+        w: (3, N, *batch) [rad/s] angular velocities of the shafts.
+        alpha: (3, N, *batch) [rad/s^2] angular accelerations of the shafts.
+        w_link: (3, N, *batch) [rad/s] angular velocities of the links.
+        alpha_link: (3, N, *batch) [rad/s^2] angular accelerations of the links.
+    """
+
+    shaft: Array
+    link: Array
+    project: Array
+    axis: Array
+    centre: Array
+    acceleration: Array
+    w: Array
+    alpha: Array
+    w_link: Array
+    alpha_link: Array
+
+
+class Forces(NamedTuple):
+    """What accelerating and holding up bodies asks for.
+
+    Attributes:
+        force: (3, N, *batch) [N]
+        on_link: (3, N, *batch) [N m] moment about the bushing, for what is behind the pin.
+        on_shaft: (3, N, *batch) [N m] moment about the bushing, for shaft and pulley.
+        on_pulley: (N, *batch) [N m] torque of the pulley about the axis.
+    """
+
+    force: Array
+    on_link: Array
+    on_shaft: Array
+    on_pulley: Array
+
+
+def kinematics(machine: Machine, pin: Turning, phi: Phi, v: Phi, a: Phi) -> Kinematics:
+    """Place and move the bodies, from the base outwards; phi, v, a `(3, N, *batch)` move the bushings."""
+    inboard = _inboard(machine)
     J = left_jacobian(phi)
     along, change = slide(phi, v)
-    before, shaft, link, centre = _frames(machine, pins.pin.angle, phi, J)
+    before, shaft, link, centre = _frames(machine, pin.angle, phi, J)
 
     u, axis = matvec(before, along), matvec(shaft, machine.axis)
-    turn = axis * pins.pin.rate
+    turn = axis * pin.rate
     w_link = total(inboard, u + turn, 1)
     w = w_link - turn
     bend = matvec(before, change + matvec(J, a)) + _cross(w - u, u)
-    twist = axis * pins.pin.acceleration + _cross(w, turn)
+    twist = axis * pin.acceleration + _cross(w, turn)
     alpha_link = total(inboard, bend + twist, 1)
-    swing, swing_link = _swing(w, alpha_link - twist), _swing(w_link, alpha_link)
 
     reach = matvec(before, machine.offset)[:, 1:]
     gravity = machine.gravity.reshape((3,) + (1,) * (centre.ndim - 1))
-    steps = matvec(swing_link[:, :, :-1], reach)
+    steps = matvec(_swing(w_link, alpha_link)[:, :, :-1], reach)
     steps = jnp.concatenate([jnp.zeros((3, 1, *steps.shape[2:])), steps], 1)
-    acceleration = total(inboard, steps, 1) - gravity
+    return Kinematics(
+        shaft=shaft,
+        link=link,
+        project=matmul(transpose(J), transpose(before)),
+        axis=axis,
+        centre=centre,
+        acceleration=total(inboard, steps, 1) - gravity,
+        w=w,
+        alpha=alpha_link - twist,
+        w_link=w_link,
+        alpha_link=alpha_link,
+    )
 
-    f_shaft, n_shaft = _newton_euler(machine.shaft, shaft, swing, acceleration)
-    f_link, n_link = _newton_euler(machine.link, link, swing_link, acceleration)
-    f_turning, n_turning = _turning(machine, pins.pulley, shaft, axis, w, alpha_link - twist, acceleration)
-    f_points, n_points = _points(machine, link)
-    f, n = f_shaft + f_link + f_turning + f_points, n_shaft + n_link + n_turning + n_points
-    all_f = total(outboard, f, 1)
-    all_n = total(outboard, n + _cross(centre, f), 1) - _cross(centre, all_f)
-    on_pin = (axis * (all_n - n_shaft - n_turning)).sum(0)
-    on_pulley = (axis * (n_turning + machine.drives.rotor * (alpha_link - twist))).sum(0)
-    return matvec(transpose(J), matvec(transpose(before), all_n)), on_pin, on_pulley
+
+def equations(machine: Machine, at: Kinematics, slope: Joints, forces: Forces) -> Float[Array, "n *#batch"]:
+    """Return what forces on the bodies ask of bushings and of the pins that elastic belts drive [N m]."""
+    moment = _outboard_moment(machine, at, forces)
+    on_bushings = flat(matvec(at.project, moment))
+    if not machine.loose:
+        return on_bushings
+    on_pins = _on_pins(machine, at, slope, forces, moment)
+    return jnp.concatenate([on_bushings, on_pins[np.asarray(machine.loose)]])
+
+
+def _outboard_moment(machine: Machine, at: Kinematics, forces: Forces) -> Phi:
+    """Return the moment about each bushing for all bodies beyond it."""
+    outboard = _inboard(machine).T
+    moment = forces.on_link + forces.on_shaft + _cross(at.centre, forces.force)
+    return total(outboard, moment, 1) - _cross(at.centre, total(outboard, forces.force, 1))
+
+
+def _on_pins(machine: Machine, at: Kinematics, slope: Joints, forces: Forces, moment: Phi) -> Joints:
+    pin = (at.axis * (moment - forces.on_shaft)).sum(0)
+    return slope * pin + machine.drives.ratio * forces.on_pulley
+
+
+def _of_bodies(machine: Machine, at: Kinematics, pulley: Turning) -> Forces:
+    """Return the forces of shafts, links, loads and balanced rotors."""
+    f_shaft, n_shaft = _newton_euler(machine.shaft, at.shaft, _swing(at.w, at.alpha), at.acceleration)
+    f_link, n_link = _newton_euler(machine.link, at.link, _swing(at.w_link, at.alpha_link), at.acceleration)
+    f_points, n_points = _points(machine, at.link)
+    spin = machine.drives.rotor * (at.axis * pulley.acceleration + _cross(at.w, at.axis * pulley.rate))
+    on_pulley = machine.drives.rotor * (pulley.acceleration + (at.axis * at.alpha).sum(0))
+    return Forces(f_shaft + f_link + f_points, n_link + n_points, n_shaft + spin, on_pulley)
 
 
 def _newton_euler(moments: Moments, axes: Array, swing: Array, acceleration: Array) -> tuple[Array, Array]:
@@ -215,24 +299,21 @@ def _newton_euler(moments: Moments, axes: Array, swing: Array, acceleration: Arr
     return force, _cross(first, acceleration) + axial(matmul(second, transpose(swing)))
 
 
-def _turning(
-    machine: Machine, pulley: Turning, shaft: Array, axis: Array, w: Array, alpha: Array, acceleration: Array
-) -> tuple[Array, Array]:
-    """Return force and moment of what turns with the pulleys, in excess of the same mass at rest on the axis.
+def imbalance(machine: Machine, at: Kinematics, pulley: Turning) -> Forces:
+    """Return the forces of the turning masses, in excess of the same masses at rest on their axes.
 
     The eccentric mass at h axis + e u turns, the same mass at h axis is taken away from the shaft, whose mass has it.
     """
     drives = machine.drives
     angle = pulley.angle + drives.phase
-    u = matvec(shaft, drives.across[:, 0] * jnp.cos(angle) + drives.across[:, 1] * jnp.sin(angle))
-    spin = axis * pulley.rate
-    swing = _swing(w + spin, alpha + axis * pulley.acceleration + _cross(w, spin))
+    u = matvec(at.shaft, drives.across[:, 0] * jnp.cos(angle) + drives.across[:, 1] * jnp.sin(angle))
+    spin = at.axis * pulley.rate
+    swing = _swing(at.w + spin, at.alpha + at.axis * pulley.acceleration + _cross(at.w, spin))
     first = drives.imbalance * u
-    across = outer(axis, u)
-    second = drives.imbalance * (drives.height * (across + transpose(across)) + drives.reach * outer(u, u))
-    moment = _cross(first, acceleration) + axial(matmul(second, transpose(swing)))
-    rotor = drives.rotor * (axis * pulley.acceleration + _cross(w, spin))
-    return matvec(swing, first), moment + rotor
+    # the integral of r x (swing r) with r r' = h (axis u' + u axis') + e u u'
+    bob = matvec(swing, drives.height * at.axis + drives.reach * u)
+    moment = _cross(first, at.acceleration + bob) + _cross(drives.height * at.axis, matvec(swing, first))
+    return Forces(matvec(swing, first), jnp.zeros_like(moment), moment, (at.axis * moment).sum(0))
 
 
 def _points(machine: Machine, link: Array) -> tuple[Array, Array]:
@@ -242,6 +323,10 @@ def _points(machine: Machine, link: Array) -> tuple[Array, Array]:
     arm = matvec(link[:, :, body], machine.position)
     force = jnp.broadcast_to(machine.force, arm.shape)
     return -total(at, force, 1), -total(at, _cross(arm, force), 1)
+
+
+def _sum(one: Forces, other: Forces) -> Forces:
+    return Forces(*(a + b for a, b in zip(one, other, strict=True)))
 
 
 def _swing(w: Array, alpha: Array) -> Array:

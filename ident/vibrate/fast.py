@@ -5,16 +5,18 @@ With y = y_r(t) + x, y_r the equilibrium at the posture of the moment:
     M(t) d2x/dt2 + D(t) dx/dt + K(t) x = f(t),   f = -residual(y_r, dy_r/dt, d2y_r/dt2)
 
 M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning
-masses; f has them all. What is left out is of second order in x. M, D, K and y_r are smooth and are interpolated in
-each panel of time; f is evaluated where it is needed. The method is Gauss's of order four, which follows slow modes
-closely and stays stable for fast ones.
+masses; f has them all, and the kinematic error to first order. What is left out is of second order in x and in what
+shakes. Whatever follows the posture alone is smooth and interpolated within each panel of time, the method's transition
+matrices too. The method is Gauss's of order four, which follows slow modes closely and stays stable for fast ones.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
 """
 
+from functools import partial
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,8 +25,21 @@ from jaxtyping import Array, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.linalg import solve_unpivoted
-from ident.arm.rotations import matvec
-from ident.vibrate.dynamics import command, residual
+from ident.arm.rotations import identity, matvec
+from ident.vibrate.dynamics import (
+    Kinematics,
+    Turning,
+    bushings,
+    command,
+    deviations,
+    equations,
+    imbalance,
+    inexactness,
+    kinematics,
+    pins,
+    residual,
+    residual_of,
+)
 from ident.vibrate.machine import Machine, balanced
 from ident.vibrate.motion import Motion
 from ident.vibrate.panels import NODE_PLACES, STEPS, interpolate, panels, weights
@@ -41,7 +56,11 @@ B = np.array([0.5, 0.5])
 STAGE_PLACES = (np.arange(STEPS)[:, None] + GAUSS).ravel()
 """The stages of a panel, in steps."""
 AT_STAGES = weights(STAGE_PLACES / STEPS)
+AT_NODES = weights(NODE_PLACES)
 AT_ENDS = weights(np.arange(STEPS + 1) / STEPS)[:2]
+AT_STEPS = weights((np.arange(STEPS) + 0.5) / STEPS)[0]
+ABOUT_NODES = [weights(NODE_PLACES + (place - 0.5) / STEPS)[0] for place in GAUSS]
+"""Weights of the stages of a step whose middle is a node."""
 
 
 class Fast(NamedTuple):
@@ -49,17 +68,17 @@ class Fast(NamedTuple):
 
     Attributes:
         time: (E,) [s] ends of the steps, the start first.
-        y: (n, E, *sets) coordinates, see `dynamics`.
-        yd: (n, E, *sets) their rates [1/s]
-        rest: (n, E, *sets) coordinates at rest in the posture of the moment.
-        rest_rate: (n, E, *sets) their rates [1/s]
+        y: (n, E) coordinates, see `dynamics`.
+        yd: (n, E) their rates [1/s]
+        rest: (n, E) coordinates at rest in the posture of the moment.
+        rest_rate: (n, E) their rates [1/s]
     """
 
     time: Float[np.ndarray, "E"]
-    y: Float[Array, "n E *sets"]
-    yd: Float[Array, "n E *sets"]
-    rest: Float[Array, "n E *sets"]
-    rest_rate: Float[Array, "n E *sets"]
+    y: Float[Array, "n E"]
+    yd: Float[Array, "n E"]
+    rest: Float[Array, "n E"]
+    rest_rate: Float[Array, "n E"]
 
 
 def integrate(
@@ -68,8 +87,8 @@ def integrate(
     """Integrate from rest at the first break of the motion.
 
     Args:
-        arm: the arm; its numbers may be arrays `(*sets)`.
-        machine: the same arm, gathered with rank `1 + len(sets)`.
+        arm: the arm.
+        machine: the same arm under its load, gathered with `rank=1`.
         motion: what the motors are told.
         end: last time [s].
         loads: the load case of the machine.
@@ -87,25 +106,26 @@ def _integrate(
 ) -> tuple[Array, Array, Array, Array]:
     def panel(state: tuple[Array, Array, Array], span: tuple[Array, Array]) -> tuple[tuple, tuple]:
         (x, v, seam), (start, h) = state, span
-        rest, M, D, K = _linearized(arm, machine, motion, loads, start + h * STEPS * NODE_PLACES)
-        line, line_rate = (interpolate(rest, W, 1) / (h * STEPS) ** k for k, W in enumerate(AT_ENDS))
-        gain, own = _transitions(machine, motion, start, h, rest, M, D, K)
+        slow = _slow(arm, machine, motion, loads, start, h)
+        line, line_rate = (interpolate(slow.rest, W, 1) / (h * STEPS) ** k for k, W in enumerate(AT_ENDS))
+        gain, yields = _transitions(slow, h)
+        own = matvec(yields, _shaking(machine, motion, slow, start, h))
         v = v + jnp.where(start == starts[0], 0.0, seam - line_rate[:, 0])
         _, (xs, vs) = jax.lax.scan(_step, (x, v, h), (jnp.moveaxis(gain, 2, 0), jnp.moveaxis(own, 1, 0)))
         whole = (jnp.concatenate([first[None], rest]) for first, rest in ((x, xs), (v, vs)))
         parts = (*(jnp.moveaxis(part, 0, 1) for part in whole), line, line_rate)
         return (xs[-1], vs[-1], line_rate[:, -1]), parts
 
-    none = jnp.zeros((machine.size, *jnp.broadcast_shapes(machine.offset.shape[3:], machine.stiffness.shape[4:])))
+    none = jnp.zeros(machine.size)
     _, parts = jax.lax.scan(panel, (none, none, none), (starts, steps))
     x, v, line, line_rate = (_joined(part) for part in parts)
     return line + x, line_rate + v, line, line_rate
 
 
-def _joined(panels: Float[Array, "P n ends *sets"]) -> Float[Array, "n E *sets"]:
+def _joined(panels: Float[Array, "P n ends"]) -> Float[Array, "n E"]:
     """Put panels one after another; the last end of one is the first of the next."""
     ends = jnp.moveaxis(panels[:, :, 1:], 0, 1)
-    return jnp.concatenate([panels[0][:, :1], ends.reshape((ends.shape[0], -1, *ends.shape[3:]))], 1)
+    return jnp.concatenate([panels[0][:, :1], ends.reshape((ends.shape[0], -1))], 1)
 
 
 def _step(state: tuple[Array, Array, Array], step: tuple[Array, Array]) -> tuple[tuple, tuple[Array, Array]]:
@@ -119,38 +139,67 @@ def _step(state: tuple[Array, Array, Array], step: tuple[Array, Array]) -> tuple
     return (x, v, h), (x, v)
 
 
-def _linearized(
-    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, times: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return y_r (n, m, *sets) and M, D, K (n, n, m, *sets) at each of the times (m,)."""
-    smooth, told = balanced(machine), command(machine, motion, times)
+class _Slow(NamedTuple):
+    """What changes with the posture alone, at the nodes of a panel."""
+
+    rest: Float[Array, "n m"]
+    M: Float[Array, "n n m"]
+    D: Float[Array, "n n m"]
+    K: Float[Array, "n n m"]
+    by_pin: tuple[Array, ...]
+    residual: Float[Array, "n m"]
+    kinematics: Kinematics
+
+
+def _slow(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, start: Array, h: Array) -> _Slow:
+    """Linearise the equations at the nodes, nothing shaking: in the coordinates and in the pins' angles."""
+    smooth, told = balanced(machine), command(machine, motion, start + h * STEPS * NODE_PLACES)
     rest = sag(arm, machine, told.q, loads)
     none = jnp.zeros_like(rest)
-    M = slope(lambda ydd: residual(smooth, told, rest, none, ydd), none)
-    D = slope(lambda yd: residual(smooth, told, rest, yd, none), none)
-    K = slope(lambda y: residual(smooth, told, y, none, none), rest)
-    return rest, M, D, K
+    line = [interpolate(rest, W, 1) / (h * STEPS) ** k for k, W in enumerate(AT_NODES)]
+    turning = pins(smooth, told, Turning(*(deviations(machine, part) for part in line)))
+
+    def shifted(k: int, pin: Array) -> Array:
+        angles = [part + pin if i == k else part for i, part in enumerate(turning.pin)]
+        return residual_of(smooth, eqx.tree_at(lambda t: t.pin, turning, Turning(*angles)), *line)
+
+    still = jnp.zeros((machine.joints, *rest.shape[1:]))
+    return _Slow(
+        rest=rest,
+        M=slope(lambda ydd: residual(smooth, told, rest, none, ydd), none),
+        D=slope(lambda yd: residual(smooth, told, rest, yd, none), none),
+        K=slope(lambda y: residual(smooth, told, y, none, none), rest),
+        by_pin=tuple(slope(partial(shifted, k), still) for k in range(3)) if machine.inexact else (),
+        residual=residual_of(smooth, turning, *line),
+        kinematics=kinematics(smooth, turning.pin, *(bushings(machine, part) for part in line)),
+    )
 
 
-def _transitions(
-    machine: Machine, motion: Motion, start: Array, h: Array, rest: Array, M: Array, D: Array, K: Array
-) -> tuple[Array, Array]:
-    """Return how the accelerations at both stages of each step follow from the state at its beginning.
+def _shaking(machine: Machine, motion: Motion, slow: _Slow, start: Array, h: Array) -> Float[Array, "2n S"]:
+    """Return f at both stages of each step, one above the other."""
+    at = jax.tree.map(lambda x: interpolate(x, AT_STAGES[0], x.ndim - slow.rest.ndim + 1), slow.kinematics)
+    told = command(machine, motion, start + h * STAGE_PLACES)
+    line = [interpolate(slow.rest, W, 1) / (h * STEPS) ** k for k, W in enumerate(AT_STAGES)]
+    turning = pins(machine, told, Turning(*(deviations(machine, part) for part in line)))
+    f = interpolate(slow.residual, AT_STAGES[0], 1) + equations(
+        machine, at, turning.slope, imbalance(machine, at, turning.pulley)
+    )
+    for by_pin, deviation in zip(slow.by_pin, inexactness(machine, turning), strict=False):
+        f = f + matvec(interpolate(by_pin, AT_STAGES[0], 2), deviation)
+    return -jnp.concatenate([jax.lax.slice_in_dim(f, stage, None, 2, 1) for stage in range(2)])
 
-    Returns:
-        gain (2n, 2n, STEPS, *sets) by x and dx/dt, own (2n, STEPS, *sets) by what shakes the arm.
+
+def _transitions(slow: _Slow, h: Array) -> tuple[Float[Array, "2n 2n S"], Float[Array, "2n 2n S"]]:
+    """Return how the accelerations at both stages of each step follow from the state at its start, and from f.
+
+    They are found for steps about the nodes, and change as slowly as M, D and K do.
     """
-    reference = [interpolate(rest, W, 1) / (h * STEPS) ** k for k, W in enumerate(AT_STAGES)]
-    f = -residual(machine, command(machine, motion, start + h * STAGE_PLACES), *reference)
-    at_stages = (_by_stage(interpolate(X, AT_STAGES[0], 2), 2) for X in (M, D, K))
-    left, right = [], []
-    for i, (m, d, k, shake) in enumerate(zip(*at_stages, _by_stage(f, 1), strict=True)):
-        left.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * (A @ A)[i, j] * k for j in range(2)])
-        right.append([-k, -d - h * GAUSS[i] * k, shake[:, None]])
-    solved = solve_unpivoted(*(jnp.concatenate([jnp.concatenate(row, 1) for row in rows], 0) for rows in (left, right)))
-    return solved[:, :-1], solved[:, -1]
-
-
-def _by_stage(x: Array, axis: int) -> tuple[Array, Array]:
-    """Split the axis of all stages of a panel into the first and the second ones of each step."""
-    return jax.lax.slice_in_dim(x, 0, None, 2, axis), jax.lax.slice_in_dim(x, 1, None, 2, axis)
+    rows, known = [], []
+    for i, W in enumerate(ABOUT_NODES):
+        m, d, k = (interpolate(X, W, 2) for X in (slow.M, slow.D, slow.K))
+        rows.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * (A @ A)[i, j] * k for j in range(2)])
+        known.append([-k, -d - h * GAUSS[i] * k])
+    left, right = (jnp.concatenate([jnp.concatenate(row, 1) for row in part], 0) for part in (rows, known))
+    unit = jnp.broadcast_to(identity(left.shape[0], left.ndim - 2), left.shape)
+    solved = interpolate(solve_unpivoted(left, jnp.concatenate([right, unit], 1)), AT_STEPS, 2)
+    return solved[:, : left.shape[0]], solved[:, left.shape[0] :]

@@ -1,6 +1,7 @@
 """The arm as the equations of motion need it: moments of mass, bushings, drives and belts, gathered once."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -90,6 +91,7 @@ class Machine(eqx.Module):
         carrier: joint that carries each named point.
         driven: joints that have a pin.
         elastic: whether the belts stretch, so that the pins that they drive deviate from the command.
+        inexact: whether some drive has a kinematic error.
     """
 
     axis: Float[Array, "3 N *#batch"]
@@ -106,6 +108,7 @@ class Machine(eqx.Module):
     carrier: tuple[int, ...] = eqx.field(static=True)
     driven: tuple[int, ...] = eqx.field(static=True)
     elastic: bool = eqx.field(static=True)
+    inexact: bool = eqx.field(static=True)
 
     @property
     def joints(self) -> int:
@@ -157,6 +160,7 @@ def machine(arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belt
         carrier=tuple(names.index(point.joint) for point in arm.points),
         driven=tuple(n for n, joint in enumerate(arm.joints) if joint.driven),
         elastic=elastic_belts and bool(arm.belts),
+        inexact=any(_may_differ_from_zero(drive.error) for drive in arm.drives),
     )
 
 
@@ -225,6 +229,10 @@ def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
         error_phase=columns["error_phase"],
         across=_across(axis),
     )
+
+
+def _may_differ_from_zero(number: Array) -> bool:
+    return isinstance(number, jax.core.Tracer) or bool(np.any(np.asarray(number) != 0))
 
 
 def _across(axis: Float[Array, "3 N *#batch"]) -> Float[Array, "3 2 N *#batch"]:

@@ -11,7 +11,7 @@ from ident.vibrate.motion import Motion
 
 NODES = 6
 """Nodes of a panel: the slow quantities are polynomials of degree five in it."""
-STEPS = 16
+STEPS = 64
 """Time steps of a panel."""
 NODE_PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2
 """The nodes within a panel, from 0 to 1."""
@@ -60,15 +60,14 @@ def interpolate(x: Array, W: np.ndarray, axis: int) -> Array:
 
 def resample(
     ends: Float[np.ndarray, "E"],
-    y: Float[Array, "n E *sets"],
-    yd: Float[Array, "n E *sets"],
+    y: Float[Array, "n E"],
+    yd: Float[Array, "n E"],
     time: Float[np.ndarray, "T"],
-) -> tuple[Float[Array, "n T *sets"], Float[Array, "n T *sets"]]:
+) -> tuple[Float[Array, "n T"], Float[Array, "n T"]]:
     """Return values and rates at other times, by cubic Hermite interpolation between the ends of steps."""
     k = np.clip(np.searchsorted(ends, time, side="right") - 1, 0, len(ends) - 2)
-    shape = (1, -1) + (1,) * (y.ndim - 2)
-    h = (ends[k + 1] - ends[k]).reshape(shape)
-    s = (time - ends[k]).reshape(shape) / h
+    h = ends[k + 1] - ends[k]
+    s = (time - ends[k]) / h
     y0, d0, d1 = y[:, k], h * yd[:, k], h * yd[:, k + 1]
     rise = y[:, k + 1] - y0
     a, b = d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1

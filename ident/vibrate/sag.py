@@ -60,7 +60,7 @@ def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "n n *bat
 
 def sag_along(
     arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, end: float
-) -> tuple[Float[np.ndarray, "E"], Float[Array, "n E *sets"], Float[Array, "n E *sets"]]:
+) -> tuple[Float[np.ndarray, "E"], Float[Array, "n E"], Float[Array, "n E"]]:
     """Return times from the first break to the end [s], the coordinates at rest then and their rates."""
     starts, steps = panels(motion, float(motion.breaks[0]), end, STEP)
     ends = starts[:, None] + steps[:, None] * np.arange(STEPS + 1)
@@ -76,9 +76,7 @@ def _sag_along(
 ) -> tuple[Array, Array]:
     times = (starts[:, None] + (steps * STEPS)[:, None] * NODE_PLACES).ravel()
     rest = sag(arm, machine, command(machine, motion, times).q, loads)
-    rest = rest.reshape((rest.shape[0], len(starts), len(NODE_PLACES), *rest.shape[2:]))
-    length = (steps * STEPS).reshape((1, -1, 1) + (1,) * (rest.ndim - 3))
+    rest = rest.reshape((rest.shape[0], len(starts), len(NODE_PLACES)))
     values, slopes, _ = weights(np.arange(STEPS + 1) / STEPS)
-    lines = (interpolate(rest, values, 2), interpolate(rest, slopes, 2) / length)
-    y, yd = (line.reshape((line.shape[0], -1, *line.shape[3:])) for line in lines)
-    return y, yd
+    y, yd = interpolate(rest, values, 2), interpolate(rest, slopes, 2) / (steps * STEPS)[:, None]
+    return y.reshape((y.shape[0], -1)), yd.reshape((y.shape[0], -1))

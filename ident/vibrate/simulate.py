@@ -1,6 +1,7 @@
 """An arm carries out a motion: the one function that runs it and samples what happens."""
 
 from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -15,12 +16,13 @@ from ident.vibrate.dynamics import at_rest, bushings, command, deviations, pins,
 from ident.vibrate.machine import Machine, machine
 from ident.vibrate.motion import Motion
 from ident.vibrate.panels import resample
-from ident.vibrate.response import Response, Vibration
+from ident.vibrate.response import Response
 from ident.vibrate.sag import sag_along
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
 
+T = TypeVar("T")
 Progress = Callable[[Iterable[int]], Iterator[int]]
 
 
@@ -56,23 +58,66 @@ def simulate(
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
     _check(arm, motion, method, rate)
-    time = sample_times(motion, rate)
-    sets = number_of_sets(arm)
-    gathered = machine(arm, loads, rank=1 + len(sets), elastic_belts=elastic_belts)
+    time, sets = sample_times(motion, rate), number_of_sets(arm)
     if method == "fast":
-        solved = fast.integrate(arm, gathered, motion, time[-1], loads, step)
-        y, yd = resample(solved.time, solved.y, solved.yd, time)
-        rest, _ = resample(solved.time, solved.rest, solved.rest_rate, time)
+
+        def run(arm: Arm) -> Solution:
+            return _fast(arm, motion, loads, time, step, elastic_belts)
+
+        solution = over_sets(run, arm, sets)
     elif sets:
         raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
     else:
-        ends, line, rate_of_line = sag_along(arm, gathered, motion, loads, time[-1])
-        rest, _ = resample(ends, line, rate_of_line, time)
-        start = rest[:, 0], jnp.zeros_like(rest[:, 0])
-        y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
-        time, rest = time[: y.shape[1]], rest[:, : y.shape[1]]
-    path, displacement, sag = _end_point(gathered, motion, time, y, rest)
-    return Response(gathered, motion, jnp.asarray(time), y, yd, path, displacement, sag, method)
+        solution = _exact(arm, motion, loads, time, rtol, elastic_belts, progress)
+        time = time[: solution.y.shape[1]]
+    gathered = machine(arm, loads, rank=1 + len(sets), elastic_belts=elastic_belts)
+    path = solution.path[(..., *(0,) * len(sets))]
+    return Response(
+        gathered, motion, jnp.asarray(time), solution.y, solution.yd, path, solution.displacement, solution.sag, method
+    )
+
+
+class Solution(NamedTuple):
+    """Coordinates and rates (n, T), path, displacement and sag of the end point (3, T)."""
+
+    y: Array
+    yd: Array
+    path: Array
+    displacement: Array
+    sag: Array
+
+
+def over_sets(run: Callable[[Arm], T], arm: Arm, sets: tuple[int, ...]) -> T:
+    """Return what `run` gives for an arm of each of the sets `(*sets)`, one after another, these axes last.
+
+    One set fills a core better than several side by side, whose intermediate values do not fit its cache.
+    """
+    if not sets:
+        return run(arm)
+    batched = {path: arm.get(path) for path in arm.paths() if jnp.ndim(arm.get(path))}
+    flat = {path: jnp.broadcast_to(value, sets).reshape(-1) for path, value in batched.items()}
+    first = arm.replace({path: value[0] for path, value in flat.items()})
+    out = jax.lax.map(lambda values: run(first.replace(values)), flat)
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *sets)), out)
+
+
+def _fast(arm: Arm, motion: Motion, loads: Loads | None, time: np.ndarray, step: float, elastic: bool) -> Solution:
+    gathered = machine(arm, loads, rank=1, elastic_belts=elastic)
+    solved = fast.integrate(arm, gathered, motion, time[-1], loads, step)
+    y, yd = resample(solved.time, solved.y, solved.yd, time)
+    rest, _ = resample(solved.time, solved.rest, solved.rest_rate, time)
+    return Solution(y, yd, *_end_point(gathered, motion, time, y, rest))
+
+
+def _exact(
+    arm: Arm, motion: Motion, loads: Loads | None, time: np.ndarray, rtol: float, elastic: bool, progress: Progress
+) -> Solution:
+    gathered = machine(arm, loads, rank=1, elastic_belts=elastic)
+    rest, _ = resample(*sag_along(arm, gathered, motion, loads, time[-1]), time)
+    start = rest[:, 0], jnp.zeros_like(rest[:, 0])
+    y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
+    reached = y.shape[1]
+    return Solution(y, yd, *_end_point(gathered, motion, time[:reached], y, rest[:, :reached]))
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -98,7 +143,7 @@ def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
 @jax.jit
 def _end_point(
     machine: Machine, motion: Motion, time: Array, y: Array, rest: Array
-) -> tuple[Float[Array, "3 T"], Vibration, Vibration]:
+) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"], Float[Array, "3 T"]]:
     """Return path, displacement and sag of the end point."""
     told = command(machine, motion, time)
 
@@ -108,4 +153,4 @@ def _end_point(
         return positions(machine, angle, bushings(machine, y))[:, -1]
 
     path = end(jnp.zeros_like(rest), 0.0)
-    return path[(..., *(0,) * (path.ndim - 2))], end(y, 1.0) - path, end(rest, 0.0) - path
+    return path, end(y, 1.0) - path, end(rest, 0.0) - path
