@@ -148,7 +148,7 @@ class MovingArm:
         """Turn the pins, by command, deviation of the loose ones and kinematic error, and the pulleys."""
         total = np.zeros((3, len(self.names)))
         total[:, self.pinned] = command
-        for row, part in zip(total, deviation, strict=True):
+        for row, part in zip(total, deviation, strict=False):
             row[self.loose] += part
         q, qd, qdd = total
         angle, twice = 2 * self.ratio * q + self.error_phase, 2 * self.ratio
@@ -156,6 +156,11 @@ class MovingArm:
         pin_turn = Turn(q + self.error * np.sin(angle), slope * qd, slope * qdd)
         curve = -self.error * twice**2 * np.sin(angle) * qd**2
         return pin_turn._replace(acceleration=slope * qdd + curve), Turn(*(self.ratio * part for part in total))
+
+    def turns_over(self, commands: np.ndarray) -> tuple[Turn, Turn]:
+        """`turns` of pins without deviation at many times: (3, driven, T)."""
+        each = [self.turns(command) for command in np.moveaxis(commands, -1, 0)]
+        return tuple(Turn(*(np.stack(part, 1) for part in zip(*turns, strict=True))) for turns in zip(*each, strict=True))
 
     def slope(self, q: np.ndarray) -> np.ndarray:
         """d pin / d q, q the angle of each pulley divided by the ratio."""
