@@ -145,26 +145,21 @@ class MovingArm:
         raise NotImplementedError
 
     def turns(self, command: np.ndarray, *deviation: np.ndarray) -> tuple[Turn, Turn]:
-        """Turn the pins, by command, deviation of the loose ones and kinematic error, and the pulleys."""
-        total = np.zeros((3, len(self.names)))
+        """Turn the pins, by command, deviation of the loose ones and kinematic error, and the pulleys; at any times."""
+        total = np.zeros((3, len(self.names), *command.shape[2:]))
         total[:, self.pinned] = command
         for row, part in zip(total, deviation, strict=False):
             row[self.loose] += part
-        q, qd, qdd = total
-        angle, twice = 2 * self.ratio * q + self.error_phase, 2 * self.ratio
-        slope = self.slope(q)
-        pin_turn = Turn(q + self.error * np.sin(angle), slope * qd, slope * qdd)
-        curve = -self.error * twice**2 * np.sin(angle) * qd**2
-        return pin_turn._replace(acceleration=slope * qdd + curve), Turn(*(self.ratio * part for part in total))
-
-    def turns_over(self, commands: np.ndarray) -> tuple[Turn, Turn]:
-        """`turns` of pins without deviation at many times: (3, driven, T)."""
-        each = [self.turns(command) for command in np.moveaxis(commands, -1, 0)]
-        return tuple(Turn(*(np.stack(part, 1) for part in zip(*turns, strict=True))) for turns in zip(*each, strict=True))
+        (q, qd, qdd), ratio = total, column(self.ratio, total[0])
+        error, angle = column(self.error, q), 2 * ratio * q + column(self.error_phase, q)
+        slope, curve = self.slope(q), -4 * ratio**2 * error * np.sin(angle)
+        pin_turn = Turn(q + error * np.sin(angle), slope * qd, slope * qdd + curve * qd**2)
+        return pin_turn, Turn(*(ratio * part for part in total))
 
     def slope(self, q: np.ndarray) -> np.ndarray:
         """d pin / d q, q the angle of each pulley divided by the ratio."""
-        return 1 + 2 * self.ratio * self.error * np.cos(2 * self.ratio * q + self.error_phase)
+        twice = 2 * column(self.ratio, q)
+        return 1 + twice * column(self.error, q) * np.cos(twice * q + column(self.error_phase, q))
 
     def split(self, *flat: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
         bushings = 3 * len(self.names)
@@ -212,8 +207,11 @@ class MovingArm:
     def residual(self, command: np.ndarray, y: np.ndarray, yd: np.ndarray, ydd: np.ndarray) -> np.ndarray:
         out = self.rates(command, y).T @ self.inverse(*self.motion(command, y, yd, ydd))
         n = 3 * len(self.names)
-        out[:n] += self.K @ y[:n] + self.C @ yd[:n]
+        out[:n] += self.springs(y[:n], yd[:n])
         return out
+
+    def springs(self, phi: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        return self.K @ phi + self.C @ rate
 
     def torques(self, command: np.ndarray, y: np.ndarray, yd: np.ndarray, ydd: np.ndarray) -> np.ndarray:
         return self.on_pins(command, y).T @ self.inverse(*self.motion(command, y, yd, ydd))
@@ -349,6 +347,10 @@ class MujocoMoving(MovingArm):
     def points(self, q: np.ndarray) -> np.ndarray:
         self._place(q)
         return np.stack([self.data.site(point.name).xpos for point in self.arm.points], 1)
+
+
+def column(values: np.ndarray, like: np.ndarray) -> np.ndarray:
+    return values.reshape((-1,) + (1,) * (like.ndim - 1))
 
 
 def lump(body: object, share: float = 1.0) -> Lump:

@@ -298,7 +298,6 @@ def test_residual_with_belts_against_engine_and_drawing(joints: int, error: bool
         found = np.asarray(residual(of, Command(*map(jnp.asarray, state.command)), *at))
         expected = engine.residual(state.command, y, yd, ydd) + drawn_forces(engine, state.command, y, yd)
         errors.append(np.abs(found - expected).max() / np.abs(expected).max())
-    print("DRAWN", errors)
     # measured: 4e-12, of the differences
     assert max(errors) < 1e-9
 
