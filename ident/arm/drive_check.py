@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
 
 
+PARALLEL = 1e-6
+"""Angle between axes [rad] up to which they count as parallel."""
+
+
 def check_drives(arm: "Arm") -> None:
     """Refuse drives, belts and a stroke that no arm can have; abstract values (under `jit` or `grad`) are not checked.
 
@@ -51,15 +55,19 @@ def _of_drive(arm: "Arm", drive: Drive) -> Iterator[Problem]:
 
 
 def _of_belt(arm: "Arm", belt: Belt) -> Iterator[Problem]:
-    names, drives = [joint.name for joint in arm.driven], [drive.joint for drive in arm.drives]
+    drives = [drive.joint for drive in arm.drives]
     for end, joint in (("driver", belt.driver), ("driven", belt.driven)):
         if joint not in drives:
             remedy = did_you_mean(joint, drives, "describe its drive, or leave the belt out")
             yield Problem(belt.name, f"'{joint}'", "a joint that has a drive", remedy, end)
             return
-    if names.index(belt.driven) != names.index(belt.driver) + 1:
+    every = [joint.name for joint in arm.joints]
+    if every.index(belt.driven) != every.index(belt.driver) + 1:
         got = f"a belt from {belt.driver} to {belt.driven}"
-        yield Problem(belt.name, got, "neighbours, the driver first", "a belt runs along one link", "driven")
+        remedy = "a belt runs along one link, without a bushing between"
+        yield Problem(belt.name, got, "neighbours, the driver first", remedy, "driven")
+    else:
+        yield from _of_geometry(arm, belt)
     if [b.driven for b in arm.belts].count(belt.driven) > 1:
         yield Problem(belt.name, f"a second belt that drives {belt.driven}", "one", "remove one of them", "driven")
     radii = _known(belt.driver_radius), _known(belt.driven_radius)
@@ -70,6 +78,23 @@ def _of_belt(arm: "Arm", belt: Belt) -> Iterator[Problem]:
         value = _known(getattr(belt, field))
         if value is not None and np.any(value < 0):
             yield Problem(belt.name, f"{_first(value):g}", "a value >= 0", "correct it", field)
+
+
+def _of_geometry(arm: "Arm", belt: Belt) -> Iterator[Problem]:
+    """Yield what keeps the pulleys from lying side by side in one plane."""
+    one, other = (joint for joint in arm.joints if joint.name in (belt.driver, belt.driven))
+    numbers = one.axis, other.axis, other.offset, belt.driver_radius, belt.driven_radius
+    known = [value for number in numbers if (value := _known(number)) is not None]
+    if len(known) < len(numbers) or any(value.ndim > 1 for value in known[:3]):
+        return
+    axis, parallel, offset, *radii = known
+    if np.abs(np.cross(axis, parallel)).max() > PARALLEL:
+        yield Problem(belt.name, "axes that are not parallel", "pulleys in one plane", "leave the belt out", "driven")
+        return
+    distance, room = np.linalg.norm(np.cross(axis, offset)), sum(np.max(radius) for radius in radii)
+    if distance <= room:
+        got, expected = f"axes {distance:.4g} m apart", f"more than {room:.4g} m, the sum of the radii"
+        yield Problem(belt.name, got, expected, "correct radii or offset", "driven_radius")
 
 
 def _of_stroke(arm: "Arm", stroke: Stroke) -> Iterator[Problem]:

@@ -58,19 +58,26 @@ def tensions(machine: "Machine", e: Spans, e_dot: Spans) -> Spans:
 
 
 def belt_forces(
-    machine: "Machine", phi: Array, phi_dot: Array, xi: Array, xi_dot: Array, error: Array
-) -> tuple[Float[Array, "3 N *#batch"], Float[Array, "N *#batch"]]:
-    """Return the moments [N m] on bushings and pins against which the belts pull, by virtual work."""
+    machine: "Machine", place: tuple[Array, Array, Array], rate: tuple[Array, Array, Array]
+) -> tuple[Float[Array, "3 N *#batch"], Float[Array, "N *#batch"], Float[Array, "N *#batch"]]:
+    """Return the moments [N m] on bushings, wave generators and kinematic errors against which the belts pull.
 
-    def length(phi: Array, xi: Array) -> Array:
+    Args:
+        machine: the arm.
+        place: phi (3, N, *batch), xi and error (N, *batch) [rad], as in `stretch`.
+        rate: their rates [rad/s].
+    """
+
+    def length(phi: Array, xi: Array, error: Array) -> Array:
         return stretch(machine, phi, xi, error)
 
-    e, pull = jax.vjp(length, phi, xi)
-    e_dot = jax.jvp(length, (phi, xi), (phi_dot, xi_dot))[1]
-    at_rest = jax.vjp(length, jnp.zeros_like(phi), xi)[1]
-    T0 = jnp.broadcast_to(machine.belts.pretension, e.shape)
-    now, then = pull(tensions(machine, e, e_dot)), at_rest(T0)
-    return now[0] - then[0], now[1] - then[1]
+    e, pull = jax.vjp(length, *place)
+    e_dot = jax.jvp(length, place, rate)[1]
+    at_rest = jax.vjp(length, jnp.zeros_like(place[0]), *place[1:])[1]
+    now = pull(tensions(machine, e, e_dot))
+    then = at_rest(jnp.broadcast_to(machine.belts.pretension, e.shape))
+    on_bushings, on_pins, on_errors = (a - b for a, b in zip(now, then, strict=True))
+    return on_bushings, on_pins, on_errors
 
 
 def _span(D: Array, radius: Array) -> Array:

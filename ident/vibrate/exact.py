@@ -12,7 +12,8 @@ from jaxtyping import Array, Float
 
 from ident.arm.linalg import solve_positive
 from ident.errors import ModelError
-from ident.vibrate.dynamics import Command, residual
+from ident.vibrate.dynamics import residual
+from ident.vibrate.kinematics import Command
 from ident.vibrate.machine import Machine
 from ident.vibrate.motion import Motion
 
@@ -36,7 +37,7 @@ class Exact(NamedTuple):
     """A solution of the exact equations.
 
     Attributes:
-        y: (n, T) coordinates, see `dynamics`.
+        y: (n, T) coordinates, see `kinematics`.
         yd: (n, T) their rates [1/s]
         steps: steps taken.
         rejected: steps rejected by the error control.

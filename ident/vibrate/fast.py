@@ -26,23 +26,11 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.linalg import solve_unpivoted
 from ident.arm.rotations import identity, matvec
-from ident.vibrate.dynamics import (
-    Kinematics,
-    Turning,
-    bushings,
-    command,
-    deviations,
-    equations,
-    imbalance,
-    inexactness,
-    kinematics,
-    pins,
-    residual,
-    residual_of,
-)
+from ident.vibrate.dynamics import equations, imbalance, residual, residual_of
+from ident.vibrate.kinematics import Kinematics, Turning, bushings, command, deviations, inexactness, kinematics, pins
 from ident.vibrate.machine import Machine, balanced
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import NODE_PLACES, STEPS, interpolate, panels, weights
+from ident.vibrate.panels import NODE_PLACES, Panels, interpolate, joined, weights
 from ident.vibrate.sag import sag, slope
 
 STEP = 0.005
@@ -53,79 +41,75 @@ A = np.array([[0.25, 0.25 - np.sqrt(3) / 6], [0.25 + np.sqrt(3) / 6, 0.25]])
 """Weights of the stages' rates for the stages."""
 B = np.array([0.5, 0.5])
 """Weights of the stages' rates for the step."""
-STAGE_PLACES = (np.arange(STEPS)[:, None] + GAUSS).ravel()
-"""The stages of a panel, in steps."""
-AT_STAGES = weights(STAGE_PLACES / STEPS)
-AT_NODES = weights(NODE_PLACES)
-AT_ENDS = weights(np.arange(STEPS + 1) / STEPS)[:2]
-AT_STEPS = weights((np.arange(STEPS) + 0.5) / STEPS)[0]
-ABOUT_NODES = [weights(NODE_PLACES + (place - 0.5) / STEPS)[0] for place in GAUSS]
-"""Weights of the stages of a step whose middle is a node."""
 
 
 class Fast(NamedTuple):
-    """A solution of the linearised equations.
+    """A solution of the linearised equations at the ends of the steps.
 
     Attributes:
-        time: (E,) [s] ends of the steps, the start first.
-        y: (n, E) coordinates, see `dynamics`.
+        y: (n, E) coordinates, see `kinematics`.
         yd: (n, E) their rates [1/s]
         rest: (n, E) coordinates at rest in the posture of the moment.
         rest_rate: (n, E) their rates [1/s]
     """
 
-    time: Float[np.ndarray, "E"]
     y: Float[Array, "n E"]
     yd: Float[Array, "n E"]
     rest: Float[Array, "n E"]
     rest_rate: Float[Array, "n E"]
 
 
-def integrate(
-    arm: Arm, machine: Machine, motion: Motion, end: float, loads: Loads | None = None, step: float = STEP
-) -> Fast:
+class _Places(NamedTuple):
+    """Weights of the nodes for stages, ends and middles of a panel's S steps, and for stages of steps about nodes."""
+
+    in_steps: np.ndarray
+    stages: tuple[np.ndarray, ...]
+    nodes: tuple[np.ndarray, ...]
+    ends: tuple[np.ndarray, ...]
+    middles: np.ndarray
+    about_nodes: list[np.ndarray]
+
+
+def _places(S: int) -> _Places:
+    in_steps = (np.arange(S)[:, None] + GAUSS).ravel()
+    return _Places(
+        in_steps=in_steps,
+        stages=weights(in_steps / S),
+        nodes=weights(NODE_PLACES),
+        ends=weights(np.arange(S + 1) / S)[:2],
+        middles=weights((np.arange(S) + 0.5) / S)[0],
+        about_nodes=[weights(NODE_PLACES + (place - 0.5) / S)[0] for place in GAUSS],
+    )
+
+
+def integrate(arm: Arm, machine: Machine, motion: Motion, grid: Panels, loads: Loads | None = None) -> Fast:
     """Integrate from rest at the first break of the motion.
 
     Args:
         arm: the arm.
         machine: the same arm under its load, gathered with `rank=1`.
         motion: what the motors are told.
-        end: last time [s].
+        grid: panels of time; their steps are the method's.
         loads: the load case of the machine.
-        step: longest time step [s].
     """
-    start = float(motion.breaks[0])
-    starts, steps = panels(motion, start, end, step)
-    ends = starts[:, None] + steps[:, None] * np.arange(1, STEPS + 1)
-    return Fast(np.append(start, ends), *_integrate(arm, machine, motion, loads, starts, steps))
+    at = _places(grid.steps)
 
-
-@jax.jit
-def _integrate(
-    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, starts: Array, steps: Array
-) -> tuple[Array, Array, Array, Array]:
     def panel(state: tuple[Array, Array, Array], span: tuple[Array, Array]) -> tuple[tuple, tuple]:
         (x, v, seam), (start, h) = state, span
-        slow = _slow(arm, machine, motion, loads, start, h)
-        line, line_rate = (interpolate(slow.rest, W, 1) / (h * STEPS) ** k for k, W in enumerate(AT_ENDS))
-        gain, yields = _transitions(slow, h)
-        own = matvec(yields, _shaking(machine, motion, slow, start, h))
-        v = v + jnp.where(start == starts[0], 0.0, seam - line_rate[:, 0])
+        length = h * grid.steps
+        slow = _slow(arm, machine, motion, loads, at, start, length)
+        line, line_rate = (interpolate(slow.rest, W, 1) / length**k for k, W in enumerate(at.ends))
+        gain, yields = _transitions(slow, at, h)
+        own = matvec(yields, _shaking(machine, motion, slow, at, start, h, length))
+        v = v + jnp.where(start == grid.start[0], 0.0, seam - line_rate[:, 0])
         _, (xs, vs) = jax.lax.scan(_step, (x, v, h), (jnp.moveaxis(gain, 2, 0), jnp.moveaxis(own, 1, 0)))
-        whole = (jnp.concatenate([first[None], rest]) for first, rest in ((x, xs), (v, vs)))
-        parts = (*(jnp.moveaxis(part, 0, 1) for part in whole), line, line_rate)
-        return (xs[-1], vs[-1], line_rate[:, -1]), parts
+        whole = (jnp.concatenate([first[None], rest]).T for first, rest in ((x, xs), (v, vs)))
+        return (xs[-1], vs[-1], line_rate[:, -1]), (*whole, line, line_rate)
 
     none = jnp.zeros(machine.size)
-    _, parts = jax.lax.scan(panel, (none, none, none), (starts, steps))
-    x, v, line, line_rate = (_joined(part) for part in parts)
-    return line + x, line_rate + v, line, line_rate
-
-
-def _joined(panels: Float[Array, "P n ends"]) -> Float[Array, "n E"]:
-    """Put panels one after another; the last end of one is the first of the next."""
-    ends = jnp.moveaxis(panels[:, :, 1:], 0, 1)
-    return jnp.concatenate([panels[0][:, :1], ends.reshape((ends.shape[0], -1))], 1)
+    _, parts = jax.lax.scan(panel, (none, none, none), (jnp.asarray(grid.start), jnp.asarray(grid.step)))
+    x, v, line, line_rate = (jax.vmap(joined, in_axes=1)(part) for part in parts)
+    return Fast(line + x, line_rate + v, line, line_rate)
 
 
 def _step(state: tuple[Array, Array, Array], step: tuple[Array, Array]) -> tuple[tuple, tuple[Array, Array]]:
@@ -151,12 +135,14 @@ class _Slow(NamedTuple):
     kinematics: Kinematics
 
 
-def _slow(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, start: Array, h: Array) -> _Slow:
+def _slow(
+    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, at: _Places, start: Array, length: Array
+) -> _Slow:
     """Linearise the equations at the nodes, nothing shaking: in the coordinates and in the pins' angles."""
-    smooth, told = balanced(machine), command(machine, motion, start + h * STEPS * NODE_PLACES)
+    smooth, told = balanced(machine), command(machine, motion, start + length * NODE_PLACES)
     rest = sag(arm, machine, told.q, loads)
     none = jnp.zeros_like(rest)
-    line = [interpolate(rest, W, 1) / (h * STEPS) ** k for k, W in enumerate(AT_NODES)]
+    line = [interpolate(rest, W, 1) / length**k for k, W in enumerate(at.nodes)]
     turning = pins(smooth, told, Turning(*(deviations(machine, part) for part in line)))
 
     def shifted(k: int, pin: Array) -> Array:
@@ -175,31 +161,33 @@ def _slow(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, start
     )
 
 
-def _shaking(machine: Machine, motion: Motion, slow: _Slow, start: Array, h: Array) -> Float[Array, "2n S"]:
+def _shaking(
+    machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array, length: Array
+) -> Float[Array, "2n S"]:
     """Return f at both stages of each step, one above the other."""
-    at = jax.tree.map(lambda x: interpolate(x, AT_STAGES[0], x.ndim - slow.rest.ndim + 1), slow.kinematics)
-    told = command(machine, motion, start + h * STAGE_PLACES)
-    line = [interpolate(slow.rest, W, 1) / (h * STEPS) ** k for k, W in enumerate(AT_STAGES)]
+    moving = jax.tree.map(lambda x: interpolate(x, at.stages[0], x.ndim - 1), slow.kinematics)
+    told = command(machine, motion, start + h * at.in_steps)
+    line = [interpolate(slow.rest, W, 1) / length**k for k, W in enumerate(at.stages)]
     turning = pins(machine, told, Turning(*(deviations(machine, part) for part in line)))
-    f = interpolate(slow.residual, AT_STAGES[0], 1) + equations(
-        machine, at, turning.slope, imbalance(machine, at, turning.pulley)
+    f = interpolate(slow.residual, at.stages[0], 1) + equations(
+        machine, moving, turning.slope, imbalance(machine, moving, turning.pulley)
     )
     for by_pin, deviation in zip(slow.by_pin, inexactness(machine, turning), strict=False):
-        f = f + matvec(interpolate(by_pin, AT_STAGES[0], 2), deviation)
+        f = f + matvec(interpolate(by_pin, at.stages[0], 2), deviation)
     return -jnp.concatenate([jax.lax.slice_in_dim(f, stage, None, 2, 1) for stage in range(2)])
 
 
-def _transitions(slow: _Slow, h: Array) -> tuple[Float[Array, "2n 2n S"], Float[Array, "2n 2n S"]]:
+def _transitions(slow: _Slow, at: _Places, h: Array) -> tuple[Float[Array, "2n 2n S"], Float[Array, "2n 2n S"]]:
     """Return how the accelerations at both stages of each step follow from the state at its start, and from f.
 
     They are found for steps about the nodes, and change as slowly as M, D and K do.
     """
     rows, known = [], []
-    for i, W in enumerate(ABOUT_NODES):
+    for i, W in enumerate(at.about_nodes):
         m, d, k = (interpolate(X, W, 2) for X in (slow.M, slow.D, slow.K))
         rows.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * (A @ A)[i, j] * k for j in range(2)])
         known.append([-k, -d - h * GAUSS[i] * k])
     left, right = (jnp.concatenate([jnp.concatenate(row, 1) for row in part], 0) for part in (rows, known))
     unit = jnp.broadcast_to(identity(left.shape[0], left.ndim - 2), left.shape)
-    solved = interpolate(solve_unpivoted(left, jnp.concatenate([right, unit], 1)), AT_STEPS, 2)
+    solved = interpolate(solve_unpivoted(left, jnp.concatenate([right, unit], 1)), at.middles, 2)
     return solved[:, : left.shape[0]], solved[:, left.shape[0] :]

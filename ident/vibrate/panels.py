@@ -1,44 +1,83 @@
 """Panels of time: what changes with the posture is computed at a few nodes of each and interpolated between them."""
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial import Polynomial
+from scipy.interpolate import PPoly
 
 from ident.vibrate.motion import Motion
 
 NODES = 6
 """Nodes of a panel: the slow quantities are polynomials of degree five in it."""
-STEPS = 64
-"""Time steps of a panel."""
 NODE_PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2
 """The nodes within a panel, from 0 to 1."""
+TURN = 0.35
+"""Largest turn of a pin within a panel [rad]: polynomials of degree five follow its sine to 1e-7."""
+JUMP = 1e-6
+"""Jump of a derivative, against its largest value, that counts as one."""
+
+Times = Float[Array | np.ndarray, "T"]
 
 
-def panels(
-    motion: Motion, start: float, end: float, step: float
-) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "P"]]:
-    """Divide a span of time into panels of STEPS equal steps, none across a break.
+class Panels(NamedTuple):
+    """A span of time in panels of as many equal steps each.
+
+    Attributes:
+        start: (P,) [s] where the panels start.
+        step: (P,) [s] the steps of each.
+        steps: number S of steps of a panel.
+    """
+
+    start: Float[np.ndarray, "P"]
+    step: Float[np.ndarray, "P"]
+    steps: int
+
+    @property
+    def ends(self) -> Float[np.ndarray, "P ends"]:
+        """Ends of all steps of each panel, its start first [s]."""
+        return self.start[:, None] + self.step[:, None] * np.arange(self.steps + 1)
+
+
+def panels(motion: Motion, end: float, step: float) -> Panels:
+    """Divide the time from the first break of a motion, none of them across a jump of its derivatives.
 
     Args:
-        motion: whose breaks are kept.
-        start: first time [s].
+        motion: what the motors are told.
         end: last time [s].
         step: longest step [s].
-
-    Returns:
-        Starts of the panels [s], and their steps [s].
     """
-    breaks = np.asarray(motion.breaks)
-    edges = np.unique(np.concatenate([[start, end], breaks[(breaks > start) & (breaks < end)]]))
-    starts, steps = [], []
-    for low, high in pairwise(edges):
-        count = int(np.ceil((high - low) / (STEPS * step) - 1e-9))
-        starts.append(low + (high - low) / count * np.arange(count))
-        steps.append(np.full(count, (high - low) / (count * STEPS)))
-    return np.concatenate(starts), np.concatenate(steps)
+    jumps = _jumps(motion)
+    edges = np.unique(np.concatenate([[float(motion.breaks[0]), end], jumps[jumps < end]]))
+    speed = np.abs(np.asarray(motion(np.linspace(edges[0], end, 1000))[1])).max()
+    longest = min(TURN / max(speed, 1e-9), 200 * step)
+    counts = [int(np.ceil((high - low) / longest - 1e-9)) for low, high in pairwise(edges)]
+    lengths = np.diff(edges) / counts
+    start = np.concatenate([low + n * np.arange(c) for low, n, c in zip(edges, lengths, counts, strict=False)])
+    length = np.repeat(lengths, counts)
+    steps = max(1, int(np.ceil(length.max() / step - 1e-9)))
+    return Panels(start, length / steps, steps)
+
+
+def _jumps(motion: Motion) -> np.ndarray:
+    """Return the breaks at which a derivative up to the third jumps: there a smooth method loses its order."""
+    path = PPoly(np.asarray(motion.coefficients), np.asarray(motion.breaks))
+    inner = path.x[1:-1]
+    jumps = np.zeros(len(inner), bool)
+    for order in range(1, 4):
+        rate = path.derivative(order)
+        before = np.stack([_at_end(rate, k) for k in range(len(inner))]) if len(inner) else np.zeros((0, 1))
+        after = rate.c[-1, 1:]
+        jumps |= (np.abs(after - before) > JUMP * max(np.abs(rate.c[-1]).max(), 1e-12)).any(1)
+    return inner[jumps]
+
+
+def _at_end(path: PPoly, k: int) -> np.ndarray:
+    """Return the value of piece k at its end."""
+    return np.polyval(path.c[:, k], path.x[k + 1] - path.x[k])
 
 
 def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -59,16 +98,18 @@ def interpolate(x: Array, W: np.ndarray, axis: int) -> Array:
 
 
 def resample(
-    ends: Float[np.ndarray, "E"],
-    y: Float[Array, "n E"],
-    yd: Float[Array, "n E"],
-    time: Float[np.ndarray, "T"],
-) -> tuple[Float[Array, "n T"], Float[Array, "n T"]]:
-    """Return values and rates at other times, by cubic Hermite interpolation between the ends of steps."""
-    k = np.clip(np.searchsorted(ends, time, side="right") - 1, 0, len(ends) - 2)
+    ends: Float[Array, "E"], y: Float[Array, "n E"], yd: Float[Array, "n E"], time: Times
+) -> tuple[Array, Array]:
+    """Return values and rates at other times, (n, T) each, by cubic Hermite interpolation between the ends of steps."""
+    k = jnp.clip(jnp.searchsorted(ends, time, side="right") - 1, 0, len(ends) - 2)
     h = ends[k + 1] - ends[k]
     s = (time - ends[k]) / h
     y0, d0, d1 = y[:, k], h * yd[:, k], h * yd[:, k + 1]
     rise = y[:, k + 1] - y0
     a, b = d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1
     return y0 + s * (d0 + s * (b + s * a)), (d0 + s * (2 * b + s * 3 * a)) / h
+
+
+def joined(ends: Float[Array | np.ndarray, "P ends"]) -> Float[Array, "E"]:
+    """Put values at the ends of each panel's steps one after another; the last of one is the first of the next."""
+    return jnp.concatenate([ends[:1, 0], ends[:, 1:].ravel()])

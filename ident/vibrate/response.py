@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.rotations import matvec
-from ident.vibrate.dynamics import bushings, command
+from ident.vibrate.kinematics import bushings, command
 from ident.vibrate.machine import Machine
 from ident.vibrate.motion import Motion
 
@@ -34,7 +34,7 @@ class Response(eqx.Module):
         machine: the arm under its load.
         motion: what the motors were told.
         time: (T,) [s]
-        y: (n, T, *sets) coordinates, see `dynamics`.
+        y: (n, T, *sets) coordinates, see `kinematics`.
         yd: (n, T, *sets) their rates [1/s]
         path: (3, T) [m] where the end point would be, were the joints rigid.
         displacement: (3, T, *sets) [m] of the end point from that path, in the base frame.

@@ -13,19 +13,18 @@ from ident.arm.equilibrium import equilibrium
 from ident.arm.linalg import solve_positive
 from ident.arm.mechanics import flat
 from ident.arm.modes import in_shaft_axes
-from ident.vibrate.dynamics import Command, command, residual
+from ident.vibrate.dynamics import residual
+from ident.vibrate.kinematics import Command, command
 from ident.vibrate.machine import Machine, balanced
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import NODE_PLACES, STEPS, interpolate, panels, weights
+from ident.vibrate.panels import NODE_PLACES, Panels, interpolate, joined, weights
 
 BELT_STEPS = 3
 """Newton steps that take the stretch of belts into account; it moves an arm at rest by less than a thousandth."""
-STEP = 0.005
-"""Step of the panels along which the line is interpolated [s]."""
 
 
 def sag(arm: Arm, machine: Machine, posture: Array, loads: Loads | None = None) -> Float[Array, "n *#batch"]:
-    """Return the coordinates at which the arm rests at a posture (driven, *batch) [rad]; see `dynamics`.
+    """Return the coordinates at which the arm rests at a posture (driven, *batch) [rad]; see `kinematics`.
 
     Differentiable. The turning masses are on their axes here: they shake the arm and do not bend it.
 
@@ -59,24 +58,14 @@ def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "n n *bat
 
 
 def sag_along(
-    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, end: float
-) -> tuple[Float[np.ndarray, "E"], Float[Array, "n E"], Float[Array, "n E"]]:
-    """Return times from the first break to the end [s], the coordinates at rest then and their rates."""
-    starts, steps = panels(motion, float(motion.breaks[0]), end, STEP)
-    ends = starts[:, None] + steps[:, None] * np.arange(STEPS + 1)
-    y, yd = _sag_along(arm, machine, motion, loads, starts, steps)
-    # the last end of a panel is the first of the next one
-    keep = np.append(np.arange(ends.size).reshape(ends.shape)[:, :-1].ravel(), ends.size - 1)
-    return ends.ravel()[keep], y[:, keep], yd[:, keep]
-
-
-@jax.jit
-def _sag_along(
-    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, starts: Array, steps: Array
-) -> tuple[Array, Array]:
-    times = (starts[:, None] + (steps * STEPS)[:, None] * NODE_PLACES).ravel()
+    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, grid: Panels
+) -> tuple[Float[Array, "n E"], Float[Array, "n E"]]:
+    """Return the coordinates at rest at the ends of all steps of the panels, and their rates."""
+    length = grid.step * grid.steps
+    times = (grid.start[:, None] + length[:, None] * NODE_PLACES).ravel()
     rest = sag(arm, machine, command(machine, motion, times).q, loads)
-    rest = rest.reshape((rest.shape[0], len(starts), len(NODE_PLACES)))
-    values, slopes, _ = weights(np.arange(STEPS + 1) / STEPS)
-    y, yd = interpolate(rest, values, 2), interpolate(rest, slopes, 2) / (steps * STEPS)[:, None]
-    return y.reshape((y.shape[0], -1)), yd.reshape((y.shape[0], -1))
+    rest = rest.reshape((rest.shape[0], -1, len(NODE_PLACES)))
+    values, slopes, _ = weights(np.arange(grid.steps + 1) / grid.steps)
+    lines = interpolate(rest, values, 2), interpolate(rest, slopes, 2) / length[:, None]
+    y, yd = (jax.vmap(joined)(line) for line in lines)
+    return y, yd

@@ -1,8 +1,9 @@
 """An arm carries out a motion: the one function that runs it and samples what happens."""
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,17 +13,16 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.errors import InputError, Problem
 from ident.vibrate import exact, fast
-from ident.vibrate.dynamics import at_rest, bushings, command, deviations, pins, positions
+from ident.vibrate.kinematics import at_rest, bushings, command, deviations, pins, positions
 from ident.vibrate.machine import Machine, machine
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import resample
+from ident.vibrate.panels import Panels, Times, joined, panels, resample
 from ident.vibrate.response import Response
 from ident.vibrate.sag import sag_along
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
 
-T = TypeVar("T")
 Progress = Callable[[Iterable[int]], Iterator[int]]
 
 
@@ -59,16 +59,13 @@ def simulate(
     """
     _check(arm, motion, method, rate)
     time, sets = sample_times(motion, rate), number_of_sets(arm)
+    grid = panels(motion, time[-1], step)
     if method == "fast":
-
-        def run(arm: Arm) -> Solution:
-            return _fast(arm, motion, loads, time, step, elastic_belts)
-
-        solution = over_sets(run, arm, sets)
+        solution = _over_sets(arm, sets, motion, loads, time, grid, elastic_belts)
     elif sets:
         raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
     else:
-        solution = _exact(arm, motion, loads, time, rtol, elastic_belts, progress)
+        solution = _exact(arm, motion, loads, time, grid, rtol, elastic_belts, progress)
         time = time[: solution.y.shape[1]]
     gathered = machine(arm, loads, rank=1 + len(sets), elastic_belts=elastic_belts)
     path = solution.path[(..., *(0,) * len(sets))]
@@ -87,33 +84,43 @@ class Solution(NamedTuple):
     sag: Array
 
 
-def over_sets(run: Callable[[Arm], T], arm: Arm, sets: tuple[int, ...]) -> T:
-    """Return what `run` gives for an arm of each of the sets `(*sets)`, one after another, these axes last.
+@eqx.filter_jit
+def _over_sets(
+    arm: Arm, sets: tuple[int, ...], motion: Motion, loads: Loads | None, time: Times, grid: Panels, elastic: bool
+) -> Solution:
+    """Solve for an arm of each of the sets `(*sets)`, one after another.
 
     One set fills a core better than several side by side, whose intermediate values do not fit its cache.
     """
     if not sets:
-        return run(arm)
+        return _fast(arm, motion, loads, time, grid, elastic)
     batched = {path: arm.get(path) for path in arm.paths() if jnp.ndim(arm.get(path))}
     flat = {path: jnp.broadcast_to(value, sets).reshape(-1) for path, value in batched.items()}
     first = arm.replace({path: value[0] for path, value in flat.items()})
-    out = jax.lax.map(lambda values: run(first.replace(values)), flat)
+    out = jax.lax.map(lambda values: _fast(first.replace(values), motion, loads, time, grid, elastic), flat)
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *sets)), out)
 
 
-def _fast(arm: Arm, motion: Motion, loads: Loads | None, time: np.ndarray, step: float, elastic: bool) -> Solution:
+def _fast(arm: Arm, motion: Motion, loads: Loads | None, time: Times, grid: Panels, elastic: bool) -> Solution:
     gathered = machine(arm, loads, rank=1, elastic_belts=elastic)
-    solved = fast.integrate(arm, gathered, motion, time[-1], loads, step)
-    y, yd = resample(solved.time, solved.y, solved.yd, time)
-    rest, _ = resample(solved.time, solved.rest, solved.rest_rate, time)
+    solved, ends = fast.integrate(arm, gathered, motion, grid, loads), joined(grid.ends)
+    y, yd = resample(ends, solved.y, solved.yd, time)
+    rest, _ = resample(ends, solved.rest, solved.rest_rate, time)
     return Solution(y, yd, *_end_point(gathered, motion, time, y, rest))
 
 
 def _exact(
-    arm: Arm, motion: Motion, loads: Loads | None, time: np.ndarray, rtol: float, elastic: bool, progress: Progress
+    arm: Arm,
+    motion: Motion,
+    loads: Loads | None,
+    time: np.ndarray,
+    grid: Panels,
+    rtol: float,
+    elastic: bool,
+    progress: Progress,
 ) -> Solution:
     gathered = machine(arm, loads, rank=1, elastic_belts=elastic)
-    rest, _ = resample(*sag_along(arm, gathered, motion, loads, time[-1]), time)
+    rest, _ = resample(joined(grid.ends), *sag_along(arm, gathered, motion, loads, grid), time)
     start = rest[:, 0], jnp.zeros_like(rest[:, 0])
     y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
     reached = y.shape[1]
@@ -142,7 +149,7 @@ def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
 
 @jax.jit
 def _end_point(
-    machine: Machine, motion: Motion, time: Array, y: Array, rest: Array
+    machine: Machine, motion: Motion, time: Times, y: Array, rest: Array
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"], Float[Array, "3 T"]]:
     """Return path, displacement and sag of the end point."""
     told = command(machine, motion, time)

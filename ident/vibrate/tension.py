@@ -8,16 +8,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.vibrate.belts import stretch, tensions
-from ident.vibrate.dynamics import (
-    Command,
-    at_rest,
-    bushings,
-    command,
-    deviations,
-    drive_torques,
-    pins,
-)
+from ident.vibrate.dynamics import drive_torques
 from ident.vibrate.exact import acceleration
+from ident.vibrate.kinematics import Command, at_rest, bushings, command, deviations, pins
 from ident.vibrate.machine import Machine
 from ident.vibrate.response import Response
 

@@ -291,7 +291,8 @@ def by_ident(arm: Arm, table: MotionTable, times: np.ndarray, start: np.ndarray,
     import jax
     import jax.numpy as jnp
 
-    from ident.vibrate.dynamics import Command, residual
+    from ident.vibrate.dynamics import residual
+    from ident.vibrate.kinematics import Command
     from ident.vibrate.machine import machine
 
     of, n = machine(arm), len(start) // 2

@@ -15,7 +15,8 @@ from moving_engines import MovingArm, MujocoMoving, PinocchioMoving
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, hold
 from ident.arm.mechanics import potential_gradient, unflatten
-from ident.vibrate.dynamics import Command, Turning, drive_torques, pins, positions, residual
+from ident.vibrate.dynamics import drive_torques, residual
+from ident.vibrate.kinematics import Command, Turning, pins, positions
 from ident.vibrate.machine import Machine, machine
 
 ARMS_EACH = 13
