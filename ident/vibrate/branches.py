@@ -105,6 +105,13 @@ class Branches:
         """Frequencies [Hz] with the sets on one axis, of length 1 without sets."""
         return self.frequency.reshape((*self.frequency.shape[:2], -1))
 
+    def label(self, branch: int, time: float) -> Label:
+        """Return the label that a branch has at a time [s]."""
+        found = self.first_labels[branch] if self.first_labels else self.labels[branch]
+        for change in self.changes:
+            found = change.after if change.branch == branch and change.time <= time else found
+        return found
+
     def band(self) -> Float[np.ndarray, "2 B T"]:
         """Return the 5 % and 95 % quantiles over the sets [Hz]."""
         return np.percentile(self.draws, BAND, axis=2)
