@@ -24,6 +24,8 @@ FINE = 4001
 """Times at which the length of the path is taken."""
 POSTURES = 121
 """Postures along the path at which modes are computed, before refinement."""
+BRIDGE = 2.5
+"""Longest middle of a crossing, in distances of these postures."""
 ROUNDS = 6
 """Halvings of the distance of two postures between which a mode is not followed with certainty."""
 TOGETHER = 4096
@@ -104,13 +106,13 @@ def tracked(arm: Arm, path: Path, loads: Loads | None, count: int, computed: int
     """
     along = _along(arm, path, loads, computed, np.unique(np.linspace(0.0, path.s[-1], POSTURES)))
     for _ in range(ROUNDS):
-        new = _between(along, track(along.frequency, along.shape, along.mass), count)
+        new = _between(along, _track(along, path, count), count)
         if not len(new):
             break
         more = _along(arm, path, loads, computed, new)
         order = np.argsort(np.concatenate([along.s, new]))
         along = Along(*(np.concatenate(pair, -1)[..., order] for pair in zip(along, more, strict=True)))
-    return along, track(along.frequency, along.shape, along.mass)
+    return along, _track(along, path, count)
 
 
 def followed(
@@ -152,6 +154,11 @@ def nominal(arm: Arm) -> Arm:
         return jnp.median(leaf, axis=batch) if batch else leaf
 
     return jax.tree_util.tree_map_with_path(middle, arm)
+
+
+def _track(along: Along, path: Path, count: int) -> Track:
+    reach = BRIDGE * path.s[-1] / (POSTURES - 1)
+    return track(along.s, along.frequency, along.shape, along.mass, count=count, reach=reach)
 
 
 def _between(along: Along, found: Track, count: int) -> Float[np.ndarray, "G"]:

@@ -121,10 +121,12 @@ def branches(arm: Arm, motion: Motion, *, count: int = 3, times: Any = None, loa
     """Return the lowest natural frequencies of the arm held along a motion, followed by the shapes of its modes.
 
     Modes are computed at postures equally spaced along the path of joint angles and matched from one to the next by
-    the mass-weighted MAC of their shapes in the axes of the shafts, which do not turn with the posture. Between two
-    postures of a MAC below 0.9 the path is halved, at most six times; if that does not help a veering is reported. A
-    veering narrower than the distance of two postures looks like a crossing, and is taken for one. Frequencies at the
-    times asked for are interpolated (monotone cubic) along the path.
+    the mass-weighted MAC of their shapes in the axes of the shafts, which do not turn with the posture. Where shapes
+    are mixed over less than one fiftieth of the path and go on behind it (MAC of at least 0.9), that is a crossing:
+    coupling as weak as this hardly exchanges energy while the arm moves through. Elsewhere the path is halved between
+    postures of a MAC below 0.9, at most six times; if that does not help a veering is reported. Through a wider
+    veering a branch changes its shape, and its label. Frequencies at the times asked for are interpolated (monotone
+    cubic) along the path.
 
     Sets of numbers are followed by the likeness of their own shapes to those of the medians of all numbers.
 
@@ -204,13 +206,14 @@ def _lowest(found: Track, count: int) -> Track:
     """Return the branches that are among the lowest anywhere, ascending at the last posture."""
     kept = np.flatnonzero((found.place < count).any(1))
     kept = kept[np.argsort(found.place[kept, -1])]
-    return Track(found.place[kept], found.mac[kept], found.shape[:, kept])
+    return Track(found.place[kept], found.mac[kept], found.shape[:, kept], found.mixed)
 
 
 def _labels(along: Along, found: Track) -> list[list[Label]]:
-    """Return the label of each branch at each posture."""
+    """Return the label of each branch at each posture; in the middle of a crossing, the one before it."""
     names = [labels_of_shares(along.torsion[:, k], along.vertical[:, k]) for k in range(len(along.s))]
-    return [[names[k][mode] for k, mode in enumerate(row)] for row in found.place.tolist()]
+    clean = np.maximum.accumulate(np.where(found.mixed, 0, np.arange(len(names)))).tolist()
+    return [[names[k][row[k]] for k in clean] for row in found.place.tolist()]
 
 
 def _changes(labels: Sequence[Sequence[Label]], moments: Float[np.ndarray, "K"]) -> Iterator[LabelChange]:

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
 ALIKE = 0.9
@@ -17,43 +17,82 @@ class Track(NamedTuple):
 
     Attributes:
         place: (m, K) mode, in ascending order at its posture, that belongs to each branch.
-        mac: (m, K - 1) [-] MAC of each branch's shapes at successive postures.
-        shape: (n, m, K) shapes, branch by branch.
+        mac: (m, K - 1) [-] MAC of each branch's shapes at successive postures, or across mixed ones.
+        shape: (n, m, K) shapes, branch by branch; where they are mixed, those before.
+        mixed: (K,) postures in the middle of a crossing, at which two modes have parts of both shapes.
     """
 
     place: Int[np.ndarray, "m K"]
     mac: Float[np.ndarray, "m gaps"]
     shape: Float[np.ndarray, "n m K"]
+    mixed: Bool[np.ndarray, "K"]
 
 
 def track(
-    frequency: Float[np.ndarray, "m K"], shape: Float[np.ndarray, "n m K"], mass: Float[np.ndarray, "n n K"]
+    s: Float[np.ndarray, "K"],
+    frequency: Float[np.ndarray, "m K"],
+    shape: Float[np.ndarray, "n m K"],
+    mass: Float[np.ndarray, "n n K"],
+    *,
+    count: int,
+    reach: float,
 ) -> Track:
     """Follow modes from posture to posture so that the sum of the MAC of successive shapes is largest.
 
     The MAC is weighted by the mean of both mass matrices. Where frequencies repeat, shapes are turned within their
-    plane to those before.
+    plane to those before. Where one of the lowest modes is not found again, MAC < 0.9, but is within `reach` further
+    on, the postures between are the middle of a crossing, whose shapes tell nothing, and are left out.
 
     Args:
+        s: (K,) [rad] length of the path at each posture, ascending.
         frequency: (m, K) [Hz] ascending at each posture.
         shape: (n, m, K) shapes in axes that do not turn with the posture.
         mass: (n, n, K) [kg m^2] mass matrices in the same axes.
+        count: lowest modes that must be found again.
+        reach: () [rad] longest part of the path that is left out.
 
     References:
         Allemang, "The modal assurance criterion: twenty years of use and abuse", Sound and Vibration, 2003. Kuhn, "The
         Hungarian method for the assignment problem", Naval Research Logistics Quarterly 2, 1955.
     """
-    count, postures = frequency.shape
-    place, followed = np.zeros((count, postures), int), np.array(shape)
-    place[:, 0], likeness = np.arange(count), np.ones((count, postures - 1))
-    for k in range(1, postures):
-        weight, before = (mass[..., k - 1] + mass[..., k]) / 2, followed[..., k - 1]
-        here = _turned(frequency[:, k], shape[..., k], weight @ before)
-        found = weighted_mac(before, here, weight)
-        place[:, k] = linear_sum_assignment(found, maximize=True)[1]
-        likeness[:, k - 1] = found[np.arange(count), place[:, k]]
-        followed[..., k] = here[:, place[:, k]]
-    return Track(place, likeness, followed)
+    modes, postures = frequency.shape
+    place, followed = np.zeros((modes, postures), int), np.array(shape)
+    place[:, 0], likeness = np.arange(modes), np.ones((modes, postures - 1))
+    mixed = np.zeros(postures, bool)
+
+    def step(a: int, b: int) -> _Step:
+        return _matched(frequency[:, b], followed[..., a], shape[..., b], (mass[..., a] + mass[..., b]) / 2)
+
+    k = 0
+    while k < postures - 1:
+        further = [b for b in range(k + 2, postures) if s[b] - s[k] <= reach]
+        tries = ((b, step(k, b)) for b in [k + 1, *further])
+        end, found = next((t for t in tries if t[1].weakest(place[:, k], count) >= ALIKE), (k + 1, step(k, k + 1)))
+        for b in range(k + 1, end):
+            place[:, b], followed[..., b], mixed[b] = step(k, b).place, followed[..., k], True
+        place[:, end], followed[..., end] = found.place, found.shape
+        likeness[:, k:end] = found.mac[:, None]
+        k = end
+    return Track(place, likeness, followed, mixed)
+
+
+class _Step(NamedTuple):
+    """Modes at a posture in the order of the branches: places (m,), shapes (n, m) and MAC (m,) with those before."""
+
+    place: np.ndarray
+    shape: np.ndarray
+    mac: np.ndarray
+
+    def weakest(self, before: np.ndarray, count: int) -> float:
+        """Return the least MAC of what is among the lowest modes before or after."""
+        return float(self.mac[(before < count) | (self.place < count)].min())
+
+
+def _matched(frequency: np.ndarray, before: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> _Step:
+    here = _turned(frequency, shape, weight @ before)
+    found = weighted_mac(before, here, weight)
+    place = linear_sum_assignment(found, maximize=True)[1]
+    return _Step(place, here[:, place], found[np.arange(len(place)), place])
 
 
 def weighted_mac(
