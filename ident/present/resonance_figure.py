@@ -25,7 +25,7 @@ LETTER = 0.065
 """Width of a letter [inch]."""
 HEADROOM = 1.15
 """Upper end of the axis over the highest natural frequency; pulleys may turn faster."""
-SHADE = "#F0DC9A"
+SHADE = "#EBCB6B"
 """What marks near-resonance; light, so that it prints as a light grey."""
 DASHES = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (8, 3)))
 """Patterns of lines for what excites."""
@@ -50,7 +50,7 @@ def resonance_figure(
     top = HEADROOM * float(branches.band()[1].max() if branches.sets else branches.median.max())
     upper.set_ylim(0, top)
     upper.set_xlim(branches.time[0], branches.time[-1])
-    _shades(upper, branches, encounters)
+    _shades(upper, branches, excitation, encounters)
     _branches(upper, branches)
     _pulleys(upper, branches, excitation, top)
     _numbers(upper, encounters)
@@ -60,22 +60,27 @@ def resonance_figure(
     lower.set_xlabel("time [s]", fontsize=9)
     for axes in (upper, lower):
         plain(axes)
-    figure.text(0.01, 0.0, "; ".join(_notes(branches, encounters)), fontsize=8, color=GREY, va="bottom", wrap=True)
+    notes = figure.legend(
+        handles=[], title="\n".join(_notes(branches, encounters)), loc="outside lower left", frameon=False
+    )
+    notes.get_title().set(fontsize=8, color=GREY)
     return figure
 
 
-def _shades(axes: Axes, branches: Branches, encounters: Sequence[Encounter]) -> None:
-    """Shade the margin about a natural frequency for as long as an excitation is within it."""
+def _shades(axes: Axes, branches: Branches, excitation: Excitation, encounters: Sequence[Encounter]) -> None:
+    """Shade what is between a natural frequency and an excitation for as long as they are near."""
     for encounter in encounters:
-        time = np.linspace(encounter.start, encounter.end, 50)
+        inside = (branches.time > encounter.start) & (branches.time < encounter.end)
+        time = np.sort([encounter.start, *branches.time[inside], *encounter.crossings, encounter.end])
         natural = np.interp(time, branches.time, branches.median[encounter.branch])
-        reach = encounter.margin * natural
-        axes.fill_between(time, natural - reach, natural + reach, color=SHADE, linewidth=0, zorder=1)
+        line = excitation.frequency[excitation.sources.index(encounter.source)]
+        turning = np.interp(time, excitation.time, line)
+        axes.fill_between(time, natural, turning, color=SHADE, linewidth=0, zorder=1)
 
 
 def _branches(axes: Axes, branches: Branches) -> None:
     """Draw each branch in the colours of its names, the last name at its end."""
-    ends = _spread(branches.median[:, -1], axes)
+    starts, ends = (_spread(branches.median[:, k], axes) for k in (0, -1))
     for b, label in enumerate(branches.labels):
         if branches.sets:
             axes.fill_between(branches.time, *branches.band()[:, b], color=_colour(label), alpha=0.16, linewidth=0)
@@ -86,7 +91,7 @@ def _branches(axes: Axes, branches: Branches) -> None:
             if start > branches.time[0]:
                 axes.plot(time[:1], line[:1], "|", color="black", markersize=8, zorder=4)
             elif name != label:
-                _write(axes, f"{name}", (start, line[0]), _colour(name), (4, 6))
+                _write(axes, f"{name}", (start, starts[b]), _colour(name), (4, 7))
         _write(axes, f"{label}", (1.0, ends[b]), _colour(label), (4, 0), axes.get_yaxis_transform())
 
 
@@ -100,17 +105,27 @@ def _spans(branches: Branches, b: int) -> Iterator[tuple[Label, float, float]]:
 
 def _pulleys(axes: Axes, branches: Branches, excitation: Excitation, top: float) -> None:
     """Draw what excites, lines that coincide as one, each named where it is highest within the axis."""
+    names: list[tuple[float, float]] = []
     for i, same in enumerate(same_lines(excitation)):
         line = excitation.frequency[same[0]]
         axes.plot(excitation.time, line, color="black", linestyle=DASHES[i % len(DASHES)], linewidth=1.2, zorder=3)
         if not line.any():
             continue
-        k = _highest(line, 0.93 * top)
+        k = _free(excitation.time, line, top, names)
+        names.append((excitation.time[k], line[k]))
         others = [*branches.median, *(f for j, f in enumerate(excitation.frequency) if j not in same)]
         above = _clearance(line[k], [other[k] for other in others])
         name = sources_words([excitation.sources[j] for j in same])
         side = (0, 8 if above else -8)
         _write(axes, name, (excitation.time[k], line[k]), "black", side, align="center")
+
+
+def _free(time: np.ndarray, line: np.ndarray, top: float, names: Sequence[tuple[float, float]]) -> int:
+    """Return the place of a line at which its name is far from the names there are."""
+    span = time[-1] - time[0]
+    places = [_highest(line, share * top) for share in (0.93, 0.86, 0.79, 0.72, 0.65, 0.58)]
+    far = (k for k in places if all(abs(time[k] - t) > 0.2 * span or abs(line[k] - f) > 0.05 * top for t, f in names))
+    return next(far, places[0])
 
 
 def _highest(line: Float[np.ndarray, "T"], top: float) -> int:
@@ -196,7 +211,7 @@ def _write(
         color=colour,
         parse_math=False,
         annotation_clip=False,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
         zorder=5,
     )
 
@@ -206,10 +221,10 @@ def _colour(label: Label) -> str:
 
 
 def _notes(branches: Branches, encounters: Sequence[Encounter]) -> Iterator[str]:
-    yield "solid: natural frequencies of the held arm; broken: pulleys"
-    if branches.sets:
-        yield f"bands: {band_words(branches)}"
+    yield "solid: natural frequencies of the arm held at each posture; broken: turning frequencies of pulleys"
     if encounters:
-        yield "shaded and numbered: a pulley within the margin of the natural frequency"
+        yield "shaded: the two are near; numbered as in the report, the line leads to the closest approach"
+    if branches.sets:
+        yield f"solid lines are medians, bands {band_words(branches)}"
     if branches.changes:
-        yield "tick on a line: the mode changes its name"
+        yield "tick on a line: the mode changes its shape, and its name"

@@ -24,7 +24,7 @@ FINE = 4001
 """Times at which the length of the path is taken."""
 POSTURES = 121
 """Postures along the path at which modes are computed, before refinement."""
-BRIDGE = 2.5
+BRIDGE = 10.5
 """Longest middle of a crossing, in distances of these postures."""
 ROUNDS = 6
 """Halvings of the distance of two postures between which a mode is not followed with certainty."""

@@ -122,7 +122,7 @@ def branches(arm: Arm, motion: Motion, *, count: int = 3, times: Any = None, loa
 
     Modes are computed at postures equally spaced along the path of joint angles and matched from one to the next by
     the mass-weighted MAC of their shapes in the axes of the shafts, which do not turn with the posture. Where shapes
-    are mixed over less than one fiftieth of the path and go on behind it (MAC of at least 0.9), that is a crossing:
+    are mixed over less than a twelfth of the path and go on behind it (MAC of at least 0.9), that is a crossing:
     coupling as weak as this hardly exchanges energy while the arm moves through. Elsewhere the path is halved between
     postures of a MAC below 0.9, at most six times; if that does not help a veering is reported. Through a wider
     veering a branch changes its shape, and its label. Frequencies at the times asked for are interpolated (monotone

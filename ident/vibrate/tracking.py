@@ -8,6 +8,8 @@ from scipy.optimize import linear_sum_assignment
 
 ALIKE = 0.9
 """MAC of successive postures below which a mode is not followed with certainty."""
+BACK = 4
+"""Postures before a failure in which modes may have begun to mix."""
 REPEATED = 1e-6
 """Relative distance of frequencies below which the shapes of two modes are any basis of their plane."""
 
@@ -65,13 +67,20 @@ def track(
 
     k = 0
     while k < postures - 1:
-        further = [b for b in range(k + 2, postures) if s[b] - s[k] <= reach]
-        tries = ((b, step(k, b)) for b in [k + 1, *further])
-        end, found = next((t for t in tries if t[1].weakest(place[:, k], count) >= ALIKE), (k + 1, step(k, k + 1)))
-        for b in range(k + 1, end):
-            place[:, b], followed[..., b], mixed[b] = step(k, b).place, followed[..., k], True
+        start, end, found = k, k + 1, step(k, k + 1)
+        if found.weakest(place[:, k], count) < ALIKE:
+            across = (
+                (a, b, step(a, b))
+                for a in range(k, max(k - BACK, 0) - 1, -1)
+                for b in range(k + 2, postures)
+                if s[b] - s[a] <= reach and not mixed[a]
+            )
+            again = (t for t in across if t[2].weakest(place[:, t[0]], count) >= ALIKE)
+            start, end, found = next(again, (start, end, found))
+        for b in range(start + 1, end):
+            place[:, b], followed[..., b], mixed[b] = step(start, b).place, followed[..., start], True
         place[:, end], followed[..., end] = found.place, found.shape
-        likeness[:, k:end] = found.mac[:, None]
+        likeness[:, start:end] = found.mac[:, None]
         k = end
     return Track(place, likeness, followed, mixed)
 
