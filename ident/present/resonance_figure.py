@@ -8,6 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.transforms import Transform
 
 from ident.arm.labels import Label
 from ident.present.mode_figures import NAME_STYLES
@@ -15,7 +16,8 @@ from ident.present.resonance_words import band_words, grouped, same_lines, sourc
 from ident.present.style import GREY, plain
 from ident.present.words import cut
 from ident.vibrate.branches import Branches
-from ident.vibrate.resonance import Encounter, Excitation
+from ident.vibrate.excitation import Excitation
+from ident.vibrate.resonance import Encounter
 
 SIZE = (9.0, 6.6)
 """Width and height [inch]."""
@@ -197,7 +199,13 @@ def _spread(values: Float[np.ndarray, "n"], axes: Axes) -> Float[np.ndarray, "n"
 
 
 def _write(
-    axes: Axes, text: str, at: tuple, colour: str, shift: tuple[int, int], coords: object = "data", align: str = "left"
+    axes: Axes,
+    text: str,
+    at: tuple,
+    colour: str,
+    shift: tuple[int, int],
+    coords: str | Transform = "data",
+    align: str = "left",
 ) -> None:
     axes.annotate(
         text,

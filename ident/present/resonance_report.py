@@ -8,8 +8,9 @@ from ident.present.resonance_words import band_words, grouped, sources_words
 from ident.present.result import plain, provenance
 from ident.present.words import cut, degrees
 from ident.vibrate.branches import Branches
+from ident.vibrate.excitation import Excitation
 from ident.vibrate.passage import QUASI_STEADY
-from ident.vibrate.resonance import Encounter, Excitation
+from ident.vibrate.resonance import Encounter
 
 FORMAT = "ident-resonance/1"
 STEADY, FAST = 0.9, 0.5

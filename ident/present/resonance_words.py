@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.vibrate.branches import BAND, Branches
-from ident.vibrate.resonance import Encounter, Excitation, Source
+from ident.vibrate.excitation import Excitation, Source
+from ident.vibrate.resonance import Encounter
 
 SAME = 1e-6
 """Distance in time [s] or relative in frequency within which two are one."""

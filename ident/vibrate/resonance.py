@@ -1,18 +1,16 @@
 """Where along a motion a pulley turns at a natural frequency of the arm, or near it, and how long."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ident.arm.arm import Arm
 from ident.arm.labels import Label
 from ident.errors import InputError, Problem
-from ident.vibrate.along import nominal
-from ident.vibrate.branches import Branches, check, motion_times
-from ident.vibrate.motion import Motion
+from ident.vibrate.branches import Branches
+from ident.vibrate.excitation import Excitation, Source
 from ident.vibrate.passage import magnification, sweep_number
 
 MARGIN = 0.1
@@ -21,43 +19,6 @@ UNLIKELY = 0.05
 """Share of the sets below which their coming near opens no interval."""
 TINY = 1e-9
 """Least sweep rate [Hz/s], so that nothing is divided by zero."""
-
-
-@dataclass(frozen=True)
-class Source:
-    """What excites: a multiple of a pulley's turning frequency.
-
-    Attributes:
-        drive: name of the drive.
-        joint: name of its joint.
-        pulley: its number, that of the joint among the driven ones, from 1.
-        order: multiple of the turning frequency: 1 the eccentric mass, 2 the kinematic error.
-    """
-
-    drive: str
-    joint: str
-    pulley: int
-    order: int
-
-    def __str__(self) -> str:
-        return f"pulley {self.pulley}" + (f" x {self.order}" if self.order > 1 else "")
-
-
-@dataclass(frozen=True)
-class Excitation:
-    """Frequencies that excite the arm along a motion.
-
-    Attributes:
-        sources: what excites.
-        time: (T,) [s]
-        frequency: (sources, T) [Hz]
-        rate: (sources, T) [Hz/s] its change over time.
-    """
-
-    sources: tuple[Source, ...]
-    time: Float[np.ndarray, "T"]
-    frequency: Float[np.ndarray, "sources T"]
-    rate: Float[np.ndarray, "sources T"]
 
 
 @dataclass(frozen=True)
@@ -125,47 +86,6 @@ class Encounter:
     def severity(self) -> float:
         """Magnification times probability [-], by which encounters are ordered."""
         return self.magnification * self.probability
-
-
-def pulley_frequencies(arm: Arm, motion: Motion, times: Any = None) -> Float[np.ndarray, "pulleys T"]:
-    """Return the turning frequency |ratio qd| / 2 pi [Hz] of each drive's pulley.
-
-    Args:
-        arm: the arm.
-        motion: of its driven joints.
-        times: (T,) [s] ascending; 1001 over the motion when None.
-
-    Raises:
-        InputError: the arm has no drive, or motion and times can't be.
-    """
-    return excitation(arm, motion, times=times, orders=(1,)).frequency
-
-
-def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[int] | None = None) -> Excitation:
-    """Return the frequencies that the pulleys of an arm excite along a motion.
-
-    Args:
-        arm: the arm; of sets of numbers the median.
-        motion: of its driven joints.
-        times: (T,) [s] ascending; 1001 over the motion when None.
-        orders: multiples of every pulley's turning frequency; when None, 1, and 2 where there is a kinematic error.
-
-    Raises:
-        InputError: the arm has no drive, an order is no whole number from 1, or motion and times can't be.
-    """
-    time = motion_times(motion, times)
-    check(arm, motion)
-    _check_orders(arm, orders)
-    joints = [joint.name for joint in arm.driven]
-    _, qd, qdd = (np.asarray(x) for x in motion(time))
-    sources, frequency, rate = [], [], []
-    for drive in nominal(arm).drives:
-        j, turns = joints.index(drive.joint), abs(float(drive.ratio)) / (2 * np.pi)
-        for order in orders or ((1, 2) if float(drive.error) else (1,)):
-            sources.append(Source(drive.name, drive.joint, j + 1, int(order)))
-            frequency.append(order * turns * np.abs(qd[j]))
-            rate.append(order * turns * np.sign(qd[j]) * qdd[j])
-    return Excitation(tuple(sources), time, np.stack(frequency), np.stack(rate))
 
 
 def encounters(branches: Branches, excitation: Excitation, *, margin: float = MARGIN) -> tuple[Encounter, ...]:
@@ -245,8 +165,6 @@ def _pair(branches: Branches, b: int, frequency: np.ndarray, rate: np.ndarray, m
     apart = turning[:, None] - sets
     crossed = np.sign(apart[:-1]) * np.sign(apart[1:]) <= 0
     sets_near = np.abs(apart) < limit[:, None] * sets
-    sets_near[:-1] |= crossed
-    sets_near[1:] |= crossed
     relative = at(rate) - np.gradient(natural, fine)
     return _Pair(fine, natural, damping, limit, turning, relative, np.isin(fine, crossings), sets_near, crossed)
 
@@ -283,6 +201,7 @@ def _encounter(
     k = _closest(pair, inside, crossings)
     start, end = _edge(pair, first - 1, first), _edge(pair, last + 1, last)
     rate, natural = float(pair.rate[k]), float(pair.natural[k])
+    crossed = pair.sets_cross[max(first - 1, 0) : last + 1].any(0)
     tail = 1 / np.sqrt(max(abs(rate), TINY)) if len(crossings) else 0.0
     swells = (pair.time >= pair.time[first]) & (pair.time <= max(end, min(end + tail, until)))
     return Encounter(
@@ -302,8 +221,8 @@ def _encounter(
         cycles=float(pair.natural[inside].mean()) * (end - start),
         sweep_number=sweep_number(rate, natural, float(pair.damping_ratio[k])),
         magnification=float(amplitude[swells].max()),
-        probability=float(pair.sets_near[inside].any(0).mean()),
-        crossing_probability=float(pair.sets_cross[first:last].any(0).mean()),
+        probability=float((pair.sets_near[inside].any(0) | crossed).mean()),
+        crossing_probability=float(crossed.mean()),
     )
 
 
@@ -321,12 +240,3 @@ def _edge(pair: _Pair, outside: int, inside: int) -> float:
         return float(pair.time[inside])
     share = excess[outside] / (excess[outside] - excess[inside])
     return float(pair.time[outside] + share * (pair.time[inside] - pair.time[outside]))
-
-
-def _check_orders(arm: Arm, orders: Sequence[int] | None) -> None:
-    if not arm.drives:
-        remedy = "add a [[drive]] with its ratio to the arm file"
-        raise InputError(Problem(arm.name, "no drive", "one or more, whose pulleys excite the arm", remedy))
-    if orders is not None and (not len(orders) or any(order < 1 or order != int(order) for order in orders)):
-        got = ", ".join(f"{order:g}" for order in orders) or "none"
-        raise InputError(Problem("orders", got, "whole numbers from 1", "1 is the eccentric mass, 2 the error"))
