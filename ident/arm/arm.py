@@ -78,6 +78,11 @@ class Arm(eqx.Module):
         """The joints that have a pin, in the order of the posture's angles."""
         return tuple(joint for joint in self.joints if joint.driven)
 
+    @property
+    def sets(self) -> tuple[int, ...]:
+        """Batch `(*sets)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
+        return jnp.broadcast_shapes(*(jnp.shape(self.get(path)) for path in self.paths()))
+
     def parts(self) -> Iterator[Joint | Body | Point | Drive | Belt | Stroke]:
         """Everything that has a name."""
         for joint in self.joints:

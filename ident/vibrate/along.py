@@ -126,7 +126,7 @@ def followed(
     Raises:
         ModelError: a set has no stable equilibrium at some posture.
     """
-    sets, columns, start = number_of_sets(arm), [], 0
+    sets, columns, start = arm.sets, [], 0
     for frequency, damping, _, _, shape, _ in _chunks(arm, path.postures(along.s), loads, computed):
         here = slice(start, start + frequency.shape[1])
         flat_shape = shape.reshape((*shape.shape[:3], -1))
@@ -138,11 +138,6 @@ def followed(
         start = here.stop
     frequency, damping, mac = (np.concatenate(parts, 1) for parts in zip(*columns, strict=True))
     return frequency, damping, mac
-
-
-def number_of_sets(arm: Arm) -> tuple[int, ...]:
-    """Return the batch `(*sets)` that numbers of the arm carry."""
-    return np.broadcast_shapes(*(jnp.shape(arm.get(path)) for path in arm.paths()))
 
 
 def nominal(arm: Arm) -> Arm:
@@ -177,7 +172,7 @@ def _chunks(
     arm: Arm, postures: Float[np.ndarray, "driven K"], loads: Loads | None, computed: int
 ) -> Iterator[tuple[np.ndarray, ...]]:
     """Yield what `_modes` returns, some postures at a time, always as many to the compiled function."""
-    sets = number_of_sets(arm)
+    sets = arm.sets
     size = max(1, TOGETHER // int(np.prod(sets))) if sets else TOGETHER // 64
     for start in range(0, postures.shape[1], size):
         some = postures[:, start : start + size]

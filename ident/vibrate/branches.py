@@ -12,7 +12,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.labels import Label, labels_of_shares
 from ident.errors import InputError, Problem
-from ident.vibrate.along import Along, followed, nominal, number_of_sets, path_of, tracked
+from ident.vibrate.along import Along, followed, nominal, path_of, tracked
 from ident.vibrate.motion import Motion
 from ident.vibrate.tracking import ALIKE, Track
 
@@ -150,7 +150,7 @@ def branches(arm: Arm, motion: Motion, *, count: int = 3, times: Any = None, loa
     path, computed = path_of(motion, time), min(count + MORE, 3 * len(arm.joints))
     along, found = tracked(nominal(arm), path, loads, count, computed)
     found = _lowest(found, count)
-    if number_of_sets(arm):
+    if arm.sets:
         frequency, damping, mac = followed(arm, path, loads, along, found, computed)
         likeness = (mac > MATCHED).reshape(len(mac), -1).mean(1)
     else:

@@ -58,7 +58,7 @@ def simulate(
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
     _check(arm, motion, method, rate)
-    time, sets = sample_times(motion, rate), number_of_sets(arm)
+    time, sets = sample_times(motion, rate), arm.sets
     grid = panels(motion, time[-1], step)
     if method == "fast":
         solution = _over_sets(arm, sets, motion, loads, time, grid, elastic_belts)
@@ -131,11 +131,6 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
     """Return uniform times from the first break of a motion to the last [s]."""
     start, end = float(motion.breaks[0]), float(motion.breaks[-1])
     return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
-
-
-def number_of_sets(arm: Arm) -> tuple[int, ...]:
-    """Return the batch `(*sets)` that numbers of the arm carry."""
-    return jnp.broadcast_shapes(*(jnp.shape(arm.get(path)) for path in arm.paths()))
 
 
 def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
