@@ -81,7 +81,13 @@ class Arm(eqx.Module):
     @property
     def sets(self) -> tuple[int, ...]:
         """Batch `(*sets)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
-        return jnp.broadcast_shapes(*(jnp.shape(self.get(path)) for path in self.paths()))
+        return jnp.broadcast_shapes(
+            *(
+                jnp.shape(getattr(part, field))[RANKS.get(field, 0) :]
+                for part in self.parts()
+                for field in _fields(part)
+            )
+        )
 
     def parts(self) -> Iterator[Joint | Body | Point | Drive | Belt | Stroke]:
         """Everything that has a name."""
@@ -151,11 +157,10 @@ class Arm(eqx.Module):
         """All paths that `get` and `replace` know."""
         found = []
         for part in self.parts():
-            for field in SCALARS.get(type(part).__name__, FIELDS):
-                if hasattr(part, field):
-                    rank = RANKS.get(field, 0)
-                    ends = [c for c, i in COMPONENTS.items() if len(i) == rank] if rank else [""]
-                    found += [f"{part.name}.{field}.{end}".rstrip(".") for end in ends]
+            for field in _fields(part):
+                rank = RANKS.get(field, 0)
+                ends = [c for c, i in COMPONENTS.items() if len(i) == rank] if rank else [""]
+                found += [f"{part.name}.{field}.{end}".rstrip(".") for end in ends]
         return tuple(found)
 
     def _split(self, path: str) -> tuple[str, str, tuple[int, ...]]:
@@ -175,6 +180,11 @@ FIELDS = ("mass", "com", "inertia", "offset", "position", *STIFFNESS, *DAMPING)
 def stiffness_paths(arm: Arm) -> tuple[str, ...]:
     """Paths of all bushing stiffnesses: bending of every joint, then torsion of every joint."""
     return tuple(f"{joint.name}.{field}" for field in STIFFNESS for joint in arm.joints)
+
+
+def _fields(part: Any) -> list[str]:
+    """Return the names of a part's numbers."""
+    return [field for field in SCALARS.get(type(part).__name__, FIELDS) if hasattr(part, field)]
 
 
 def _with_component(old: Array, component: tuple[int, ...], value: Array) -> Array:

@@ -30,7 +30,7 @@ from ident.vibrate.dynamics import equations, imbalance, residual, residual_of
 from ident.vibrate.kinematics import Kinematics, Turning, bushings, command, deviations, inexactness, kinematics, pins
 from ident.vibrate.machine import Machine, balanced
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import NODE_PLACES, Panels, interpolate, joined, weights
+from ident.vibrate.panels import NODE_PLACES, NODES, Panels, interpolate, joined, weights
 from ident.vibrate.sag import sag, slope
 
 STEP = 0.005
@@ -49,14 +49,12 @@ class Fast(NamedTuple):
     Attributes:
         y: (n, E) coordinates, see `kinematics`.
         yd: (n, E) their rates [1/s]
-        rest: (n, E) coordinates at rest in the posture of the moment.
-        rest_rate: (n, E) their rates [1/s]
+        rest: (P, n, m) coordinates at rest, at the nodes of the panels.
     """
 
     y: Float[Array, "n E"]
     yd: Float[Array, "n E"]
-    rest: Float[Array, "n E"]
-    rest_rate: Float[Array, "n E"]
+    rest: Float[Array, "P n m"]
 
 
 class _Places(NamedTuple):
@@ -92,57 +90,62 @@ def integrate(arm: Arm, machine: Machine, motion: Motion, grid: Panels, loads: L
         grid: panels of time; their steps are the method's.
         loads: the load case of the machine.
     """
-    at = _places(grid.steps)
+    at, first = _places(grid.steps), grid.start[0]
 
-    def panel(state: tuple[Array, Array, Array], span: tuple[Array, Array]) -> tuple[tuple, tuple]:
-        (x, v, seam), (start, h) = state, span
+    def panel(state: tuple[Array, Array, Array], given: tuple[Array, Array, _Slow]) -> tuple[tuple, tuple]:
+        (x, v, seam), (start, h, slow) = state, given
         length = h * grid.steps
-        slow = _slow(arm, machine, motion, loads, at, start, length)
-        line, line_rate = (interpolate(slow.rest, W, 1) / length**k for k, W in enumerate(at.ends))
+        line, line_rate = (interpolate(slow.rest, W) / length**k for k, W in enumerate(at.ends))
         gain, yields = _transitions(slow, at, h)
-        own = matvec(yields, _shaking(machine, motion, slow, at, start, h, length))
-        v = v + jnp.where(start == grid.start[0], 0.0, seam - line_rate[:, 0])
-        _, (xs, vs) = jax.lax.scan(_step, (x, v, h), (jnp.moveaxis(gain, 2, 0), jnp.moveaxis(own, 1, 0)))
-        whole = (jnp.concatenate([first[None], rest]).T for first, rest in ((x, xs), (v, vs)))
+        f = _shaking(machine, motion, slow, at, start, h)
+        own = ((yields @ f) * at.middles[:, None]).sum(0)
+        v = v + jnp.where(start == first, 0.0, seam - line_rate[:, 0])
+        _, (xs, vs) = jax.lax.scan(partial(_step, gain, h), (x, v), (at.middles.T, own.T))
+        whole = (jnp.concatenate([begin[None], rest]).T for begin, rest in ((x, xs), (v, vs)))
         return (xs[-1], vs[-1], line_rate[:, -1]), (*whole, line, line_rate)
 
     none = jnp.zeros(machine.size)
-    _, parts = jax.lax.scan(panel, (none, none, none), (jnp.asarray(grid.start), jnp.asarray(grid.step)))
+    slow = _slow(arm, machine, motion, loads, at, grid)
+    _, parts = jax.lax.scan(panel, (none, none, none), (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
     x, v, line, line_rate = (jax.vmap(joined, in_axes=1)(part) for part in parts)
-    return Fast(line + x, line_rate + v, line, line_rate)
+    return Fast(line + x, line_rate + v, slow.rest)
 
 
-def _step(state: tuple[Array, Array, Array], step: tuple[Array, Array]) -> tuple[tuple, tuple[Array, Array]]:
-    """Advance x and dx/dt by one step."""
-    (x, v, h), (gain, own) = state, step
-    n = x.shape[0]
-    a = matvec(gain, jnp.concatenate([x, v])) + own
-    first, second = a[:n], a[n:]
+def _step(
+    gain: Array, h: Array, state: tuple[Array, Array], step: tuple[Array, Array]
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Advance x and dx/dt by one step; the gain at its middle is a weighted sum of those at the nodes."""
+    (x, v), (share, own) = state, step
+    a = share @ (gain @ jnp.concatenate([x, v])) + own
+    one, other = jnp.split(a, 2)
     late = B @ A
-    x, v = x + h * v + h * h * (late[0] * first + late[1] * second), v + h * (B[0] * first + B[1] * second)
-    return (x, v, h), (x, v)
+    state = x + h * v + h * h * (late[0] * one + late[1] * other), v + h * (B[0] * one + B[1] * other)
+    return state, state
 
 
 class _Slow(NamedTuple):
-    """What changes with the posture alone, at the nodes of a panel."""
+    """What changes with the posture alone, at the nodes of each panel."""
 
-    rest: Float[Array, "n m"]
-    M: Float[Array, "n n m"]
-    D: Float[Array, "n n m"]
-    K: Float[Array, "n n m"]
+    rest: Float[Array, "P n m"]
+    M: Float[Array, "P n n m"]
+    D: Float[Array, "P n n m"]
+    K: Float[Array, "P n n m"]
     by_pin: tuple[Array, ...]
-    residual: Float[Array, "n m"]
+    residual: Float[Array, "P n m"]
     kinematics: Kinematics
 
 
-def _slow(
-    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, at: _Places, start: Array, length: Array
-) -> _Slow:
+def _slow(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, at: _Places, grid: Panels) -> _Slow:
     """Linearise the equations at the nodes, nothing shaking: in the coordinates and in the pins' angles."""
-    smooth, told = balanced(machine), command(machine, motion, start + length * NODE_PLACES)
+    length = (grid.step * grid.steps)[:, None]
+    smooth, told = balanced(machine), command(machine, motion, grid.nodes.ravel())
     rest = sag(arm, machine, told.q, loads)
     none = jnp.zeros_like(rest)
-    line = [interpolate(rest, W, 1) / length**k for k, W in enumerate(at.nodes)]
+
+    def by_panel(x: Array) -> Array:
+        return x.reshape((*x.shape[:-1], len(grid.start), NODES))
+
+    line = [(interpolate(by_panel(rest), W) / length**k).reshape(rest.shape) for k, W in enumerate(at.nodes)]
     turning = pins(smooth, told, Turning(*(deviations(machine, part) for part in line)))
 
     def shifted(k: int, pin: Array) -> Array:
@@ -150,7 +153,7 @@ def _slow(
         return residual_of(smooth, eqx.tree_at(lambda t: t.pin, turning, Turning(*angles)), *line)
 
     still = jnp.zeros((machine.joints, *rest.shape[1:]))
-    return _Slow(
+    slow = _Slow(
         rest=rest,
         M=slope(lambda ydd: residual(smooth, told, rest, none, ydd), none),
         D=slope(lambda yd: residual(smooth, told, rest, yd, none), none),
@@ -159,35 +162,35 @@ def _slow(
         residual=residual_of(smooth, turning, *line),
         kinematics=kinematics(smooth, turning.pin, *(bushings(machine, part) for part in line)),
     )
+    return jax.tree.map(lambda x: jnp.moveaxis(by_panel(x), -2, 0), slow)
 
 
 def _shaking(
-    machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array, length: Array
+    machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array
 ) -> Float[Array, "2n S"]:
     """Return f at both stages of each step, one above the other."""
-    moving = jax.tree.map(lambda x: interpolate(x, at.stages[0], x.ndim - 1), slow.kinematics)
+    moving = jax.tree.map(lambda x: interpolate(x, at.stages[0]), slow.kinematics)
     told = command(machine, motion, start + h * at.in_steps)
-    line = [interpolate(slow.rest, W, 1) / length**k for k, W in enumerate(at.stages)]
+    line = [interpolate(slow.rest, W) / (h * len(at.middles.T)) ** k for k, W in enumerate(at.stages)]
     turning = pins(machine, told, Turning(*(deviations(machine, part) for part in line)))
-    f = interpolate(slow.residual, at.stages[0], 1) + equations(
-        machine, moving, turning.slope, imbalance(machine, moving, turning.pulley)
-    )
+    turned = equations(machine, moving, turning.slope, imbalance(machine, moving, turning.pulley))
+    f = interpolate(slow.residual, at.stages[0]) + turned
     for by_pin, deviation in zip(slow.by_pin, inexactness(machine, turning), strict=False):
-        f = f + matvec(interpolate(by_pin, at.stages[0], 2), deviation)
-    return -jnp.concatenate([jax.lax.slice_in_dim(f, stage, None, 2, 1) for stage in range(2)])
+        f = f + matvec(interpolate(by_pin, at.stages[0]), deviation)
+    return -jnp.concatenate([f[:, stage::2] for stage in range(2)])
 
 
-def _transitions(slow: _Slow, at: _Places, h: Array) -> tuple[Float[Array, "2n 2n S"], Float[Array, "2n 2n S"]]:
-    """Return how the accelerations at both stages of each step follow from the state at its start, and from f.
+def _transitions(slow: _Slow, at: _Places, h: Array) -> tuple[Float[Array, "m 2n 2n"], Float[Array, "m 2n 2n"]]:
+    """Return how the accelerations at both stages of a step follow from the state at its start, and from f.
 
-    They are found for steps about the nodes, and change as slowly as M, D and K do.
+    They are found for steps about the nodes; between, they change as slowly as M, D and K do.
     """
     rows, known = [], []
     for i, W in enumerate(at.about_nodes):
-        m, d, k = (interpolate(X, W, 2) for X in (slow.M, slow.D, slow.K))
+        m, d, k = (interpolate(X, W) for X in (slow.M, slow.D, slow.K))
         rows.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * (A @ A)[i, j] * k for j in range(2)])
         known.append([-k, -d - h * GAUSS[i] * k])
     left, right = (jnp.concatenate([jnp.concatenate(row, 1) for row in part], 0) for part in (rows, known))
     unit = jnp.broadcast_to(identity(left.shape[0], left.ndim - 2), left.shape)
-    solved = interpolate(solve_unpivoted(left, jnp.concatenate([right, unit], 1)), at.middles, 2)
-    return solved[:, : left.shape[0]], solved[:, left.shape[0] :]
+    solved = jnp.moveaxis(solve_unpivoted(left, jnp.concatenate([right, unit], 1)), -1, 0)
+    return solved[:, :, : left.shape[0]], solved[:, :, left.shape[0] :]

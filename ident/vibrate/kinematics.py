@@ -104,6 +104,18 @@ def positions(machine: Machine, q: Joints, phi: Phi) -> Float[Array, "3 P *#batc
     return centre[:, body] + matvec(after[:, :, body], machine.position)
 
 
+def straight_positions(machine: Machine, q: Joints) -> Float[Array, "3 P *#batch"]:
+    """Return where the named points would be without elastic rotation [m]; q are the angles of all pins."""
+    turn = turn_about(machine.axis, q)
+    link = [turn[:, :, 0]]
+    for j in range(1, machine.joints):
+        link.append(matmul(link[-1], turn[:, :, j]))
+    unit = jnp.broadcast_to(jnp.eye(3).reshape((3, 3) + (1,) * (turn.ndim - 3)), link[0].shape)
+    before, after, body = jnp.stack([unit, *link[:-1]], 2), jnp.stack(link, 2), np.asarray(machine.carrier, dtype=int)
+    centre = total(inboard_of(machine), matvec(before, machine.offset), 1)
+    return centre[:, body] + matvec(after[:, :, body], machine.position)
+
+
 def _spread(driven: Array, machine: Machine) -> Joints:
     none = jnp.zeros_like(driven[0])
     return jnp.stack([driven[machine.driven.index(j)] if j in machine.driven else none for j in range(machine.joints)])

@@ -37,6 +37,11 @@ class Panels(NamedTuple):
     steps: int
 
     @property
+    def nodes(self) -> Float[np.ndarray, "P m"]:
+        """Times of the nodes [s]."""
+        return self.start[:, None] + (self.step * self.steps)[:, None] * NODE_PLACES
+
+    @property
     def ends(self) -> Float[np.ndarray, "P ends"]:
         """Ends of all steps of each panel, its start first [s]."""
         return self.start[:, None] + self.step[:, None] * np.arange(self.steps + 1)
@@ -91,10 +96,18 @@ def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return values, slopes, curvatures
 
 
-def interpolate(x: Array, W: np.ndarray, axis: int) -> Array:
-    """Return the sum over the nodes, on `axis` of x, of their values times their weights (NODES, places)."""
-    lifted = W.reshape((1,) * axis + W.shape + (1,) * (x.ndim - axis - 1))
-    return (jnp.expand_dims(x, axis + 1) * lifted).sum(axis)
+def interpolate(x: Float[Array, "*rest m"], W: Float[np.ndarray, "m places"]) -> Float[Array, "*rest places"]:
+    """Return the sum over the nodes, on the last axis of x, of their values times their weights."""
+    return jnp.tensordot(x, jnp.asarray(W), 1)
+
+
+def between_nodes(grid: Panels, x: Float[Array, "P c m"], time: Times) -> Float[Array, "c T"]:
+    """Return values at times within the panels by those at the nodes."""
+    k = jnp.clip(jnp.searchsorted(grid.start, time, side="right") - 1, 0, len(grid.start) - 1)
+    place = (time - grid.start[k]) / (grid.step * grid.steps)[k]
+    others = np.array([np.delete(NODE_PLACES, n) for n in range(NODES)])
+    W = jnp.prod((place[:, None, None] - others) / (NODE_PLACES[:, None] - others), -1)
+    return (x[k] * W[:, None]).sum(-1).T
 
 
 def resample(

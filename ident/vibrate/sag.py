@@ -2,9 +2,9 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
@@ -17,7 +17,7 @@ from ident.vibrate.dynamics import residual
 from ident.vibrate.kinematics import Command, command
 from ident.vibrate.machine import Machine, balanced
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import NODE_PLACES, Panels, interpolate, joined, weights
+from ident.vibrate.panels import Panels
 
 BELT_STEPS = 3
 """Newton steps that take the stretch of belts into account; it moves an arm at rest by less than a thousandth."""
@@ -57,15 +57,8 @@ def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "n n *bat
     return jax.vmap(column, out_axes=1)(jnp.arange(at.shape[0]))
 
 
-def sag_along(
-    arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, grid: Panels
-) -> tuple[Float[Array, "n E"], Float[Array, "n E"]]:
-    """Return the coordinates at rest at the ends of all steps of the panels, and their rates."""
-    length = grid.step * grid.steps
-    times = (grid.start[:, None] + length[:, None] * NODE_PLACES).ravel()
-    rest = sag(arm, machine, command(machine, motion, times).q, loads)
-    rest = rest.reshape((rest.shape[0], -1, len(NODE_PLACES)))
-    values, slopes, _ = weights(np.arange(grid.steps + 1) / grid.steps)
-    lines = interpolate(rest, values, 2), interpolate(rest, slopes, 2) / length[:, None]
-    y, yd = (jax.vmap(joined)(line) for line in lines)
-    return y, yd
+@eqx.filter_jit
+def sag_along(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, grid: Panels) -> Float[Array, "P n m"]:
+    """Return the coordinates at rest at the nodes of the panels."""
+    rest = sag(arm, machine, command(machine, motion, grid.nodes.ravel()).q, loads)
+    return jnp.moveaxis(rest.reshape((rest.shape[0], *grid.nodes.shape)), 1, 0)

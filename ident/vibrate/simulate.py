@@ -13,10 +13,10 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.errors import InputError, Problem
 from ident.vibrate import exact, fast
-from ident.vibrate.kinematics import at_rest, bushings, command, deviations, pins, positions
+from ident.vibrate.kinematics import at_rest, bushings, command, deviations, pins, positions, straight_positions
 from ident.vibrate.machine import Machine, machine
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import Panels, Times, joined, panels, resample
+from ident.vibrate.panels import NODES, Panels, Times, between_nodes, joined, panels, resample
 from ident.vibrate.response import Response
 from ident.vibrate.sag import sag_along
 
@@ -67,7 +67,7 @@ def simulate(
     else:
         solution = _exact(arm, motion, loads, time, grid, rtol, elastic_belts, progress)
         time = time[: solution.y.shape[1]]
-    gathered = machine(arm, loads, rank=1 + len(sets), elastic_belts=elastic_belts)
+    gathered = _gathered(arm, loads, 1 + len(sets), elastic_belts)
     path = solution.path[(..., *(0,) * len(sets))]
     return Response(
         gathered, motion, jnp.asarray(time), solution.y, solution.yd, path, solution.displacement, solution.sag, method
@@ -103,10 +103,9 @@ def _over_sets(
 
 def _fast(arm: Arm, motion: Motion, loads: Loads | None, time: Times, grid: Panels, elastic: bool) -> Solution:
     gathered = machine(arm, loads, rank=1, elastic_belts=elastic)
-    solved, ends = fast.integrate(arm, gathered, motion, grid, loads), joined(grid.ends)
-    y, yd = resample(ends, solved.y, solved.yd, time)
-    rest, _ = resample(ends, solved.rest, solved.rest_rate, time)
-    return Solution(y, yd, *_end_point(gathered, motion, time, y, rest))
+    solved = fast.integrate(arm, gathered, motion, grid, loads)
+    y, yd = resample(joined(grid.ends), solved.y, solved.yd, time)
+    return Solution(y, yd, *_end_point(gathered, motion, grid, time, y, solved.rest))
 
 
 def _exact(
@@ -119,12 +118,12 @@ def _exact(
     elastic: bool,
     progress: Progress,
 ) -> Solution:
-    gathered = machine(arm, loads, rank=1, elastic_belts=elastic)
-    rest, _ = resample(joined(grid.ends), *sag_along(arm, gathered, motion, loads, grid), time)
-    start = rest[:, 0], jnp.zeros_like(rest[:, 0])
+    gathered = _gathered(arm, loads, 1, elastic)
+    rest = sag_along(arm, gathered, motion, loads, grid)
+    first = between_nodes(grid, rest, time[:1])[:, 0]
+    start = first, jnp.zeros_like(first)
     y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
-    reached = y.shape[1]
-    return Solution(y, yd, *_end_point(gathered, motion, time[:reached], y, rest[:, :reached]))
+    return Solution(y, yd, *_end_point(gathered, motion, grid, time[: y.shape[1]], y, rest))
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -142,17 +141,24 @@ def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
         raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
 
 
-@jax.jit
+@eqx.filter_jit
+def _gathered(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Machine:
+    return machine(arm, loads, rank=rank, elastic_belts=elastic)
+
+
+@eqx.filter_jit
 def _end_point(
-    machine: Machine, motion: Motion, time: Times, y: Array, rest: Array
+    machine: Machine, motion: Motion, grid: Panels, time: Times, y: Array, rest: Float[Array, "P n m"]
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"], Float[Array, "3 T"]]:
-    """Return path, displacement and sag of the end point."""
-    told = command(machine, motion, time)
+    """Return path, displacement and sag of the end point; the sag from its values at the nodes of the panels."""
 
-    def end(y: Array, error: float) -> Array:
-        turning = pins(machine, told, at_rest(deviations(machine, y)))
+    def from_path(time: Times, y: Array, error: float) -> tuple[Array, Array]:
+        turning = pins(machine, command(machine, motion, time), at_rest(deviations(machine, y)))
+        told = turning.pin.angle - turning.error - deviations(machine, y)
+        path = straight_positions(machine, told)[:, -1]
         angle = turning.pin.angle - (1 - error) * turning.error
-        return positions(machine, angle, bushings(machine, y))[:, -1]
+        return path, positions(machine, angle, bushings(machine, y))[:, -1] - path
 
-    path = end(jnp.zeros_like(rest), 0.0)
-    return path, end(y, 1.0) - path, end(rest, 0.0) - path
+    path, displacement = from_path(time, y, 1.0)
+    _, sag = from_path(grid.nodes.ravel(), jnp.moveaxis(rest, 1, 0).reshape((y.shape[0], -1)), 0.0)
+    return path, displacement, between_nodes(grid, jnp.moveaxis(sag.reshape((3, -1, NODES)), 1, 0), time)
