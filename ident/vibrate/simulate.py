@@ -16,7 +16,7 @@ from ident.vibrate import exact, fast
 from ident.vibrate.kinematics import at_rest, bushings, command, deviations, pins, positions, straight_positions
 from ident.vibrate.machine import Machine, machine
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import NODES, Panels, Times, between_nodes, joined, panels, resample
+from ident.vibrate.panels import NODES, Panels, Times, between_nodes, panels
 from ident.vibrate.response import Response
 from ident.vibrate.sag import sag_along
 
@@ -104,7 +104,7 @@ def _over_sets(
 def _fast(arm: Arm, motion: Motion, loads: Loads | None, time: Times, grid: Panels, elastic: bool) -> Solution:
     gathered = machine(arm, loads, rank=1, elastic_belts=elastic)
     solved = fast.integrate(arm, gathered, motion, grid, loads)
-    y, yd = resample(joined(grid.ends), solved.y, solved.yd, time)
+    y, yd = solved.at(grid, time)
     return Solution(y, yd, *_end_point(gathered, motion, grid, time, y, solved.rest))
 
 
@@ -120,7 +120,7 @@ def _exact(
 ) -> Solution:
     gathered = _gathered(arm, loads, 1, elastic)
     rest = sag_along(arm, gathered, motion, loads, grid)
-    first = between_nodes(grid, rest, time[:1])[:, 0]
+    first = between_nodes(grid, rest, time[:1])[0][:, 0]
     start = first, jnp.zeros_like(first)
     y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
     return Solution(y, yd, *_end_point(gathered, motion, grid, time[: y.shape[1]], y, rest))
@@ -161,4 +161,4 @@ def _end_point(
 
     path, displacement = from_path(time, y, 1.0)
     _, sag = from_path(grid.nodes.ravel(), jnp.moveaxis(rest, 1, 0).reshape((y.shape[0], -1)), 0.0)
-    return path, displacement, between_nodes(grid, jnp.moveaxis(sag.reshape((3, -1, NODES)), 1, 0), time)
+    return path, displacement, between_nodes(grid, jnp.moveaxis(sag.reshape((3, -1, NODES)), 1, 0), time)[0]
