@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from ident.cli import check, fit, plan, predict, profile, sample  # noqa: F401  (each hangs its command on the app)
+from ident.cli import check, fit, plan, predict, profile, sample, simulate  # noqa: F401  (each hangs its command on the app)
 from ident.cli.app import app
 from ident.errors import IdentError, InputError
 
