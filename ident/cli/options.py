@@ -1,6 +1,7 @@
 """Arguments and options that several commands take, and how their texts are read."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from math import inf, isfinite, radians
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -136,6 +137,19 @@ def check_positive(value: float | None, option: str) -> None:
     """Refuse a number that is not above zero, or not finite."""
     if value is not None and not 0 < value < inf:
         raise InputError(Problem(option, f"{value:g}", "a number above 0", "correct it"))
+
+
+def renamed(names: Mapping[str, str], function: Callable[..., T], *arguments: Any, **named: Any) -> T:
+    """Call a function; its complaints about arguments speak of the options that `names` gives for them."""
+    try:
+        return function(*arguments, **named)
+    except InputError as error:
+        raise InputError(_renamed(names, problem) for problem in error.problems) from None
+
+
+def _renamed(names: Mapping[str, str], problem: Problem) -> Problem:
+    option = names.get(problem.column or problem.where)
+    return replace(problem, where=option, column="") if option else problem
 
 
 def _once(option: str, pairs: list[tuple[str, T]]) -> dict[str, T]:

@@ -98,7 +98,9 @@ def simulate_command(
     _check_time(at, motion)
     how: dict[str, Any] = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate}
     chosen = method or ("fast" if drawn else "both")
-    done = _named(study, described, motion, method=chosen, progress=running.progress("exact method"), **how)
+    done = options.renamed(
+        NAMED, study, described, motion, method=chosen, progress=running.progress("exact method"), **how
+    )
     bands = None
     if drawn and done.interrupted is None:
         settle: dict[str, Any] = {"tolerance": tolerance / 1e3, "at": at, "progress": running.progress("draws")}
@@ -166,28 +168,15 @@ def _motion(arm: "Arm", asked: dict[str, Any], path: Path | None) -> "tuple[Moti
             raise InputError(Problem(arm.name, "no stroke", "what the arm shall carry out", STROKE))
         speed = 10.0 if asked["speed"] is None else asked["speed"]
         form = {"profile": asked["profile"] or "s-curve", "retract": asked["retract"], "dwell": asked["dwell"]}
-        return _named(stroke, arm.stroke, percent=speed, **form), None
+        return options.renamed(NAMED, stroke, arm.stroke, percent=speed, **form), None
     log = read_log(path, [joint.name for joint in arm.driven])
     import numpy as np
 
     angles = np.stack(list(log.angles.values()))
-    motion = _named(replay, log.time, angles, smoothing=radians(asked["smoothing"]), name=path.name)
+    motion = options.renamed(NAMED, replay, log.time, angles, smoothing=radians(asked["smoothing"]), name=path.name)
     if asked["speed"] is not None:
-        motion = _named(motion.at_speed, asked["speed"])
-    return _named(motion.dwell, asked["dwell"]), log
-
-
-def _named(function: Any, *arguments: Any, **named: Any) -> Any:
-    """Call a function; its complaints speak of options instead of arguments."""
-    try:
-        return function(*arguments, **named)
-    except InputError as error:
-        raise InputError(
-            Problem(NAMED.get(p.column or p.where, p.where), p.got, p.expected, p.remedy)
-            if (p.column or p.where) in NAMED
-            else p
-            for p in error.problems
-        ) from None
+        motion = options.renamed(NAMED, motion.at_speed, asked["speed"])
+    return options.renamed(NAMED, motion.dwell, asked["dwell"]), log
 
 
 def _check(asked: dict[str, Any], path: Path | None) -> None:

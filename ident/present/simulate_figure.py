@@ -34,7 +34,7 @@ def simulate_figure(simulation: Simulation) -> Figure:
         if direction in compared:
             _measured(axes, simulation, direction)
         _arrival(axes, simulation, labelled=i == 0)
-    _limits(simulation, [axes for axes, d in zip(grid, DIRECTIONS, strict=True) if not _by_acceleration(simulation, d)])
+    figure.align_ylabels(grid)
     _key(figure, list(_entries(simulation)), list(_notes(simulation)))
     return figure
 
@@ -53,6 +53,7 @@ def drives_figure(simulation: Simulation) -> Figure:
     notes = ["rotations about the axes of each joint's shaft; the arm's sag under its weight is part of them"]
     if simulation.arm.belts and simulation.tension.min() <= 0:
         notes.append("a belt goes slack: see the report")
+    figure.align_ylabels(grid)
     _key(figure, [], notes)
     return figure
 
@@ -107,7 +108,7 @@ def _measured(axes: Axes, simulation: Simulation, direction: str) -> None:
 def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
     """Mark when the arm arrives, and from when on the late peak counts."""
     marks = [("arrival", simulation.response.motion.arrival)]
-    marks += [] if simulation.at is None else [(f"from {simulation.at:g} s", simulation.at)]
+    marks += [] if simulation.at is None else [(f"late peak from {simulation.at:g} s on", simulation.at)]
     axes.set_xlim(simulation.time[0], simulation.time[-1])
     for name, time in marks:
         if simulation.time[0] < time < simulation.time[-1]:
@@ -123,13 +124,6 @@ def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
                     fontsize=8,
                     color=GREY,
                 )
-
-
-def _limits(simulation: Simulation, grid: Sequence[Axes]) -> None:
-    """Leave a little room above and below, as much on both sides."""
-    for axes in grid:
-        top = max(abs(value) for value in axes.get_ylim())
-        axes.set_ylim(-top, top)
 
 
 def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:
@@ -166,7 +160,19 @@ def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np
             {f"{name}, {span}": simulation.tension[s, b] for b, name in enumerate(belts) for s, span in _SPANS},
         )
     if simulation.pulleys:
-        yield "pulleys turn\n[Hz]", {name: frequency for name, (_, frequency) in simulation.pulleys.items()}
+        yield "pulleys turn\n[Hz]", alike({name: frequency for name, (_, frequency) in simulation.pulleys.items()})
+
+
+def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Join lines that lie on one another under one name."""
+    groups: list[tuple[list[str], np.ndarray]] = []
+    for name, values in lines.items():
+        group = next((names for names, others in groups if np.allclose(values, others, rtol=1e-6, atol=1e-6)), None)
+        if group is None:
+            groups.append(([name], values))
+        else:
+            group.append(name)
+    return {", ".join(names): values for names, values in groups}
 
 
 _SPANS = ((0, "upper"), (1, "lower"))

@@ -37,7 +37,7 @@ def simulate_report(simulation: Simulation) -> str:
 def _heading(simulation: Simulation) -> Iterator[str]:
     response, motion = simulation.response, simulation.response.motion
     yield f"{cut(simulation.arm.name, 40)}: {cut(motion.name, 60)}"
-    start, end = (degrees(np.asarray(motion(motion.breaks[i])[0])) for i in (0, -1))
+    start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9)) for i in (0, -1))
     held = float(motion.breaks[-1]) - motion.arrival
     yield f"  from {start} to {end} in {motion.arrival:.4g} s" + (f", then held for {held:.4g} s" if held else "")
     if simulation.pulleys:
@@ -209,6 +209,8 @@ def _seconds(simulation: Simulation, value: float) -> str:
     if math.isnan(value):
         return "-"
     held = float(simulation.time[-1]) - simulation.response.motion.arrival
+    if value == 0:
+        return "at arrival"
     return f"{value:.3f} s" if math.isfinite(value) else f"not in {held:.3g} s"
 
 
