@@ -15,7 +15,13 @@ if TYPE_CHECKING:
     from ident.measure import Trace
     from ident.present.spectra import Spectra
 
-NAMED = {"window": "--window", "segments": "--segments", "segment_seconds": "--segment", "orders": "--orders"}
+NAMED = {
+    "window": "--window",
+    "segments": "--segments",
+    "segment_seconds": "--segment",
+    "orders": "--orders",
+    "angle": "--revolutions",
+}
 """The option that gives each argument of the library."""
 
 
@@ -46,6 +52,9 @@ def spectrum_command(
         str | None,
         typer.Option(help="multiples of the pulleys' turning, as 1,2: tracked where the file has their angles"),
     ] = None,
+    revolutions: Annotated[
+        int, typer.Option(min=1, help="of a block over which an order is tracked: more tell orders better, times worse")
+    ] = 4,
     out: options.OutOption = Path("out"),
     no_figure: options.NoFigureOption = False,
 ) -> None:
@@ -85,13 +94,14 @@ def spectrum_command(
         pulleys=pulleys,
         survey=_survey(arm, posture, load) if arm else None,
         orders=asked,
+        revolutions=revolutions,
     )
     base = out / f"{file.stem.removesuffix('.simulate')}.spectrum"
     figures: dict[Path, Any] = {}
     if not no_figure:
         figures = dict(_figures(found, base))
         if spectrogram:
-            figures |= dict(_spectrograms(found, base, window, segment, decibel, asked or (1.0,)))
+            figures |= dict(_spectrograms(found, base, window, segment, decibel))
     typer.echo(spectrum_report(found))
     running.draw(figures)
 
@@ -99,18 +109,22 @@ def spectrum_command(
 def _figures(found: "Spectra", base: Path) -> Iterator[tuple[Path, Any]]:
     from ident.present.orders_figure import orders_figure
     from ident.present.spectrum_figure import spectrum_figure
+    from ident.present.words import degrees
 
+    remarks = [found.remark] if found.remark else []
+    if found.survey:
+        remarks.append(f"thin lines: natural frequencies at {degrees(found.survey.posture)}, {found.survey.load}")
     panels = [direction.upper() for direction in found.directions]
     yield (
         base.parent / f"{base.name}.png",
-        spectrum_figure(found.spectra, panels, found.marks, upto=found.upto, kind=found.kind),
+        spectrum_figure(found.spectra, panels, found.marks, upto=found.upto, kind=found.kind, remarks=remarks),
     )
     if found.tracks:
         yield base.parent / f"{base.name}.orders.png", orders_figure(found)
 
 
 def _spectrograms(
-    found: "Spectra", base: Path, window: str, segment: float | None, decibel: bool, orders: tuple[float, ...]
+    found: "Spectra", base: Path, window: str, segment: float | None, decibel: bool
 ) -> Iterator[tuple[Path, Any]]:
     """Yield a spectrogram of the first trace for each direction, with a line for each order of each pulley."""
     from ident.present.spectrum_figure import spectrogram_figure
@@ -118,12 +132,7 @@ def _spectrograms(
 
     name, trace = next(iter(found.traces.items()))
     seconds = segment or min(1.0, float(trace.time[-1] - trace.time[0]) / 4)
-    lines = {
-        _line(pulley, order): (trace.time, order * turning.frequency)
-        for pulley, turning in found.pulleys.items()
-        if turning.frequency is not None
-        for order in orders
-    }
+    lines = {name: (trace.time, frequency) for name, frequency in found.lines.items()}
     for direction in found.directions:
         shown = options.renamed(
             NAMED, spectrogram, trace.time, trace.values[direction], window=window, segment_seconds=seconds
@@ -131,10 +140,6 @@ def _spectrograms(
         title = f"{direction.upper()}: {name}"
         figure = spectrogram_figure(shown, lines, title=title, upto=found.upto, decibel=decibel, kind=found.kind)
         yield base.parent / f"{base.name}.{direction}.png", figure
-
-
-def _line(pulley: str, order: float) -> str:
-    return f"{pulley} turns" if order == 1 else f"{order:g} x {pulley}"
 
 
 def _directions(asked: str | None, traces: "dict[str, Trace]") -> list[str]:

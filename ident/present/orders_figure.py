@@ -30,6 +30,7 @@ def orders_figure(found: Spectra) -> Figure:
         axes.set_ylim(bottom=0)
         axes.set_ylabel(f"{direction.upper()}: amplitude, 0-peak [{unit}]", fontsize=9)
     grid[-1].set_xlabel("time [s]", fontsize=9)
+    figure.align_ylabels(grid)
     handles = [
         Line2D([], [], marker="o", markersize=3.5, label=f"order {track.orders[o]:g} of {cut(name, 30)}", **style)
         for (name, track, o), style in styled

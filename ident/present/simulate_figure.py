@@ -9,13 +9,15 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ident.present.simulation import MM, Simulation
+from ident.present.simulation import MM, Simulation, alike
 from ident.present.style import BLUE, GREEN, GREY, ORANGE, PALE_BLUE, PINK, Style, plain
 from ident.present.words import cut
 from ident.vibrate.study import DIRECTIONS
 
 WIDTH, PANEL = 8.0, 1.9
 """Width of a figure and height of a panel [inch]."""
+NEAR = 0.5
+"""Share of the limit that a peak must reach for the limit to be drawn."""
 OURS: Style = {"color": BLUE, "linewidth": 1.1}
 THEIRS: Style = {"color": ORANGE, "linewidth": 0.9, "alpha": 0.85}
 PARTS: tuple[Style, ...] = tuple(
@@ -91,10 +93,16 @@ def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
         low, high = MM * simulation.draws.band[:, i]
         axes.fill_between(simulation.time, low, high, color=PALE_BLUE, linewidth=0, zorder=1)
     axes.plot(simulation.time, MM * simulation.vibration[i], zorder=3, **OURS)
-    if simulation.limit is not None:
+    if _near_limit(simulation, i):
         for side in (-1, 1):
-            axes.axhline(side * MM * simulation.limit, color=GREY, linewidth=0.8, linestyle=":")
+            axes.axhline(side * MM * (simulation.limit or 0.0), color=GREY, linewidth=0.8, linestyle=":")
     axes.set_ylabel(f"{direction.upper()}: vibration\n[mm]", fontsize=9)
+
+
+def _near_limit(simulation: Simulation, i: int) -> bool:
+    """Tell whether a direction comes so near to the limit that it is drawn; elsewhere it would flatten the curve."""
+    sizes = [simulation.sizes.peak[i], *([] if simulation.draws is None else simulation.draws.sizes.peak[i])]
+    return simulation.limit is not None and max(sizes) > NEAR * simulation.limit
 
 
 def _measured(axes: Axes, simulation: Simulation, direction: str) -> None:
@@ -135,8 +143,9 @@ def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:
         yield Patch(color=PALE_BLUE, label=f"5 to 95 % of {simulation.draws.vibration.shape[2]} draws")
     if simulation.comparisons:
         yield Line2D([], [], label="measured", **THEIRS)
-    if simulation.limit is not None:
-        yield Line2D([], [], color=GREY, linewidth=0.8, linestyle=":", label=f"limit, {MM * simulation.limit:g} mm")
+    if any(_near_limit(simulation, i) for i in range(len(DIRECTIONS))):
+        limit = simulation.limit or 0.0
+        yield Line2D([], [], color=GREY, linewidth=0.8, linestyle=":", label=f"limit, {MM * limit:g} mm")
 
 
 def _notes(simulation: Simulation) -> Iterator[str]:
@@ -161,18 +170,6 @@ def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np
         )
     if simulation.pulleys:
         yield "pulleys turn\n[Hz]", alike({name: frequency for name, (_, frequency) in simulation.pulleys.items()})
-
-
-def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Join lines that lie on one another under one name."""
-    groups: list[tuple[list[str], np.ndarray]] = []
-    for name, values in lines.items():
-        group = next((names for names, others in groups if np.allclose(values, others, rtol=1e-6, atol=1e-6)), None)
-        if group is None:
-            groups.append(([name], values))
-        else:
-            group.append(name)
-    return {", ".join(names): values for names, values in groups}
 
 
 _SPANS = ((0, "upper"), (1, "lower"))

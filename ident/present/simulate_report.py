@@ -12,7 +12,10 @@ from ident.present.words import cut, degrees
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.tension import slack
 
-METHODS = {"fast": "linearised about the moving, sagging arm", "exact": "the exact equations of motion"}
+METHODS = {
+    "fast": "fast, equations linearised about the moving, sagging arm",
+    "exact": "exact equations of motion, integrated with error control",
+}
 QUANTILES = (0.05, 0.95)
 PARTS = {"Drive": "drives", "Belt": "belts", "Stroke": "stroke"}
 MOST_SLACK = 4
@@ -46,7 +49,7 @@ def _heading(simulation: Simulation) -> Iterator[str]:
     belts = ("elastic" if response.machine.elastic else "rigid") if simulation.arm.belts else "none"
     rate = (len(simulation.time) - 1) / (simulation.time[-1] - simulation.time[0])
     yield f"  load: {simulation.load}; belts: {belts}; {rate:.4g} samples a second"
-    yield f"  by {METHODS[response.method]}"
+    yield f"  method: {METHODS[response.method]}"
     if simulation.undriven:
         yield "  The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
     for values, what in ((simulation.fit, "fitted values"), (simulation.posterior, "draws of the posterior")):
@@ -103,14 +106,20 @@ def _bands(simulation: Simulation) -> Iterator[str]:
     if simulation.draws is None:
         return
     sizes, count = simulation.draws.sizes, simulation.draws.vibration.shape[2]
-    late = "" if simulation.at is None else f"{f'from {simulation.at:g} s on':>20s}"
+    names = [
+        "peak",
+        "rms",
+        "residual",
+        "settled [s]",
+        *([] if simulation.at is None else [f"from {simulation.at:g} s on"]),
+    ]
     yield f"5 to 95 % of {count} draws [mm]"
-    yield f"{'peak':>20s}{'rms':>20s}{'residual':>20s}{'settled [s]':>20s}{late}"
+    yield "   " + "".join(f"{name:>20s}" for name in names)
     for i, direction in enumerate(DIRECTIONS):
-        columns = [*(_interval(part[i]) for part in (sizes.peak, sizes.rms, sizes.residual))]
+        columns = [_interval(part[i]) for part in (sizes.peak, sizes.rms, sizes.residual)]
         columns.append(_settling(simulation, sizes.settling[i]))
         columns += [] if simulation.at is None else [_interval(sizes.late[i])]
-        yield f"  {direction}" + f"{columns[0]:>16s}" + "".join(f"{column:>20s}" for column in columns[1:])
+        yield f"  {direction}" + "".join(f"{column:>20s}" for column in columns)
     if simulation.limit is not None:
         each, any_of = simulation.draws.exceeds(simulation.limit)
         ways = ", ".join(f"{share:.0%} in {direction}" for direction, share in zip(DIRECTIONS, each, strict=True))
@@ -226,5 +235,6 @@ def _settling(simulation: Simulation, values: np.ndarray) -> str:
         return "-"
     low, high = np.quantile(values, QUANTILES, method="nearest")
     held = float(simulation.time[-1]) - simulation.response.motion.arrival
-    ends = [f"{end:.2f}" if math.isfinite(end) else f">{held:.3g}" for end in (low, high)]
-    return f"{ends[0]} to {ends[1]}"
+    if math.isinf(low):
+        return f"beyond {held:.3g}"
+    return f"{low:.2f} to {high:.2f}" if math.isfinite(high) else f"{low:.2f} to beyond {held:.3g}"

@@ -129,3 +129,18 @@ class Simulation:
     def undriven(self) -> bool:
         """Whether the arm has no drive, so that only the motion itself shakes it."""
         return not self.arm.drives
+
+
+def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Join lines that lie on one another under one name."""
+    groups: list[tuple[list[str], np.ndarray]] = []
+    for name, values in lines.items():
+        group = next(
+            (names for names, others in groups if np.allclose(values, others, rtol=1e-6, atol=1e-6, equal_nan=True)),
+            None,
+        )
+        if group is None:
+            groups.append(([name], values))
+        else:
+            group.append(name)
+    return {", ".join(names): values for names, values in groups}

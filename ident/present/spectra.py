@@ -8,12 +8,19 @@ from jaxtyping import Float
 
 from ident.identify.survey import Survey
 from ident.measure import Pulley, Trace
+from ident.present.simulation import alike
 from ident.vibrate.derivative import second_derivative
 from ident.vibrate.orders import OrderTrack, order_tracking
 from ident.vibrate.spectrum import Peak, Spectrum, amplitude_spectrum, peaks
 
+REVOLUTIONS = 4
+"""Revolutions of a block for order tracking: they tell orders half a turn apart."""
 PEAKS = 5
 """Peaks of each direction that are told."""
+SLOW = 3.0
+"""Bins from zero up to which a peak may be a drift or the slow part of a motion."""
+STANDING = 1e-3
+"""Share of its fastest turning below which a pulley counts as standing."""
 SMALL = 0.02
 """Share of the largest peak below which a peak is not told."""
 
@@ -30,6 +37,7 @@ class Spectra:
         pulleys: of the first trace's file, those that turn alike under one name.
         survey: modes of the arm, if one was named.
         tracks: by pulley, the orders in each direction.
+        orders: multiples of the pulleys' turning that were asked for.
         remark: what was done to make the traces comparable; mostly empty.
     """
 
@@ -40,12 +48,25 @@ class Spectra:
     pulleys: Mapping[str, Pulley] = field(default_factory=dict)
     survey: Survey | None = None
     tracks: Mapping[str, OrderTrack] = field(default_factory=dict)
+    orders: tuple[float, ...] = ()
     remark: str = ""
 
     @property
     def kind(self) -> str:
         """`displacement` or `acceleration`."""
         return next(iter(self.traces.values())).kind
+
+    @property
+    def lines(self) -> dict[str, Float[np.ndarray, "T"]]:
+        """Multiples of the pulleys' turning frequencies [Hz] over the time of the first trace; NaN while they stand."""
+        turning = {name: p.frequency for name, p in self.pulleys.items() if p.frequency is not None}
+        return alike(
+            {
+                f"{order:g} x {name}": np.where(frequency > STANDING * frequency.max(), order * frequency, np.nan)
+                for name, frequency in turning.items()
+                for order in self.orders or (1.0,)
+            }
+        )
 
     @property
     def marks(self) -> dict[str, float]:
@@ -55,9 +76,9 @@ class Spectra:
         return {str(label): float(f) for label, f in zip(self.survey.labels, self.survey.modes.frequency, strict=True)}
 
     def strongest(self, name: str, direction: str) -> tuple[Peak, ...]:
-        """Return the strongest peaks of a trace in a direction, the largest first."""
+        """Return the strongest peaks of a trace in a direction, the largest first; none that is a slow drift."""
         spectrum = self.spectra[name].column(self.directions.index(direction))
-        found = peaks(spectrum, PEAKS, (0.0, self.upto))
+        found = peaks(spectrum, PEAKS, (SLOW * spectrum.resolution, self.upto))
         return tuple(peak for peak in found if peak.amplitude >= SMALL * found[0].amplitude)
 
 
@@ -71,6 +92,7 @@ def spectra_of(
     pulleys: Mapping[str, Pulley] | None = None,
     survey: Survey | None = None,
     orders: Sequence[float] = (),
+    revolutions: int = REVOLUTIONS,
 ) -> Spectra:
     """Return the spectra of traces that all have these directions.
 
@@ -85,8 +107,8 @@ def spectra_of(
         for name, trace in comparable.items()
     }
     first, turning = next(iter(comparable.values())), _alike(pulleys or {})
-    tracks = dict(_tracks(first, directions, turning, orders)) if orders else {}
-    return Spectra(tuple(directions), comparable, spectra, upto, turning, survey, tracks, remark)
+    tracks = dict(_tracks(first, directions, turning, orders, revolutions)) if orders else {}
+    return Spectra(tuple(directions), comparable, spectra, upto, turning, survey, tracks, tuple(orders), remark)
 
 
 def _columns(trace: Trace, directions: Sequence[str]) -> Float[np.ndarray, "T D"]:
@@ -117,7 +139,7 @@ def _alike(pulleys: Mapping[str, Pulley]) -> dict[str, Pulley]:
             groups.append(([name], pulley))
         else:
             group.append(name)
-    return {", ".join(names): pulley for names, pulley in groups}
+    return {" and ".join(names): pulley for names, pulley in groups}
 
 
 def _turns_as(one: Pulley, other: Pulley) -> bool:
@@ -137,8 +159,9 @@ def _close(a: np.ndarray | None, b: np.ndarray | None) -> bool:
 
 
 def _tracks(
-    trace: Trace, directions: Sequence[str], pulleys: Mapping[str, Pulley], orders: Sequence[float]
+    trace: Trace, directions: Sequence[str], pulleys: Mapping[str, Pulley], orders: Sequence[float], turns: int
 ) -> Iterator[tuple[str, OrderTrack]]:
     for name, pulley in pulleys.items():
         if pulley.angle is not None:
-            yield name, order_tracking(trace.time, _columns(trace, directions), pulley.angle, orders=orders)
+            values = _columns(trace, directions)
+            yield name, order_tracking(trace.time, values, pulley.angle, orders=orders, revolutions=turns)

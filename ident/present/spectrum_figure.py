@@ -44,6 +44,7 @@ def spectrum_figure(
     *,
     upto: float = 20.0,
     kind: str = "displacement",
+    remarks: Sequence[str] = (),
 ) -> Figure:
     """Draw amplitude spectra of displacements or accelerations, a panel for each direction.
 
@@ -53,6 +54,7 @@ def spectrum_figure(
         marks: frequencies [Hz] by name, drawn as thin lines; those beyond the axis are named below.
         upto: [Hz] right end of the axis.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+        remarks: further lines below the panels.
 
     Raises:
         InputError: there is no spectrum, or one has not a column for each direction.
@@ -61,7 +63,7 @@ def spectrum_figure(
     if problems:
         raise InputError(problems)
     flags = _rows_of_flags({name: f for name, f in (marks or {}).items() if f <= upto}, upto)
-    notes = [*_descriptions(series), *_beyond(marks or {}, upto)]
+    notes = [*_descriptions(series), *_beyond(marks or {}, upto), *remarks]
     above = LINE / 72 * (1 + max((row for _, _, row in flags), default=-1))
     height = PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
     figure = Figure(figsize=(PANEL[0], height), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
@@ -73,6 +75,7 @@ def spectrum_figure(
         _flags(axes, flags, labelled=i == 0)
     grid[-1].set_xlabel("frequency [Hz]", fontsize=9)
     handles = [Line2D([], [], label=cut(name, 40), **s) for name, s in zip(series, cycle(SERIES), strict=False)]
+    figure.align_ylabels(grid)
     _key(figure, handles, notes)
     return figure
 

@@ -15,7 +15,8 @@ NEAR = 1.0
 
 def spectrum_report(found: Spectra) -> str:
     """Return the report: peaks of each trace and direction, natural frequencies, orders."""
-    sections = [_heading(found), *(_peaks(found, name) for name in found.traces), _modes(found), _orders(found)]
+    sections = [_heading(found), *(_peaks(found, name) for name in found.traces), _modes(found)]
+    sections += [_orders(found, name) for name in found.tracks]
     return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
 
 
@@ -39,7 +40,7 @@ def _peaks(found: Spectra, name: str) -> Iterator[str]:
         for i, peak in enumerate(strongest):
             mode = _mode(found, peak.frequency, found.spectra[name].resolution)
             start = direction if i == 0 else ""
-            yield f"  {start:4s} {peak.frequency:15.3f} {factor * peak.amplitude:18.4g}   {mode}".rstrip()
+            yield f"  {start:4s} {peak.frequency:15.3f} {factor * peak.amplitude:#18.4g}   {mode}".rstrip()
         if not strongest:
             yield f"  {direction:4s} {'no peak':>15s}"
     yield f"  {found.spectra[name].description()}"
@@ -61,14 +62,13 @@ def _modes(found: Spectra) -> Iterator[str]:
             yield f"  {frequency:10.4f} Hz  {label}"
 
 
-def _orders(found: Spectra) -> Iterator[str]:
-    factor, unit = UNITS[found.kind]
-    for name, track in found.tracks.items():
-        yield f"Orders of {name}, blocks of {track.revolutions} revolutions: largest amplitude [{unit}]"
-        yield f"  {'':4s} {'order':>6s} {'amplitude':>11s} {'at s':>9s} {'pulley at Hz':>13s} {'vibration at Hz':>16s}"
-        for d, direction in enumerate(found.directions):
-            for o, order in enumerate(track.orders):
-                yield _order(track, o, float(order), d, direction if o == 0 else "", factor)
+def _orders(found: Spectra, name: str) -> Iterator[str]:
+    (factor, unit), track = UNITS[found.kind], found.tracks[name]
+    yield f"Orders of {name}, blocks of {track.revolutions} revolutions: largest amplitude [{unit}]"
+    yield f"  {'':4s} {'order':>6s} {'amplitude':>11s} {'at s':>9s} {'pulley at Hz':>13s} {'vibration at Hz':>16s}"
+    for d, direction in enumerate(found.directions):
+        for o, order in enumerate(track.orders):
+            yield _order(track, o, float(order), d, direction if o == 0 else "", factor)
 
 
 def _order(track: OrderTrack, o: int, order: float, d: int, start: str, factor: float) -> str:
@@ -78,6 +78,6 @@ def _order(track: OrderTrack, o: int, order: float, d: int, start: str, factor: 
     place = int(np.nanargmax(amplitude))
     turning = track.frequency[place]
     return (
-        f"  {start:4s} {order:6g} {factor * amplitude[place]:11.4g} {track.time[place]:9.3f} {turning:13.3f}"
+        f"  {start:4s} {order:6g} {factor * amplitude[place]:#11.4g} {track.time[place]:9.3f} {turning:13.3f}"
         f" {order * turning:16.3f}"
     )
