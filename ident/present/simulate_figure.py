@@ -18,8 +18,8 @@ WIDTH, PANEL = 8.0, 1.9
 """Width of a figure and height of a panel [inch]."""
 NEAR = 0.5
 """Share of the limit that a peak must reach for the limit to be drawn."""
-OURS: Style = {"color": BLUE, "linewidth": 1.1}
-THEIRS: Style = {"color": ORANGE, "linewidth": 0.9, "alpha": 0.85}
+OURS: Style = {"color": BLUE, "linewidth": 1.3}
+THEIRS: Style = {"color": ORANGE, "linewidth": 0.8}
 PARTS: tuple[Style, ...] = tuple(
     {"color": color, "linestyle": line, "linewidth": 1.1}
     for color, line in ((BLUE, "-"), (ORANGE, "-"), (GREEN, "--"), (PINK, "-."), (GREY, ":"), ("black", "-"))
@@ -102,7 +102,7 @@ def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
 def _near_limit(simulation: Simulation, i: int) -> bool:
     """Tell whether a direction comes so near to the limit that it is drawn; elsewhere it would flatten the curve."""
     sizes = [simulation.sizes.peak[i], *([] if simulation.draws is None else simulation.draws.sizes.peak[i])]
-    return simulation.limit is not None and max(sizes) > NEAR * simulation.limit
+    return simulation.limit is not None and bool(max(sizes) > NEAR * simulation.limit)
 
 
 def _measured(axes: Axes, simulation: Simulation, direction: str) -> None:

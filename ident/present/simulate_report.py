@@ -40,7 +40,7 @@ def simulate_report(simulation: Simulation) -> str:
 def _heading(simulation: Simulation) -> Iterator[str]:
     response, motion = simulation.response, simulation.response.motion
     yield f"{cut(simulation.arm.name, 40)}: {cut(motion.name, 60)}"
-    start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9)) for i in (0, -1))
+    start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9).tolist()) for i in (0, -1))
     held = float(motion.breaks[-1]) - motion.arrival
     yield f"  from {start} to {end} in {motion.arrival:.4g} s" + (f", then held for {held:.4g} s" if held else "")
     if simulation.pulleys:
@@ -91,11 +91,11 @@ def _vibration(simulation: Simulation) -> Iterator[str]:
 
 def _peak(simulation: Simulation) -> Iterator[str]:
     way, place = np.unravel_index(np.argmax(np.abs(simulation.vibration)), simulation.vibration.shape)
-    posture = np.asarray(simulation.response.posture)[:, place]
+    posture = degrees(np.asarray(simulation.response.posture)[:, place].tolist())
     turning = [f"{name} {frequency[place]:.3g} Hz" for name, (_, frequency) in simulation.pulleys.items()]
     pulleys = f"; pulleys turn: {', '.join(turning)}" if turning else ""
     size = _mm(abs(simulation.vibration[way, place]))
-    yield f"  largest: {size} mm in {DIRECTIONS[way]} at {simulation.time[place]:.4g} s, at {degrees(posture)}{pulleys}"
+    yield f"  largest: {size} mm in {DIRECTIONS[way]} at {simulation.time[place]:.4g} s, at {posture}{pulleys}"
     if simulation.limit is not None and simulation.draws is None:
         beyond = [d for d, size in zip(DIRECTIONS, simulation.sizes.peak, strict=True) if size > simulation.limit]
         words = f"exceeded in {', '.join(beyond)}" if beyond else "kept in all directions"
