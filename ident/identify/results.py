@@ -62,7 +62,7 @@ def read_fit(path: str | Path, arm: Arm) -> Values:
             raise KeyError
         found = {tuple(p["paths"]): np.asarray(float(p["value"])) for p in document["parameters"]}
     except (ValueError, KeyError, TypeError):
-        raise InputError(Problem(where, "another file", expected, "give the file that ident fit wrote")) from None
+        raise InputError(Problem(where, "other contents", expected, "give the file that ident fit wrote")) from None
     return _of_arm(where, data, found, arm)
 
 
@@ -87,7 +87,7 @@ def read_draws(path: str | Path, arm: Arm, count: int, seed: int | None = None) 
             chains, remark = _best(path)
             found = dict(_variables(posterior.load(), chains, _ties(path)))
     except (OSError, ValueError, KeyError, TypeError, IndexError):
-        raise InputError(Problem(where, "another file", expected, "give the file that ident sample wrote")) from None
+        raise InputError(Problem(where, "other contents", expected, "give the file that ident sample wrote")) from None
     total = min((len(values) for values in found.values()), default=0)
     chosen = _choice(total, min(count, total), seed)
     return _of_arm(where, data, {paths: values[chosen] for paths, values in found.items()}, arm, remark)

@@ -168,13 +168,15 @@ def _belts(simulation: Simulation) -> Iterator[str]:
         f"Belts: smallest tension {tension[span, belt, place]:.4g} N, {('upper', 'lower')[span]} span of {names[belt]}"
         f" at {simulation.time[place]:.4g} s"
     )
-    found = list(slack(simulation.response.time, jnp.asarray(tension)))
+    found = sorted(slack(simulation.response.time, jnp.asarray(tension)), key=lambda one: one[2])
     for number, side, start, end in found[:MOST_SLACK]:
         yield f"  SLACK: {side} span of {names[number]} from {start:.4g} to {end:.4g} s"
     if len(found) > MOST_SLACK:
         yield f"  and {len(found) - MOST_SLACK} times more"
     if found and not simulation.response.machine.elastic:
         yield "  The belts are taken as rigid, which a slack one is not: raise the pretension, or use --elastic-belts"
+    elif found and simulation.response.method == "fast":
+        yield "  The fast method has slack spans pull on, below zero: use --method exact, or raise the pretension"
 
 
 def _moments(simulation: Simulation) -> Iterator[str]:
