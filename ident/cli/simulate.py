@@ -11,9 +11,12 @@ from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.measure import Log
+    from ident.identify.results import Values
+    from ident.measure import Log, Trace
     from ident.present.simulation import Simulation
+    from ident.vibrate.compare import Comparison
     from ident.vibrate.motion import Motion
+    from ident.vibrate.study import Study
 
 NAMED = {
     "percent": "--speed",
@@ -24,7 +27,10 @@ NAMED = {
     "rate": "--rate",
 }
 """The option that gives each argument of the library."""
-STROKE = "add a [stroke] to the arm file (data/README.md), or give a joint path (--path)"
+STROKE = (
+    "add a [stroke] (direction, folded, unfolded, speed, acceleration, jerk; as in data/lcd_arm/arm.toml) to the arm file,"
+    " or give a joint path (--path)"
+)
 
 
 @app.command("simulate")
@@ -83,7 +89,7 @@ def simulate_command(
     from ident.measure import Load, read_trace
     from ident.present.simulation import Simulation
     from ident.vibrate.limits import beyond_limits
-    from ident.vibrate.study import against, draw, study
+    from ident.vibrate.study import draw, study
 
     arm_file = read_arm_file(arm)
     fitted = read_fit(fit, arm_file.arm) if fit else None
@@ -104,7 +110,7 @@ def simulate_command(
     bands = None
     if drawn and done.interrupted is None:
         settle: dict[str, Any] = {"tolerance": tolerance / 1e3, "at": at, "progress": running.progress("draws")}
-        bands = draw(described, motion, drawn.without(changed), **settle, **how)
+        bands = draw(described, motion, _drawn(drawn, changed), **settle, **how)
     simulation = Simulation(
         arm_file,
         described,
@@ -119,12 +125,32 @@ def simulate_command(
         draws=bands,
         changed=changed,
         trace=measured,
-        comparisons=against(done.response, measured.time, measured.values, measured.kind, limits) if measured else None,
+        comparisons=_compared(done, measured, limits) if measured else None,
     )
     _write(simulation, asked, out / _name(arm, asked, path), no_figure)
     if done.interrupted is not None:
         typer.echo(f"interrupted at {done.interrupted:.4g} s; what there is was written", err=True)
         raise typer.Exit(130)
+
+
+def _drawn(posterior: "Values", changed: dict[str, float]) -> "dict[str, Any]":
+    """Return the draws of the numbers that the user has not set."""
+    left = posterior.without(changed)
+    if not left:
+        raise InputError(Problem("--set", "every number of the posterior", "one that is drawn", "drop one of them"))
+    return left
+
+
+def _compared(done: "Study", measured: "Trace", band: tuple[float, float]) -> "dict[str, Comparison] | None":
+    """Compare with a trace; what an interruption has left may be too short for it."""
+    from ident.vibrate.study import against
+
+    try:
+        return against(done.response, measured.time, measured.values, measured.kind, band)
+    except InputError:
+        if done.interrupted is None:
+            raise
+        return None
 
 
 def _write(simulation: "Simulation", asked: dict[str, Any], path: Path, no_figure: bool) -> None:

@@ -60,6 +60,8 @@ def _heading(simulation: Simulation) -> Iterator[str]:
         yield f"  set: {path} = {value:g}"
     if simulation.study.interrupted is not None:
         yield f"  INTERRUPTED: the exact method came to {simulation.study.interrupted:.4g} s"
+        if simulation.posterior:
+            yield "  so the draws were not simulated"
 
 
 def _values(values: Values, what: str) -> Iterator[str]:
