@@ -28,8 +28,8 @@ NAMED = {
 }
 """The option that gives each argument of the library."""
 STROKE = (
-    "add a [stroke] (direction, folded, unfolded, speed, acceleration, jerk; as in data/lcd_arm/arm.toml) to the arm file,"
-    " or give a joint path (--path)"
+    "add a [stroke] with direction, folded, unfolded, speed, acceleration and jerk to the arm file, as in"
+    " data/lcd_arm/arm.toml, or give a joint path (--path)"
 )
 
 

@@ -110,7 +110,7 @@ def _measured(axes: Axes, simulation: Simulation, direction: str) -> None:
     found = (simulation.comparisons or {})[direction]
     theirs, factor = found.measured.trace, 1.0 if _by_acceleration(simulation, direction) else MM
     shift = found.simulated.trace.values.mean() - theirs.values.mean()
-    axes.plot(theirs.time, factor * (theirs.values + shift), zorder=4, **THEIRS)
+    axes.plot(theirs.time, factor * (theirs.values + shift), zorder=2.5, **THEIRS)
 
 
 def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
@@ -152,7 +152,9 @@ def _notes(simulation: Simulation) -> Iterator[str]:
     yield "displacement of the end point from where the arm, sagging, would be at rest; scales differ"
     if simulation.comparisons:
         low, high = next(iter(simulation.comparisons.values())).measured.trace.time[[0, -1]]
-        yield f"measured: from {low:.4g} to {high:.4g} s, its mean set to the simulation's"
+        yield f"measured: from {low:.4g} to {high:.4g} s, drawn behind, its mean set to the simulation's"
+    if any(_by_acceleration(simulation, direction) for direction in DIRECTIONS):
+        yield "where an acceleration was measured: the simulated displacement differentiated twice; no bands"
     if simulation.study.interrupted is not None:
         yield f"interrupted: the exact method came to {simulation.study.interrupted:.4g} s"
 
