@@ -23,18 +23,22 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads
+from ident.arm.chain import Loads, hold
 from ident.arm.linalg import solve_unpivoted
+from ident.arm.modes import natural_frequencies
 from ident.arm.rotations import identity, matvec
+from ident.jit import jit
 from ident.vibrate.dynamics import equations, imbalance, residual, residual_of
 from ident.vibrate.kinematics import Kinematics, Turning, bushings, command, deviations, inexactness, kinematics, pins
-from ident.vibrate.machine import Machine, balanced
+from ident.vibrate.machine import Machine, balanced, may_differ_from_zero
 from ident.vibrate.motion import Motion
 from ident.vibrate.panels import NODE_PLACES, NODES, Panels, Times, basis, between_nodes, evaluate, interpolate, weights
 from ident.vibrate.sag import sag, slope
 
 STEP = 0.015
 """Longest time step [s]: at 5 Hz the phase errs by 2e-6 rad in each radian, 16 Hz has four steps to a period."""
+ABSTRACT = 0.005
+"""Step for an arm whose numbers are not known yet [s]."""
 STAGES = 3
 """Stages of a step; the order is twice as high."""
 GAUSS = (np.polynomial.legendre.leggauss(STAGES)[0] + 1) / 2
@@ -93,6 +97,31 @@ def _places(S: int) -> _Places:
         middles=weights((np.arange(S) + 0.5) / S)[0],
         about_nodes=[weights(NODE_PLACES + (place - 0.5) / S)[0] for place in GAUSS],
     )
+
+
+def step_for(arm: Arm, motion: Motion) -> float:
+    """Return a step [s] at which the method errs less than the linearisation does.
+
+    Ten to a period of the first mode at the start, and three to one of the fastest excitation: the turning masses, or
+    the kinematic error at twice their frequency. Of an arm that is traced by `jit`, nothing of that is known: ABSTRACT.
+    """
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
+        return ABSTRACT
+    start = motion(jnp.asarray(motion.breaks[:1]))[0].reshape((-1,) + (1,) * len(arm.sets))
+    first = float(jnp.median(_first_frequency(arm, start)))
+    times = np.linspace(float(motion.breaks[0]), float(motion.breaks[-1]), 2000)
+    speed = np.abs(np.asarray(motion(times)[1])).max(1) / (2 * np.pi)
+    names = [joint.name for joint in arm.driven]
+    orders = [1 + may_differ_from_zero(drive.error) for drive in arm.drives]
+    ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
+    turning = [speed[names.index(drive.joint)] for drive in arm.drives]
+    fastest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)
+    return min(0.1 / first, 1 / (3 * max(fastest, 1e-9)))
+
+
+@jit
+def _first_frequency(arm: Arm, posture: Array) -> Array:
+    return natural_frequencies(hold(arm, posture), 1)
 
 
 def integrate(arm: Arm, machine: Machine, motion: Motion, grid: Panels, loads: Loads | None = None) -> Fast:

@@ -160,7 +160,7 @@ def machine(arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belt
         carrier=tuple(names.index(point.joint) for point in arm.points),
         driven=tuple(n for n, joint in enumerate(arm.joints) if joint.driven),
         elastic=elastic_belts and bool(arm.belts),
-        inexact=any(_may_differ_from_zero(drive.error) for drive in arm.drives),
+        inexact=any(may_differ_from_zero(drive.error) for drive in arm.drives),
     )
 
 
@@ -231,7 +231,8 @@ def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
     )
 
 
-def _may_differ_from_zero(number: Array) -> bool:
+def may_differ_from_zero(number: Array) -> bool:
+    """Tell whether a number may be other than zero; under `jit` or `grad` any may."""
     return isinstance(number, jax.core.Tracer) or bool(np.any(np.asarray(number) != 0))
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.errors import InputError, Problem
+from ident.errors import InputError, ModelError, Problem
 from ident.vibrate import exact, fast
 from ident.vibrate.kinematics import at_rest, bushings, command, deviations, pins, positions, straight_positions
 from ident.vibrate.machine import Machine, machine
@@ -34,7 +34,7 @@ def simulate(
     method: str = "fast",
     elastic_belts: bool = False,
     rate: float = RATE,
-    step: float = fast.STEP,
+    step: float | None = None,
     rtol: float = 1e-7,
     progress: Progress = iter,
 ) -> Response:
@@ -49,9 +49,9 @@ def simulate(
         method: `fast`, linearised about the moving, sagging arm, or `exact`.
         elastic_belts: whether belts stretch; otherwise the pins follow the motors.
         rate: samples a second.
-        step: longest time step of the fast method [s].
+        step: longest time step of the fast method [s]; see `fast.step_for` when None.
         rtol: relative tolerance of the exact method.
-        progress: shows progress of the exact method, second by second.
+        progress: shows progress of the exact method, section by section.
 
     Raises:
         InputError: an option is not one of those.
@@ -59,7 +59,7 @@ def simulate(
     """
     _check(arm, motion, method, rate)
     time, sets = sample_times(motion, rate), arm.sets
-    grid = panels(motion, time[-1], step)
+    grid = panels(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
     if method == "fast":
         solution = _over_sets(arm, sets, motion, loads, time, grid, elastic_belts)
     elif sets:
@@ -67,6 +67,7 @@ def simulate(
     else:
         solution = _exact(arm, motion, loads, time, grid, rtol, elastic_belts, progress)
         time = time[: solution.y.shape[1]]
+    _refuse_collapse(motion, solution.displacement)
     gathered = _gathered(arm, loads, 1 + len(sets), elastic_belts)
     path = solution.path[(..., *(0,) * len(sets))]
     return Response(
@@ -132,6 +133,11 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
     return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
 
 
+def _concrete(arm: Arm) -> Arm:
+    """Return the arm as it is apart from being differentiated: the grid of time does not depend on it smoothly."""
+    return jax.lax.stop_gradient(arm)
+
+
 def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
     if method not in ("fast", "exact"):
         raise InputError(Problem("method", f"'{method}'", "fast or exact", "choose one"))
@@ -139,6 +145,15 @@ def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
         raise InputError(Problem("rate", f"{rate:g} samples a second", "1 to 1e6", "choose a rate as 500"))
     if not arm.points:
         raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
+
+
+def _refuse_collapse(motion: Motion, displacement: Array) -> None:
+    """Raise where there is no answer; under `jit` or `grad` it is NaN."""
+    if not isinstance(displacement, jax.core.Tracer) and not np.isfinite(np.asarray(displacement)).all():
+        raise ModelError(
+            f"no response to {motion.name}: the arm has no stable equilibrium somewhere along it; "
+            "check stiffnesses, masses and their units"
+        )
 
 
 @eqx.filter_jit
