@@ -38,7 +38,7 @@ from ident.vibrate.sag import sag, slope
 STEP = 0.015
 """Longest time step [s]: at 5 Hz the phase errs by 2e-6 rad in each radian, 16 Hz has four steps to a period."""
 ABSTRACT = 0.005
-"""Step for an arm whose numbers are not known yet [s]."""
+"""Step for an arm whose first frequency is not known [s]."""
 STAGES = 3
 """Stages of a step; the order is twice as high."""
 GAUSS = (np.polynomial.legendre.leggauss(STAGES)[0] + 1) / 2
@@ -116,7 +116,7 @@ def step_for(arm: Arm, motion: Motion) -> float:
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
     turning = [speed[names.index(drive.joint)] for drive in arm.drives]
     fastest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)
-    return min(0.1 / first, 1 / (3 * max(fastest, 1e-9)))
+    return min(0.1 / first if np.isfinite(first) else ABSTRACT, 1 / (3 * max(fastest, 1e-9)))
 
 
 @jit
@@ -206,7 +206,7 @@ def _slow(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, at: _
 
 def _shaking(
     machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array
-) -> Float[Array, "sn S"]:
+) -> Float[Array, "stages S"]:
     """Return f at the stages of each step, one above the other."""
     moving = jax.tree.map(lambda x: interpolate(x, at.stages[0]), slow.kinematics)
     told = command(machine, motion, start + h * at.in_steps)
@@ -219,7 +219,9 @@ def _shaking(
     return -jnp.concatenate([f[:, stage::STAGES] for stage in range(STAGES)])
 
 
-def _transitions(slow: _Slow, at: _Places, h: Array) -> tuple[Float[Array, "m sn 2n"], Float[Array, "m sn sn"]]:
+def _transitions(
+    slow: _Slow, at: _Places, h: Array
+) -> tuple[Float[Array, "m stages state"], Float[Array, "m stages stages"]]:
     """Return how the accelerations at the stages of a step follow from the state at its start, and from f.
 
     They are found for steps about the nodes; between, they change as slowly as M, D and K do.

@@ -35,12 +35,12 @@ class Panels(NamedTuple):
         steps: number S of steps of a panel.
     """
 
-    start: Float[np.ndarray, "P"]
-    step: Float[np.ndarray, "P"]
+    start: Float[Array | np.ndarray, "P"]
+    step: Float[Array | np.ndarray, "P"]
     steps: int
 
     @property
-    def nodes(self) -> Float[np.ndarray, "P m"]:
+    def nodes(self) -> Float[Array | np.ndarray, "P m"]:
         """Times of the nodes [s]."""
         return self.start[:, None] + (self.step * self.steps)[:, None] * NODE_PLACES
 

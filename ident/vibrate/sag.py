@@ -52,7 +52,7 @@ def _along(loads: Loads, rank: int) -> Loads:
     return Loads(lift(loads.payload, 1, rank), lift(loads.mass, 1, rank), lift(loads.force, 2, rank))
 
 
-def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "n n *batch"]:
+def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "k n *batch"]:
     """Return the Jacobian of a function of one flat vector, whose entries are independent over the batch."""
 
     def column(k: Array) -> Array:

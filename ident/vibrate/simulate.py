@@ -14,7 +14,7 @@ from ident.arm.chain import Loads
 from ident.errors import InputError, ModelError, Problem
 from ident.vibrate import exact, fast
 from ident.vibrate.kinematics import at_rest, bushings, command, deviations, pins, positions, straight_positions
-from ident.vibrate.machine import Machine, machine
+from ident.vibrate.machine import Machine, is_inexact, machine
 from ident.vibrate.motion import Motion
 from ident.vibrate.panels import NODES, Panels, Times, between_nodes, panels
 from ident.vibrate.response import Response
@@ -61,7 +61,7 @@ def simulate(
     time, sets = sample_times(motion, rate), arm.sets
     grid = panels(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
     if method == "fast":
-        solution = _over_sets(arm, sets, motion, loads, time, grid, elastic_belts)
+        solution = _over_sets(arm, sets, motion, loads, time, grid, elastic_belts, is_inexact(arm))
     elif sets:
         raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
     else:
@@ -87,26 +87,33 @@ class Solution(NamedTuple):
 
 @eqx.filter_jit
 def _over_sets(
-    arm: Arm, sets: tuple[int, ...], motion: Motion, loads: Loads | None, time: Times, grid: Panels, elastic: bool
+    arm: Arm,
+    sets: tuple[int, ...],
+    motion: Motion,
+    loads: Loads | None,
+    time: Times,
+    grid: Panels,
+    elastic: bool,
+    inexact: bool,
 ) -> Solution:
     """Solve for an arm of each of the sets `(*sets)`, one after another.
 
     One set fills a core better than several side by side, whose intermediate values do not fit its cache.
     """
+
+    def solve(arm: Arm) -> Solution:
+        gathered = machine(arm, loads, rank=1, elastic_belts=elastic, inexact=inexact)
+        solved = fast.integrate(arm, gathered, motion, grid, loads)
+        y, yd = solved.at(grid, time)
+        return Solution(y, yd, *_end_point(gathered, motion, grid, time, y, solved.rest))
+
     if not sets:
-        return _fast(arm, motion, loads, time, grid, elastic)
+        return solve(arm)
     batched = {path: arm.get(path) for path in arm.paths() if jnp.ndim(arm.get(path))}
     flat = {path: jnp.broadcast_to(value, sets).reshape(-1) for path, value in batched.items()}
     first = arm.replace({path: value[0] for path, value in flat.items()})
-    out = jax.lax.map(lambda values: _fast(first.replace(values), motion, loads, time, grid, elastic), flat)
+    out = jax.lax.map(lambda values: solve(first.replace(values)), flat)
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *sets)), out)
-
-
-def _fast(arm: Arm, motion: Motion, loads: Loads | None, time: Times, grid: Panels, elastic: bool) -> Solution:
-    gathered = machine(arm, loads, rank=1, elastic_belts=elastic)
-    solved = fast.integrate(arm, gathered, motion, grid, loads)
-    y, yd = solved.at(grid, time)
-    return Solution(y, yd, *_end_point(gathered, motion, grid, time, y, solved.rest))
 
 
 def _exact(
