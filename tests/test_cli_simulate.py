@@ -2,15 +2,13 @@
 
 import json
 import re
-import sys
 
-import arviz
 import numpy as np
 import pytest
 import xarray
-from arms import DATA, lcd_arm
+from arms import lcd_arm
+from commands import ARM, files, posterior
 
-from ident import cli
 from ident.cli import running
 from ident.measure import read_pulleys, read_trace
 from ident.vibrate.response import peak, rms, settling_time
@@ -18,31 +16,8 @@ from ident.vibrate.simulate import simulate
 from ident.vibrate.stroke import stroke
 from ident.vibrate.tension import belt_tension
 
-ARM = DATA / "lcd_arm" / "arm.toml"
 SHORT = ("--speed=200", "--dwell=0.5")
 NAME = "arm.extend-200"
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run ident in this process, in an empty folder; return exit code, output and error text."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["ident", *map(str, arguments)])
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
-
-
-def files(folder):
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
 @pytest.fixture(scope="module")
@@ -50,16 +25,6 @@ def direct():
     """The same motion, by the library."""
     motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
     return {method: simulate(lcd_arm(), motion, method=method) for method in ("fast", "exact")}
-
-
-def posterior(path, draws=12, **extra):
-    """Write draws about the arm's values, as `ident sample` does."""
-    rng = np.random.default_rng(3)
-    names = ("joint1.k_tors", "joint2.k_tors")
-    values = {name: float(lcd_arm().get(name)) * np.exp(0.1 * rng.normal(size=(2, draws))) for name in names}
-    data = arviz.from_dict(posterior=values | {"discrepancy.deflection": rng.normal(size=(2, draws))} | extra)
-    data.to_netcdf(str(path), engine="h5netcdf")
-    return values
 
 
 def test_csv_netcdf_summary_and_report_agree_with_simulate(run, tmp_path, direct):

@@ -10,6 +10,7 @@ from ident.cli import (  # noqa: F401  (each hangs its command on the app)
     plan,
     predict,
     profile,
+    resonance,
     sample,
     simulate,
     spectrum,
