@@ -3,6 +3,7 @@
 import json
 import re
 
+import arviz
 import numpy as np
 import pytest
 import xarray
