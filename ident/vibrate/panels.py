@@ -15,8 +15,8 @@ NODES = 6
 """Nodes of a panel: the slow quantities are polynomials of degree five in it."""
 NODE_PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2
 """The nodes within a panel, from 0 to 1."""
-TURN = 0.35
-"""Largest turn of a pin within a panel [rad]: polynomials of degree five follow its sine to 1e-7."""
+TURN = 0.8
+"""Largest turn of a pin within a panel [rad]: polynomials of degree five follow its sine to 1e-6."""
 JUMP = 1e-6
 """Jump of a derivative, against its largest value, that counts as one."""
 
