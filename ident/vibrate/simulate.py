@@ -59,13 +59,13 @@ def simulate(
     """
     _check(arm, motion, method, rate)
     time, sets = sample_times(motion, rate), arm.sets
-    grid = panels(motion, time[-1], step)
+    grid, told = panels(motion, time[-1], step), _nameless(motion)
     if method == "fast":
-        solution = _over_sets(arm, sets, motion, loads, time, grid, elastic_belts)
+        solution = _over_sets(arm, sets, told, loads, time, grid, elastic_belts)
     elif sets:
         raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
     else:
-        solution = _exact(arm, motion, loads, time, grid, rtol, elastic_belts, progress)
+        solution = _exact(arm, told, loads, time, grid, rtol, elastic_belts, progress)
         time = time[: solution.y.shape[1]]
     gathered = _gathered(arm, loads, 1 + len(sets), elastic_belts)
     path = solution.path[(..., *(0,) * len(sets))]
@@ -130,6 +130,11 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
     """Return uniform times from the first break of a motion to the last [s]."""
     start, end = float(motion.breaks[0]), float(motion.breaks[-1])
     return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
+
+
+def _nameless(motion: Motion) -> Motion:
+    """Return the motion without name and arrival, for which the solvers would be compiled anew."""
+    return Motion("", motion.breaks, motion.coefficients, arrival=float(motion.breaks[0]))
 
 
 def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
