@@ -165,9 +165,7 @@ def _slow(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, at: _
     return jax.tree.map(lambda x: jnp.moveaxis(by_panel(x), -2, 0), slow)
 
 
-def _shaking(
-    machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array
-) -> Float[Array, "2n S"]:
+def _shaking(machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array) -> Float[Array, "d S"]:
     """Return f at both stages of each step, one above the other."""
     moving = jax.tree.map(lambda x: interpolate(x, at.stages[0]), slow.kinematics)
     told = command(machine, motion, start + h * at.in_steps)
@@ -180,7 +178,7 @@ def _shaking(
     return -jnp.concatenate([f[:, stage::2] for stage in range(2)])
 
 
-def _transitions(slow: _Slow, at: _Places, h: Array) -> tuple[Float[Array, "m 2n 2n"], Float[Array, "m 2n 2n"]]:
+def _transitions(slow: _Slow, at: _Places, h: Array) -> tuple[Float[Array, "m d d"], Float[Array, "m d d"]]:
     """Return how the accelerations at both stages of a step follow from the state at its start, and from f.
 
     They are found for steps about the nodes; between, they change as slowly as M, D and K do.
