@@ -104,7 +104,7 @@ def path_figure(response: Response, shown: Outline) -> Figure:
     return figure
 
 
-def motion_animation(response: Response, shown: Outline, *, fps: float = 10.0, dpi: float = 60.0) -> FuncAnimation:
+def motion_animation(response: Response, shown: Outline, *, fps: float = 10.0, dpi: float = 64.0) -> FuncAnimation:
     """Return the moving, vibrating arm as an animation in two views, one picture for each moment of the outline.
 
     The title tells how much slower than the arm the pictures follow each other.
@@ -113,7 +113,7 @@ def motion_animation(response: Response, shown: Outline, *, fps: float = 10.0, d
         response: of one set, for the name of its motion and for the vibration that is written.
         shown: the arm at equally spaced moments.
         fps: pictures a second.
-        dpi: pixels an inch, of 8 inches; a picture takes some 15 kB at 60.
+        dpi: pixels an inch; at 64 a picture takes some 20 kB.
     """
     figure, panels = _panels(np.concatenate([shown.rest.reshape(3, -1), shown.drawn.reshape(3, -1)], 1))
     figure.set_dpi(dpi)
