@@ -1,8 +1,10 @@
 """Double precision, run-time checks of shapes and types, and a compilation cache for every test."""
 
 import os
+import sys
 import tempfile
 
+import pytest
 from jaxtyping import install_import_hook
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
@@ -14,4 +16,24 @@ install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 
 import jax  # noqa: E402
 
+from ident import cli  # noqa: E402
+
 jax.config.update("jax_enable_x64", True)
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run ident in this process, in an empty folder; return exit code, output and error text."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["ident", *map(str, arguments)])
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call

@@ -4,7 +4,17 @@ import sys
 
 import typer
 
-from ident.cli import check, fit, plan, predict, profile, sample  # noqa: F401  (each hangs its command on the app)
+from ident.cli import (  # noqa: F401  (each hangs its command on the app)
+    check,
+    fit,
+    plan,
+    predict,
+    profile,
+    resonance,
+    sample,
+    simulate,
+    spectrum,
+)
 from ident.cli.app import app
 from ident.errors import IdentError, InputError
 

@@ -1,7 +1,8 @@
 """Arguments and options that several commands take, and how their texts are read."""
 
-from collections.abc import Mapping
-from math import inf, isfinite
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import inf, isfinite, radians
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -12,8 +13,10 @@ from ident.errors import InputError, Problem
 T = TypeVar("T")
 UNRECORDED = ("campaign", "arm", "out", "no_prior", "no_figure", "restart")
 """Options that say where things are or what is shown, not what is computed; inputs are recorded by their hashes."""
-REPEATED = ("fix", "tie", "free", "prior", "discrepancy", "parameter", "noise", "load", "sigma", "cost")
+REPEATED = ("fix", "tie", "free", "prior", "discrepancy", "parameter", "noise", "load", "sigma", "cost", "change")
 """Options that may be given several times."""
+NOT_NEGATIVE = ("mass", "k_bend", "k_tors", "tau_bend", "tau_tors")
+"""Fields that `--set` refuses to make negative."""
 StartsOption = Annotated[int, typer.Option(min=1, help="starts of the fit, at least")]
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
 ArmOption = Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the campaign")]
@@ -49,14 +52,26 @@ DiscrepancyOption = Annotated[
         "as deflection:0.1 (10 %); may be repeated"
     ),
 ]
+ArmArgument = Annotated[Path, typer.Argument(help="arm description, a TOML file (data/README.md)")]
+LoadOption = Annotated[str, typer.Option(help="load case, as 'glass' or '5 kg @ tip'")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="number to change, in SI, as link2.mass=30 (inertia stays as it is); may be repeated"),
+]
 TrustOption = Annotated[bool, typer.Option("--trust-values", help="accept values that look implausible")]
 
 
 def asked(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return a command's options as its result file records them; `given` are the command's `locals()` at its start."""
-    record = {name: value for name, value in given.items() if name not in UNRECORDED}
-    record |= {name: list(record[name] or ()) for name in REPEATED if name in record}
-    return record | {"prior_sd": None if given["no_prior"] else given["prior_sd"]}
+    return recorded(given) | {"prior_sd": None if given["no_prior"] else given["prior_sd"]}
+
+
+def recorded(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a command that poses no inverse problem as its result file records them."""
+    record = {name: value for name, value in given.items() if name not in UNRECORDED and not isinstance(value, Path)}
+    return record | {
+        name: list(record[name] or ()) for name in REPEATED if name in record and not isinstance(record[name], str)
+    }
 
 
 def unknowns(asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,6 +104,52 @@ def numbers(texts: list[str] | None, option: str) -> dict[str, float]:
     """Read options of the form NAME=NUMBER."""
     pairs = (_named(text, f"{option} {text}") for text in texts or ())
     return {name: number(value, f"{option} {name}={value}") for name, value in pairs}
+
+
+def assignments(texts: list[str] | None) -> dict[str, float]:
+    """Read `--set PATH=VALUE`; a number that cannot be negative is refused."""
+    found = numbers(texts, "--set")
+    for path, value in found.items():
+        if path.split(".")[1:2] and path.split(".")[1] in NOT_NEGATIVE and value < 0:
+            raise InputError(Problem(f"--set {path}={value:g}", f"{value:g}", "a value >= 0", "correct it"))
+    return found
+
+
+def posture(text: str) -> tuple[float, ...]:
+    """Read joint angles in degrees, as `30,-60,30`, into radians."""
+    return tuple(radians(number(part, f"--posture {text}")) for part in text.split(","))
+
+
+def several(text: str, option: str) -> tuple[float, ...]:
+    """Read numbers with commas between."""
+    return tuple(number(part, f"{option} {text}") for part in text.split(","))
+
+
+def frequency_band(text: str, option: str) -> tuple[float, float]:
+    """Read a band of frequencies LOW:HIGH [Hz]."""
+    parts = [number(part, f"{option} {text}") for part in text.split(":")]
+    if len(parts) != 2 or not 0 <= parts[0] < parts[1]:
+        raise InputError(Problem(f"{option} {text}", "no band", "LOW:HIGH in Hz, 0 <= LOW < HIGH", "as 4:8"))
+    return parts[0], parts[1]
+
+
+def check_positive(value: float | None, option: str) -> None:
+    """Refuse a number that is not above zero, or not finite."""
+    if value is not None and not 0 < value < inf:
+        raise InputError(Problem(option, f"{value:g}", "a number above 0", "correct it"))
+
+
+def renamed(names: Mapping[str, str], function: Callable[..., T], *arguments: Any, **named: Any) -> T:
+    """Call a function; its complaints about arguments speak of the options that `names` gives for them."""
+    try:
+        return function(*arguments, **named)
+    except InputError as error:
+        raise InputError(_renamed(names, problem) for problem in error.problems) from None
+
+
+def _renamed(names: Mapping[str, str], problem: Problem) -> Problem:
+    option = names.get(problem.column or problem.where)
+    return replace(problem, where=option, column="") if option else problem
 
 
 def _once(option: str, pairs: list[tuple[str, T]]) -> dict[str, T]:

@@ -22,7 +22,7 @@ def inference_data(
     """Return draws, simulated data, observed data and sampler statistics, with where they come from; all SI.
 
     Every walker is a chain, as ArviZ has it for emcee; `ensemble` and `optimum` say where a chain belongs. Burn-in is
-    left out.
+    left out. A variable's attribute `paths` has the paths of the numbers that it stands for: several where tied.
 
     Args:
         sample: the draws.
@@ -45,6 +45,8 @@ def inference_data(
         dims={"data": ["measurement"], "predicted": ["measurement"]},
         attrs={name: json.dumps(part) for name, part in provenance.items()},
     )
+    for item in sample.posterior.parameters.items:
+        data.posterior[item.name].attrs["paths"] = json.dumps(item.paths)
     data.sample_stats["ensemble"] = ("chain", chain)
     data.sample_stats["optimum"] = ("chain", np.array(sample.basin)[chain])
     data.sample_stats["acceptance"] = ("chain", sample.acceptance[chain])

@@ -92,6 +92,21 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     )
 
 
+def loads_of(arm: Arm, load: Load) -> Loads:
+    """Return a load case as the arm's equations need it, without batch.
+
+    Raises:
+        InputError: a payload or point that the arm has not.
+    """
+    posture = (0.0,) * len(arm.driven)
+    asked = Measurement(kind="frequency", posture=posture, load=load, value=1.0, sigma=1.0)
+    problems = [problem for problem in _misfits(arm, asked) if problem.column == "load"]
+    if problems:
+        raise InputError(problems)
+    bound = _loads(arm, [load])
+    return Loads(bound.payload[:, 0], bound.mass[:, 0], bound.force[:, :, 0])
+
+
 def _modal(campaign: Campaign, kind: str, states: dict[tuple[tuple[float, ...], Load], int]) -> Modal:
     found = [(i, m, states[m.posture, m.load]) for i, m in enumerate(campaign) if m.kind == kind]
     labels = [parse_label(m.mode) if m.mode else None for _, m, _ in found]

@@ -4,6 +4,7 @@ from ident.measure.campaign import KINDS, Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.load import OWN_WEIGHT, Load, parse_direction
 from ident.measure.log import Log, parse_log, read_log
+from ident.measure.pulleys import Pulley, read_pulleys
 from ident.measure.reading import parse_campaign, read_campaign
 from ident.measure.trace import Trace, parse_trace, read_trace
 from ident.measure.units import NMM_PER_DEG, stiffness_from_nmm_per_deg, stiffness_to_nmm_per_deg, to_si
@@ -18,6 +19,7 @@ __all__ = [
     "Load",
     "Log",
     "Measurement",
+    "Pulley",
     "Trace",
     "format_campaign",
     "parse_campaign",
@@ -26,6 +28,7 @@ __all__ = [
     "parse_trace",
     "read_campaign",
     "read_log",
+    "read_pulleys",
     "read_trace",
     "stiffness_from_nmm_per_deg",
     "stiffness_to_nmm_per_deg",

@@ -16,8 +16,8 @@ from ident.present.words import cut
 from ident.vibrate.spectrogram import Spectrogram
 from ident.vibrate.spectrum import Spectrum
 
-MM = 1e3
-"""mm in a metre."""
+UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
+"""Unit in which each kind of trace is drawn, and how many there are in the SI unit."""
 PANEL = (8.0, 2.5)
 """Width and height of a panel [inch]."""
 LETTER, LINE = 0.068, 12.0
@@ -43,14 +43,18 @@ def spectrum_figure(
     marks: Mapping[str, float] | None = None,
     *,
     upto: float = 20.0,
+    kind: str = "displacement",
+    remarks: Sequence[str] = (),
 ) -> Figure:
-    """Draw amplitude spectra of displacements, a panel for each direction.
+    """Draw amplitude spectra of displacements or accelerations, a panel for each direction.
 
     Args:
         series: spectra by name, of amplitudes (F, directions) [m], or (F,) [m] for a single direction.
         directions: names of the panels, in the order of the amplitudes' columns.
         marks: frequencies [Hz] by name, drawn as thin lines; those beyond the axis are named below.
         upto: [Hz] right end of the axis.
+        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+        remarks: further lines below the panels.
 
     Raises:
         InputError: there is no spectrum, or one has not a column for each direction.
@@ -59,18 +63,19 @@ def spectrum_figure(
     if problems:
         raise InputError(problems)
     flags = _rows_of_flags({name: f for name, f in (marks or {}).items() if f <= upto}, upto)
-    notes = [*_descriptions(series), *_beyond(marks or {}, upto)]
+    notes = [*_descriptions(series), *_beyond(marks or {}, upto), *remarks]
     above = LINE / 72 * (1 + max((row for _, _, row in flags), default=-1))
     height = PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
     figure = Figure(figsize=(PANEL[0], height), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
     figure.suptitle("Amplitude spectrum", fontsize=12, fontweight="bold")
     grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
     for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
-        _spectra(axes, series, i, upto)
-        axes.set_ylabel(f"{cut(direction, 20)}: amplitude, 0-peak [mm]", fontsize=9, parse_math=False)
+        _spectra(axes, series, i, upto, UNITS[kind][0])
+        axes.set_ylabel(f"{cut(direction, 20)}: amplitude, 0-peak [{UNITS[kind][1]}]", fontsize=9, parse_math=False)
         _flags(axes, flags, labelled=i == 0)
     grid[-1].set_xlabel("frequency [Hz]", fontsize=9)
     handles = [Line2D([], [], label=cut(name, 40), **s) for name, s in zip(series, cycle(SERIES), strict=False)]
+    figure.align_ylabels(grid)
     _key(figure, handles, notes)
     return figure
 
@@ -82,15 +87,17 @@ def spectrogram_figure(
     title: str = "Spectrogram",
     upto: float = 20.0,
     decibel: bool = False,
+    kind: str = "displacement",
 ) -> Figure:
-    """Draw the amplitude of a displacement over time and frequency, with lines such as a pulley's frequency.
+    """Draw the amplitude of a trace over time and frequency, with lines such as a pulley's frequency.
 
     Args:
         spectrogram: of one trace, amplitudes (F, B) [m].
         lines: times [s] and frequencies [Hz] by name; NaN interrupts a line.
         title: heading, such as which direction of which motion.
         upto: [Hz] upper end of the axis.
-        decibel: colours by 20 log10(amplitude / 1 mm), down to 60 dB below the largest, instead of mm.
+        decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
+        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
 
     Raises:
         InputError: the spectrogram is one of several traces.
@@ -101,7 +108,7 @@ def spectrogram_figure(
     figure = Figure(figsize=(PANEL[0], 4.9), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
     figure.suptitle(cut(title, 70), parse_math=False, fontsize=12, fontweight="bold")
     axes = figure.subplots()
-    _colours(figure, axes, spectrogram, upto, decibel)
+    _colours(figure, axes, spectrogram, upto, decibel, *UNITS[kind])
     handles = [_line(axes, *drawn) for drawn in zip((lines or {}).items(), cycle(LINES), strict=False)]
     half = 0.5 / spectrogram.resolution
     axes.set_xlim(spectrogram.time[0] - half, spectrogram.time[-1] + half)
@@ -112,11 +119,11 @@ def spectrogram_figure(
     return figure
 
 
-def _spectra(axes: Axes, series: Mapping[str, Spectrum], column: int, upto: float) -> None:
+def _spectra(axes: Axes, series: Mapping[str, Spectrum], column: int, upto: float, factor: float) -> None:
     """Draw one direction of each spectrum, the axis from zero to what is seen."""
     top = 0.0
     for spectrum, style in zip(series.values(), cycle(SERIES), strict=False):
-        amplitude = MM * spectrum.amplitude.reshape(len(spectrum.frequency), -1)[:, column]
+        amplitude = factor * spectrum.amplitude.reshape(len(spectrum.frequency), -1)[:, column]
         axes.plot(spectrum.frequency, amplitude, **style)
         top = max(top, float(amplitude[spectrum.frequency <= upto].max()))
     plain(axes)
@@ -164,14 +171,16 @@ def _flags(axes: Axes, flags: Sequence[tuple[str, float, int]], *, labelled: boo
             )
 
 
-def _colours(figure: Figure, axes: Axes, spectrogram: Spectrogram, upto: float, decibel: bool) -> None:
+def _colours(
+    figure: Figure, axes: Axes, spectrogram: Spectrogram, upto: float, decibel: bool, factor: float, unit: str
+) -> None:
     """Draw the amplitudes, a cell about each bin and segment, and the bar that tells them."""
     inside = spectrogram.frequency <= upto + spectrogram.resolution
-    shown = MM * spectrogram.amplitude[inside]
-    top, bottom, unit = float(shown.max()), 0.0, "mm"
+    shown = factor * spectrogram.amplitude[inside]
+    top, bottom = float(shown.max()), 0.0
     if decibel:
         shown = 20 * np.log10(np.maximum(shown, np.finfo(float).tiny))
-        top, unit = float(shown.max()), "dB re 1 mm"
+        top, unit = float(shown.max()), f"dB re 1 {unit}"
         bottom = top + FLOOR
     times = np.append(spectrogram.time, spectrogram.time[-1] + spectrogram.step) - spectrogram.step / 2
     frequencies = np.append(spectrogram.frequency[inside], 0.0) - spectrogram.resolution / 2

@@ -7,7 +7,7 @@ With y = y_r(t) + x, y_r the equilibrium at the posture of the moment:
 M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning
 masses; f has them all, and the kinematic error to first order. What is left out is of second order in x and in what
 shakes. Whatever follows the posture alone is smooth and interpolated within each panel of time, the method's transition
-matrices too. The method is Gauss's of order four, which follows slow modes closely and stays stable for fast ones.
+matrices too. The method is Gauss's of order six, which follows slow modes closely and stays stable for fast ones.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
@@ -23,47 +23,66 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads
+from ident.arm.chain import Loads, hold
 from ident.arm.linalg import solve_unpivoted
+from ident.arm.modes import natural_frequencies
 from ident.arm.rotations import identity, matvec
+from ident.jit import jit
 from ident.vibrate.dynamics import equations, imbalance, residual, residual_of
 from ident.vibrate.kinematics import Kinematics, Turning, bushings, command, deviations, inexactness, kinematics, pins
-from ident.vibrate.machine import Machine, balanced
+from ident.vibrate.machine import Machine, balanced, may_differ_from_zero
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import NODE_PLACES, NODES, Panels, interpolate, joined, weights
+from ident.vibrate.panels import NODE_PLACES, NODES, Panels, Times, basis, between_nodes, evaluate, interpolate, weights
 from ident.vibrate.sag import sag, slope
 
-STEP = 0.005
-"""Longest time step [s]: at 5 Hz the phase lags by 1e-6 of a turn in each period."""
-GAUSS = np.array([0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6])
-"""Stages within a step."""
-A = np.array([[0.25, 0.25 - np.sqrt(3) / 6], [0.25 + np.sqrt(3) / 6, 0.25]])
-"""Weights of the stages' rates for the stages."""
-B = np.array([0.5, 0.5])
-"""Weights of the stages' rates for the step."""
+STEP = 0.015
+"""Longest time step [s]: at 5 Hz the phase errs by 2e-6 rad in each radian, 16 Hz has four steps to a period."""
+ABSTRACT = 0.005
+"""Step for an arm whose first frequency is not known [s]."""
+STAGES = 3
+"""Stages of a step; the order is twice as high."""
+GAUSS = (np.polynomial.legendre.leggauss(STAGES)[0] + 1) / 2
+"""The stages within a step, from 0 to 1."""
+ONCE, TWICE = ([p.integ(k) for p in basis(GAUSS)] for k in (1, 2))
+"""Rate and place within a step by the stages' accelerations; h and h^2 are factors."""
+A, B = np.array([[p(c) for p in ONCE] for c in GAUSS]), np.array([p(1.0) for p in ONCE])
+A2, B2 = A @ A, B @ A
+"""The same, of the method for first-order equations applied twice: unlike TWICE at the stages it is always stable."""
 
 
 class Fast(NamedTuple):
-    """A solution of the linearised equations at the ends of the steps.
+    """A solution of the linearised equations, step by step.
 
     Attributes:
-        y: (n, E) coordinates, see `kinematics`.
-        yd: (n, E) their rates [1/s]
+        x: (P, S, n) deviation from rest at the start of each step [rad]
+        v: (P, S, n) its rate [1/s]
+        a: (P, S, STAGES, n) its acceleration at the stages of each step [1/s^2]
         rest: (P, n, m) coordinates at rest, at the nodes of the panels.
     """
 
-    y: Float[Array, "n E"]
-    yd: Float[Array, "n E"]
+    x: Float[Array, "P S n"]
+    v: Float[Array, "P S n"]
+    a: Float[Array, "P S stages n"]
     rest: Float[Array, "P n m"]
+
+    def at(self, grid: Panels, time: Times) -> tuple[Float[Array, "n T"], Float[Array, "n T"]]:
+        """Return the coordinates at any times of the panels, and their rates."""
+        k, s, place, h = grid.steps_of(time)
+        x, v, a = self.x[k, s], self.v[k, s], self.a[k, s]
+        once, twice = (evaluate(integral, place)[:, :, None] for integral in (ONCE, TWICE))
+        h = h[:, None]
+        x, v = x + h * place[:, None] * v + h**2 * (twice * a).sum(1), v + h * (once * a).sum(1)
+        rest, rate = between_nodes(grid, self.rest, time)
+        return rest + x.T, rate + v.T
 
 
 class _Places(NamedTuple):
-    """Weights of the nodes for stages, ends and middles of a panel's S steps, and for stages of steps about nodes."""
+    """Weights of the nodes for stages and middles of a panel's S steps, for its edges and for steps about nodes."""
 
     in_steps: np.ndarray
     stages: tuple[np.ndarray, ...]
     nodes: tuple[np.ndarray, ...]
-    ends: tuple[np.ndarray, ...]
+    edges: np.ndarray
     middles: np.ndarray
     about_nodes: list[np.ndarray]
 
@@ -74,10 +93,35 @@ def _places(S: int) -> _Places:
         in_steps=in_steps,
         stages=weights(in_steps / S),
         nodes=weights(NODE_PLACES),
-        ends=weights(np.arange(S + 1) / S)[:2],
+        edges=weights(np.array([0.0, 1.0]))[1],
         middles=weights((np.arange(S) + 0.5) / S)[0],
         about_nodes=[weights(NODE_PLACES + (place - 0.5) / S)[0] for place in GAUSS],
     )
+
+
+def step_for(arm: Arm, motion: Motion) -> float:
+    """Return a step [s] at which the method errs less than the linearisation does.
+
+    Ten to a period of the first mode at the start, and three to one of the fastest excitation: the turning masses, or
+    the kinematic error at twice their frequency. Of an arm that is traced by `jit`, nothing of that is known: ABSTRACT.
+    """
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
+        return ABSTRACT
+    start = motion(jnp.asarray(motion.breaks[:1]))[0].reshape((-1,) + (1,) * len(arm.sets))
+    first = float(jnp.median(_first_frequency(arm, start)))
+    times = np.linspace(float(motion.breaks[0]), float(motion.breaks[-1]), 2000)
+    speed = np.abs(np.asarray(motion(times)[1])).max(1) / (2 * np.pi)
+    names = [joint.name for joint in arm.driven]
+    orders = [1 + may_differ_from_zero(drive.error) for drive in arm.drives]
+    ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
+    turning = [speed[names.index(drive.joint)] for drive in arm.drives]
+    fastest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)
+    return min(0.1 / first if np.isfinite(first) else ABSTRACT, 1 / (3 * max(fastest, 1e-9)))
+
+
+@jit
+def _first_frequency(arm: Arm, posture: Array) -> Array:
+    return natural_frequencies(hold(arm, posture), 1)
 
 
 def integrate(arm: Arm, machine: Machine, motion: Motion, grid: Panels, loads: Loads | None = None) -> Fast:
@@ -94,33 +138,28 @@ def integrate(arm: Arm, machine: Machine, motion: Motion, grid: Panels, loads: L
 
     def panel(state: tuple[Array, Array, Array], given: tuple[Array, Array, _Slow]) -> tuple[tuple, tuple]:
         (x, v, seam), (start, h, slow) = state, given
-        length = h * grid.steps
-        line, line_rate = (interpolate(slow.rest, W) / length**k for k, W in enumerate(at.ends))
+        begin, end = (interpolate(slow.rest, at.edges) / (h * grid.steps)).T
         gain, yields = _transitions(slow, at, h)
         f = _shaking(machine, motion, slow, at, start, h)
         own = ((yields @ f) * at.middles[:, None]).sum(0)
-        v = v + jnp.where(start == first, 0.0, seam - line_rate[:, 0])
-        _, (xs, vs) = jax.lax.scan(partial(_step, gain, h), (x, v), (at.middles.T, own.T))
-        whole = (jnp.concatenate([begin[None], rest]).T for begin, rest in ((x, xs), (v, vs)))
-        return (xs[-1], vs[-1], line_rate[:, -1]), (*whole, line, line_rate)
+        v = v + jnp.where(start == first, 0.0, seam - begin)
+        (x, v), steps = jax.lax.scan(partial(_step, gain, h), (x, v), (at.middles.T, own.T))
+        return (x, v, end), steps
 
     none = jnp.zeros(machine.size)
     slow = _slow(arm, machine, motion, loads, at, grid)
-    _, parts = jax.lax.scan(panel, (none, none, none), (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
-    x, v, line, line_rate = (jax.vmap(joined, in_axes=1)(part) for part in parts)
-    return Fast(line + x, line_rate + v, slow.rest)
+    _, steps = jax.lax.scan(panel, (none, none, none), (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
+    x, v, a = steps
+    return Fast(x, v, a, slow.rest)
 
 
 def _step(
     gain: Array, h: Array, state: tuple[Array, Array], step: tuple[Array, Array]
-) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
     """Advance x and dx/dt by one step; the gain at its middle is a weighted sum of those at the nodes."""
     (x, v), (share, own) = state, step
-    a = share @ (gain @ jnp.concatenate([x, v])) + own
-    one, other = jnp.split(a, 2)
-    late = B @ A
-    state = x + h * v + h * h * (late[0] * one + late[1] * other), v + h * (B[0] * one + B[1] * other)
-    return state, state
+    a = (share @ (gain @ jnp.concatenate([x, v])) + own).reshape((STAGES, -1))
+    return (x + h * v + h * h * (B2 @ a), v + h * (B @ a)), (x, v, a)
 
 
 class _Slow(NamedTuple):
@@ -165,8 +204,10 @@ def _slow(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, at: _
     return jax.tree.map(lambda x: jnp.moveaxis(by_panel(x), -2, 0), slow)
 
 
-def _shaking(machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array) -> Float[Array, "d S"]:
-    """Return f at both stages of each step, one above the other."""
+def _shaking(
+    machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array
+) -> Float[Array, "stages S"]:
+    """Return f at the stages of each step, one above the other."""
     moving = jax.tree.map(lambda x: interpolate(x, at.stages[0]), slow.kinematics)
     told = command(machine, motion, start + h * at.in_steps)
     line = [interpolate(slow.rest, W) / (h * len(at.middles.T)) ** k for k, W in enumerate(at.stages)]
@@ -175,20 +216,22 @@ def _shaking(machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: 
     f = interpolate(slow.residual, at.stages[0]) + turned
     for by_pin, deviation in zip(slow.by_pin, inexactness(machine, turning), strict=False):
         f = f + matvec(interpolate(by_pin, at.stages[0]), deviation)
-    return -jnp.concatenate([f[:, stage::2] for stage in range(2)])
+    return -jnp.concatenate([f[:, stage::STAGES] for stage in range(STAGES)])
 
 
-def _transitions(slow: _Slow, at: _Places, h: Array) -> tuple[Float[Array, "m d d"], Float[Array, "m d d"]]:
-    """Return how the accelerations at both stages of a step follow from the state at its start, and from f.
+def _transitions(
+    slow: _Slow, at: _Places, h: Array
+) -> tuple[Float[Array, "m stages state"], Float[Array, "m stages stages"]]:
+    """Return how the accelerations at the stages of a step follow from the state at its start, and from f.
 
     They are found for steps about the nodes; between, they change as slowly as M, D and K do.
     """
     rows, known = [], []
     for i, W in enumerate(at.about_nodes):
         m, d, k = (interpolate(X, W) for X in (slow.M, slow.D, slow.K))
-        rows.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * (A @ A)[i, j] * k for j in range(2)])
+        rows.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * A2[i, j] * k for j in range(STAGES)])
         known.append([-k, -d - h * GAUSS[i] * k])
     left, right = (jnp.concatenate([jnp.concatenate(row, 1) for row in part], 0) for part in (rows, known))
     unit = jnp.broadcast_to(identity(left.shape[0], left.ndim - 2), left.shape)
     solved = jnp.moveaxis(solve_unpivoted(left, jnp.concatenate([right, unit], 1)), -1, 0)
-    return solved[:, :, : left.shape[0]], solved[:, :, left.shape[0] :]
+    return solved[:, :, : right.shape[1]], solved[:, :, right.shape[1] :]

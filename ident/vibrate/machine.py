@@ -126,7 +126,14 @@ class Machine(eqx.Module):
         return 3 * self.joints + len(self.loose)
 
 
-def machine(arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belts: bool = False) -> Machine:
+def is_inexact(arm: Arm) -> bool:
+    """Tell whether some drive may have a kinematic error."""
+    return any(may_differ_from_zero(drive.error) for drive in arm.drives)
+
+
+def machine(
+    arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belts: bool = False, inexact: bool | None = None
+) -> Machine:
     """Gather an arm under a load.
 
     Args:
@@ -134,6 +141,7 @@ def machine(arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belt
         loads: the load case; its own weight when None.
         rank: number of batch axes of the times and states that will be asked for, in which those sets come last.
         elastic_belts: whether belts stretch.
+        inexact: whether some drive may have a kinematic error; asked of the arm's numbers when None.
 
     Raises:
         ModelError: the arm has more batch axes than `rank`.
@@ -160,7 +168,7 @@ def machine(arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belt
         carrier=tuple(names.index(point.joint) for point in arm.points),
         driven=tuple(n for n, joint in enumerate(arm.joints) if joint.driven),
         elastic=elastic_belts and bool(arm.belts),
-        inexact=any(_may_differ_from_zero(drive.error) for drive in arm.drives),
+        inexact=is_inexact(arm) if inexact is None else inexact,
     )
 
 
@@ -231,7 +239,8 @@ def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
     )
 
 
-def _may_differ_from_zero(number: Array) -> bool:
+def may_differ_from_zero(number: Array) -> bool:
+    """Tell whether a number may be other than zero; under `jit` or `grad` any may."""
     return isinstance(number, jax.core.Tracer) or bool(np.any(np.asarray(number) != 0))
 
 

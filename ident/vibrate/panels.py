@@ -20,6 +20,9 @@ TURN = 0.35
 JUMP = 1e-6
 """Jump of a derivative, against its largest value, that counts as one."""
 
+SHORTEST = 1e-9
+"""Time [s] within which a jump counts as at the edge."""
+
 Times = Float[Array | np.ndarray, "T"]
 
 
@@ -41,10 +44,13 @@ class Panels(NamedTuple):
         """Times of the nodes [s]."""
         return self.start[:, None] + (self.step * self.steps)[:, None] * NODE_PLACES
 
-    @property
-    def ends(self) -> Float[Array | np.ndarray, "P ends"]:
-        """Ends of all steps of each panel, its start first [s]."""
-        return self.start[:, None] + self.step[:, None] * np.arange(self.steps + 1)
+    def steps_of(self, time: Times) -> tuple[Array, Array, Array, Array]:
+        """Return for each time its panel, its step there, its place in that from 0 to 1, and the step's length [s]."""
+        panel = jnp.clip(jnp.searchsorted(self.start, time, side="right") - 1, 0, len(self.start) - 1)
+        h = jnp.asarray(self.step)[panel]
+        count = (time - jnp.asarray(self.start)[panel]) / h
+        step = jnp.clip(jnp.floor(count).astype(int), 0, self.steps - 1)
+        return panel, step, jnp.asarray(count - step), h
 
 
 def panels(motion: Motion, end: float, step: float) -> Panels:
@@ -56,7 +62,9 @@ def panels(motion: Motion, end: float, step: float) -> Panels:
         step: longest step [s].
     """
     jumps = _jumps(motion)
-    edges = np.unique(np.concatenate([[float(motion.breaks[0]), end], jumps[jumps < end]]))
+    first = float(motion.breaks[0])
+    within = jumps[(jumps > first + SHORTEST) & (jumps < end - SHORTEST)]
+    edges = np.concatenate([[first], within, [end]])
     speed = np.abs(np.asarray(motion(np.linspace(edges[0], end, 1000))[1])).max()
     longest = min(TURN / max(speed, 1e-9), 200 * step)
     counts = [int(np.ceil((high - low) / longest - 1e-9)) for low, high in pairwise(edges)]
@@ -85,14 +93,23 @@ def _at_end(path: PPoly, k: int) -> np.ndarray:
     return np.polyval(path.c[:, k], path.x[k + 1] - path.x[k])
 
 
+def basis(places: np.ndarray) -> list[Polynomial]:
+    """Return the polynomials that are one at one of the places and zero at the others (Lagrange)."""
+    found = [Polynomial.fromroots(np.delete(places, n)) for n in range(len(places))]
+    return [p / p(place) for p, place in zip(found, places, strict=True)]
+
+
+def evaluate(polynomials: list[Polynomial], u: Array) -> Float[Array, "T polynomials"]:
+    """Return the values of polynomials at u."""
+    return jnp.stack([jnp.polyval(jnp.asarray(p.coef[::-1]), u) for p in polynomials], 1)
+
+
 def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the weights (NODES, places) by which values at the nodes give value, slope and curvature elsewhere.
 
     Places run from 0 to 1 over the panel; slope and curvature are by that coordinate.
     """
-    basis = [Polynomial.fromroots(np.delete(NODE_PLACES, k)) for k in range(NODES)]
-    basis = [p / p(x) for p, x in zip(basis, NODE_PLACES, strict=True)]
-    values, slopes, curvatures = (np.stack([p.deriv(k)(places) for p in basis]) for k in range(3))
+    values, slopes, curvatures = (np.stack([p.deriv(k)(places) for p in basis(NODE_PLACES)]) for k in range(3))
     return values, slopes, curvatures
 
 
@@ -101,28 +118,11 @@ def interpolate(x: Float[Array, "*rest m"], W: Float[np.ndarray, "m places"]) ->
     return jnp.tensordot(x, jnp.asarray(W), 1)
 
 
-def between_nodes(grid: Panels, x: Float[Array, "P c m"], time: Times) -> Float[Array, "c T"]:
-    """Return values at times within the panels by those at the nodes."""
-    k = jnp.clip(jnp.searchsorted(grid.start, time, side="right") - 1, 0, len(grid.start) - 1)
-    place = (time - grid.start[k]) / (grid.step * grid.steps)[k]
-    others = np.array([np.delete(NODE_PLACES, n) for n in range(NODES)])
-    W = jnp.prod((place[:, None, None] - others) / (NODE_PLACES[:, None] - others), -1)
-    return (x[k] * W[:, None]).sum(-1).T
-
-
-def resample(
-    ends: Float[Array, "E"], y: Float[Array, "n E"], yd: Float[Array, "n E"], time: Times
-) -> tuple[Array, Array]:
-    """Return values and rates at other times, (n, T) each, by cubic Hermite interpolation between the ends of steps."""
-    k = jnp.clip(jnp.searchsorted(ends, time, side="right") - 1, 0, len(ends) - 2)
-    h = ends[k + 1] - ends[k]
-    s = (time - ends[k]) / h
-    y0, d0, d1 = y[:, k], h * yd[:, k], h * yd[:, k + 1]
-    rise = y[:, k + 1] - y0
-    a, b = d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1
-    return y0 + s * (d0 + s * (b + s * a)), (d0 + s * (2 * b + s * 3 * a)) / h
-
-
-def joined(ends: Float[Array | np.ndarray, "P ends"]) -> Float[Array, "E"]:
-    """Put values at the ends of each panel's steps one after another; the last of one is the first of the next."""
-    return jnp.concatenate([ends[:1, 0], ends[:, 1:].ravel()])
+def between_nodes(
+    grid: Panels, x: Float[Array, "P c m"], time: Times
+) -> tuple[Float[Array, "c T"], Float[Array, "c T"]]:
+    """Return values at times within the panels by those at the nodes, and their rates."""
+    k, s, place, h = grid.steps_of(time)
+    u = (s + place) / grid.steps
+    value, slope = (evaluate([p.deriv(d) for p in basis(NODE_PLACES)], u)[:, None] for d in range(2))
+    return (x[k] * value).sum(-1).T, ((x[k] * slope).sum(-1) / (h * grid.steps)[:, None]).T

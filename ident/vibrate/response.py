@@ -107,6 +107,8 @@ def settling_time(response: Response, tolerance: float) -> Float[np.ndarray, "3 
     """
     time = np.asarray(response.time)
     late = time >= response.motion.arrival - 1e-9
+    if not late.any():
+        return np.full(response.vibration.shape[:1] + response.vibration.shape[2:], np.inf)
     beyond = np.abs(np.asarray(response.vibration)[:, late]) > tolerance
     last = beyond.shape[1] - 1 - np.argmax(beyond[:, ::-1], 1)
     after = np.append(time[late], np.inf)[last + 1] - response.motion.arrival

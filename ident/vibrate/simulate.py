@@ -11,12 +11,12 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.errors import InputError, Problem
+from ident.errors import InputError, ModelError, Problem
 from ident.vibrate import exact, fast
 from ident.vibrate.kinematics import at_rest, bushings, command, deviations, pins, positions, straight_positions
-from ident.vibrate.machine import Machine, machine
+from ident.vibrate.machine import Machine, is_inexact, machine
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import NODES, Panels, Times, between_nodes, joined, panels, resample
+from ident.vibrate.panels import NODES, Panels, Times, between_nodes, panels
 from ident.vibrate.response import Response
 from ident.vibrate.sag import sag_along
 
@@ -34,7 +34,7 @@ def simulate(
     method: str = "fast",
     elastic_belts: bool = False,
     rate: float = RATE,
-    step: float = fast.STEP,
+    step: float | None = None,
     rtol: float = 1e-7,
     progress: Progress = iter,
 ) -> Response:
@@ -49,9 +49,9 @@ def simulate(
         method: `fast`, linearised about the moving, sagging arm, or `exact`.
         elastic_belts: whether belts stretch; otherwise the pins follow the motors.
         rate: samples a second.
-        step: longest time step of the fast method [s].
+        step: longest time step of the fast method [s]; see `fast.step_for` when None.
         rtol: relative tolerance of the exact method.
-        progress: shows progress of the exact method, second by second.
+        progress: shows progress of the exact method, section by section.
 
     Raises:
         InputError: an option is not one of those.
@@ -59,14 +59,16 @@ def simulate(
     """
     _check(arm, motion, method, rate)
     time, sets = sample_times(motion, rate), arm.sets
-    grid, told = panels(motion, time[-1], step), _nameless(motion)
+    grid = panels(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
+    told = _nameless(motion)
     if method == "fast":
-        solution = _over_sets(arm, sets, told, loads, time, grid, elastic_belts)
+        solution = _over_sets(arm, sets, told, loads, time, grid, elastic_belts, is_inexact(arm))
     elif sets:
         raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
     else:
         solution = _exact(arm, told, loads, time, grid, rtol, elastic_belts, progress)
         time = time[: solution.y.shape[1]]
+    _refuse_collapse(motion, solution.displacement)
     gathered = _gathered(arm, loads, 1 + len(sets), elastic_belts)
     path = solution.path[(..., *(0,) * len(sets))]
     return Response(
@@ -86,26 +88,33 @@ class Solution(NamedTuple):
 
 @eqx.filter_jit
 def _over_sets(
-    arm: Arm, sets: tuple[int, ...], motion: Motion, loads: Loads | None, time: Times, grid: Panels, elastic: bool
+    arm: Arm,
+    sets: tuple[int, ...],
+    motion: Motion,
+    loads: Loads | None,
+    time: Times,
+    grid: Panels,
+    elastic: bool,
+    inexact: bool,
 ) -> Solution:
     """Solve for an arm of each of the sets `(*sets)`, one after another.
 
     One set fills a core better than several side by side, whose intermediate values do not fit its cache.
     """
+
+    def solve(arm: Arm) -> Solution:
+        gathered = machine(arm, loads, rank=1, elastic_belts=elastic, inexact=inexact)
+        solved = fast.integrate(arm, gathered, motion, grid, loads)
+        y, yd = solved.at(grid, time)
+        return Solution(y, yd, *_end_point(gathered, motion, grid, time, y, solved.rest))
+
     if not sets:
-        return _fast(arm, motion, loads, time, grid, elastic)
+        return solve(arm)
     batched = {path: arm.get(path) for path in arm.paths() if jnp.ndim(arm.get(path))}
     flat = {path: jnp.broadcast_to(value, sets).reshape(-1) for path, value in batched.items()}
     first = arm.replace({path: value[0] for path, value in flat.items()})
-    out = jax.lax.map(lambda values: _fast(first.replace(values), motion, loads, time, grid, elastic), flat)
+    out = jax.lax.map(lambda values: solve(first.replace(values)), flat)
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *sets)), out)
-
-
-def _fast(arm: Arm, motion: Motion, loads: Loads | None, time: Times, grid: Panels, elastic: bool) -> Solution:
-    gathered = machine(arm, loads, rank=1, elastic_belts=elastic)
-    solved = fast.integrate(arm, gathered, motion, grid, loads)
-    y, yd = resample(joined(grid.ends), solved.y, solved.yd, time)
-    return Solution(y, yd, *_end_point(gathered, motion, grid, time, y, solved.rest))
 
 
 def _exact(
@@ -120,7 +129,7 @@ def _exact(
 ) -> Solution:
     gathered = _gathered(arm, loads, 1, elastic)
     rest = sag_along(arm, gathered, motion, loads, grid)
-    first = between_nodes(grid, rest, time[:1])[:, 0]
+    first = between_nodes(grid, rest, time[:1])[0][:, 0]
     start = first, jnp.zeros_like(first)
     y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
     return Solution(y, yd, *_end_point(gathered, motion, grid, time[: y.shape[1]], y, rest))
@@ -130,6 +139,11 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
     """Return uniform times from the first break of a motion to the last [s]."""
     start, end = float(motion.breaks[0]), float(motion.breaks[-1])
     return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
+
+
+def _concrete(arm: Arm) -> Arm:
+    """Return the arm as it is apart from being differentiated: the grid of time does not depend on it smoothly."""
+    return jax.lax.stop_gradient(arm)
 
 
 def _nameless(motion: Motion) -> Motion:
@@ -144,6 +158,15 @@ def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
         raise InputError(Problem("rate", f"{rate:g} samples a second", "1 to 1e6", "choose a rate as 500"))
     if not arm.points:
         raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
+
+
+def _refuse_collapse(motion: Motion, displacement: Array) -> None:
+    """Raise where there is no answer; under `jit` or `grad` it is NaN."""
+    if not isinstance(displacement, jax.core.Tracer) and not np.isfinite(np.asarray(displacement)).all():
+        raise ModelError(
+            f"no response to {motion.name}: the arm has no stable equilibrium somewhere along it; "
+            "check stiffnesses, masses and their units"
+        )
 
 
 @eqx.filter_jit
@@ -166,4 +189,4 @@ def _end_point(
 
     path, displacement = from_path(time, y, 1.0)
     _, sag = from_path(grid.nodes.ravel(), jnp.moveaxis(rest, 1, 0).reshape((y.shape[0], -1)), 0.0)
-    return path, displacement, between_nodes(grid, jnp.moveaxis(sag.reshape((3, -1, NODES)), 1, 0), time)
+    return path, displacement, between_nodes(grid, jnp.moveaxis(sag.reshape((3, -1, NODES)), 1, 0), time)[0]

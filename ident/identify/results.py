@@ -1,0 +1,146 @@
+"""Values of an arm's numbers out of what `ident fit` and `ident sample` have written."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.errors import InputError, Problem
+from ident.text import decode, one_line, read_bytes
+
+if TYPE_CHECKING:
+    import xarray
+
+FIT = "ident-fit/1"
+
+
+@dataclass(frozen=True)
+class Values:
+    """Numbers of an arm that a result file tells.
+
+    Attributes:
+        path: the file.
+        sha256: hash of its bytes.
+        values: by path in the arm, () or (draws,) [SI]; tied numbers each by its own path.
+        left_out: names in the file that are no numbers of the arm.
+        remark: what else a reader must know; mostly empty.
+    """
+
+    path: str
+    sha256: str
+    values: Mapping[str, Float[np.ndarray, "*draws"]]
+    left_out: tuple[str, ...] = ()
+    remark: str = ""
+
+    @property
+    def medians(self) -> dict[str, float]:
+        """The median of each number's draws, or the number itself."""
+        return {path: float(np.median(values)) for path, values in self.values.items()}
+
+    def without(self, paths: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """Return the values of all numbers but those at some paths."""
+        return {path: values for path, values in self.values.items() if path not in paths}
+
+
+def read_fit(path: str | Path, arm: Arm) -> Values:
+    """Return the fitted values of a result file of `ident fit`.
+
+    Raises:
+        InputError: the file is no such result, or has no number of this arm.
+    """
+    where, expected = one_line(str(path)), "a result file of ident fit (.fit.json)"
+    data = read_bytes(path, expected)
+    try:
+        document = json.loads(decode(data, where))
+        if document["format"] != FIT:
+            raise KeyError
+        found = {tuple(p["paths"]): np.asarray(float(p["value"])) for p in document["parameters"]}
+    except (ValueError, KeyError, TypeError):
+        raise InputError(Problem(where, "other contents", expected, "give the file that ident fit wrote")) from None
+    return _of_arm(where, data, found, arm)
+
+
+def read_draws(path: str | Path, arm: Arm, count: int, seed: int | None = None) -> Values:
+    """Return draws of a posterior that `ident sample` has written; about the best optimum if there are several.
+
+    Args:
+        path: the file (netCDF of InferenceData).
+        arm: whose numbers are looked for.
+        count: draws, at most; all if the file has fewer.
+        seed: of a choice at random, none drawn twice; without one the draws are spread evenly over the chains.
+
+    Raises:
+        InputError: the file is no such posterior, or has no number of this arm.
+    """
+    import xarray
+
+    where, expected = one_line(str(path)), "a posterior of ident sample (.sample.nc)"
+    data = read_bytes(path, expected)
+    try:
+        with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as posterior:
+            chains, remark = _best(path)
+            found = dict(_variables(posterior.load(), chains, _ties(path)))
+    except (OSError, ValueError, KeyError, TypeError, IndexError):
+        raise InputError(Problem(where, "other contents", expected, "give the file that ident sample wrote")) from None
+    total = min((len(values) for values in found.values()), default=0)
+    chosen = _choice(total, min(count, total), seed)
+    return _of_arm(where, data, {paths: values[chosen] for paths, values in found.items()}, arm, remark)
+
+
+def _choice(total: int, count: int, seed: int | None) -> np.ndarray:
+    if seed is not None:
+        return np.sort(np.random.default_rng(seed).choice(total, count, replace=False))
+    return np.floor((np.arange(count) + 0.5) * total / max(count, 1)).astype(int)
+
+
+def _variables(
+    posterior: "xarray.Dataset", chains: slice | np.ndarray, ties: Mapping[str, tuple[str, ...]]
+) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
+    """Yield the paths and the draws of each variable, chain by chain."""
+    for name, variable in posterior.data_vars.items():
+        if variable.dims == ("chain", "draw"):
+            told = variable.attrs.get("paths")
+            paths = tuple(json.loads(told)) if told else ties.get(str(name), (str(name),))
+            yield paths, np.asarray(variable.values, float)[chains].ravel()
+
+
+def _best(path: str | Path) -> tuple[slice | np.ndarray, str]:
+    """Return which chains are about the best optimum, and a remark if there are others."""
+    import xarray
+
+    try:
+        with xarray.open_dataset(path, group="sample_stats", engine="h5netcdf") as stats:
+            optimum = np.asarray(stats["optimum"].values)
+    except (OSError, ValueError, KeyError):
+        return slice(None), ""
+    best = optimum == optimum.min()
+    return best, "" if best.all() else "draws about the best optimum only; the others are left out"
+
+
+def _ties(path: str | Path) -> dict[str, tuple[str, ...]]:
+    """Return the tied paths by the first one, from the recorded options: for files that do not have them beside."""
+    import xarray
+
+    with xarray.open_dataset(path, engine="h5netcdf") as root:
+        recorded = json.loads(root.attrs.get("options", "{}"))
+    groups = (tuple(text.split("=")) for text in recorded.get("tie", ()))
+    return {group[0]: group for group in groups}
+
+
+def _of_arm(where: str, data: bytes, found: Mapping[tuple[str, ...], np.ndarray], arm: Arm, remark: str = "") -> Values:
+    """Sort what was found by whether the arm has it."""
+    known = set(arm.paths())
+    values = {path: drawn for paths, drawn in found.items() for path in paths if path in known}
+    left_out = tuple(path for paths in found for path in paths if path not in known)
+    if not values:
+        got = f"only {', '.join(left_out[:3])}" if left_out else "no variable"
+        raise InputError(Problem(where, got, f"numbers of {arm.name}", "give the result of a fit of this arm"))
+    if not all(np.isfinite(drawn).all() for drawn in values.values()):
+        raise InputError(Problem(where, "a value that is not finite", "finite numbers", "run the fit or sample again"))
+    return Values(where, hashlib.sha256(data).hexdigest(), values, left_out, remark)

@@ -1,0 +1,64 @@
+"""Pulleys in a CSV file of a trace: turning frequency and angle over time, as `ident simulate` writes them."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.errors import InputError
+from ident.measure.series import parse_series
+from ident.measure.table import Findings
+from ident.measure.trace import FEWEST_ROWS, Trace
+from ident.text import NAME, read_bytes
+
+FIELDS = {"frequency": "frequency", "angle": "angle"}
+"""Columns of a pulley, `drive1.frequency [Hz]` and `drive1.angle [rad]`, and the quantity of each."""
+
+_COLUMN = re.compile(rf"(?P<name>(?P<pulley>{NAME})\.(?P<field>{'|'.join(FIELDS)}))\s*\[.*\]")
+
+
+@dataclass(frozen=True)
+class Pulley:
+    """How a pulley turns, at the times of the trace beside it.
+
+    Attributes:
+        frequency: (T,) [Hz] of turning; None where the file has no such column.
+        angle: (T,) [rad] unwrapped; None where the file has no such column.
+    """
+
+    frequency: Float[np.ndarray, " T"] | None = None
+    angle: Float[np.ndarray, " T"] | None = None
+
+
+def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
+    """Reads the pulleys that stand in the file of a trace, by name; mostly none if it was measured.
+
+    Args:
+        path: the file.
+        trace: what `read_trace` has read from it.
+
+    Returns:
+        The pulleys, in the order of the file.
+
+    Raises:
+        InputError: something in these columns is wrong; every problem is listed.
+    """
+    there = [match for match in map(_COLUMN.fullmatch, trace.ignored) if match]
+    if not there:
+        return {}
+    found = Findings()
+    wanted = {match["name"]: (FIELDS[match["field"]],) for match in there}
+    series = parse_series(read_bytes(path, "a readable CSV file"), path, wanted, FEWEST_ROWS, found)
+    if found:
+        raise InputError(found)
+    return {
+        name: Pulley(**{field: series[f"{name}.{field}"] for field in _fields(name, wanted)})
+        for name in dict.fromkeys(match["pulley"] for match in there)
+    }
+
+
+def _fields(pulley: str, columns: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
+    return (field for field in FIELDS if f"{pulley}.{field}" in columns)
