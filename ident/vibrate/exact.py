@@ -105,6 +105,10 @@ def integrate(
         Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.5, II.10.
         Kvaerno, "Singly diagonally implicit Runge-Kutta methods with an explicit first stage", BIT 44, 2004.
     """
+    if not np.isfinite(np.asarray(start[0])).all():
+        raise ModelError(
+            "the arm has no stable equilibrium where the motion starts; check stiffnesses, masses and units"
+        )
     method = "Dopri8" if _explicit_steps(machine, motion, start, times) < EXPLICIT_STEPS else "Kvaerno5"
     parts, steps, rejected = [(start[0][:, None], start[1][:, None])], 0, 0
     sections = _sections(times)

@@ -33,7 +33,7 @@ from ident.vibrate.kinematics import Kinematics, Turning, bushings, command, dev
 from ident.vibrate.machine import Machine, balanced, may_differ_from_zero
 from ident.vibrate.motion import Motion
 from ident.vibrate.panels import NODE_PLACES, NODES, Panels, Times, basis, between_nodes, evaluate, interpolate, weights
-from ident.vibrate.sag import sag, slope
+from ident.vibrate.sag import sag, settled, slope
 
 STEP = 0.015
 """Longest time step [s]: at 5 Hz the phase errs by 2e-6 rad in each radian, 16 Hz has four steps to a period."""
@@ -77,11 +77,12 @@ class Fast(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Weights of the nodes for stages and middles of a panel's S steps, for its edges and for steps about nodes."""
+    """Weights of the nodes for stages and middles of a panel's S steps, for its start and edges, for steps about nodes."""
 
     in_steps: np.ndarray
     stages: tuple[np.ndarray, ...]
     nodes: tuple[np.ndarray, ...]
+    start: np.ndarray
     edges: np.ndarray
     middles: np.ndarray
     about_nodes: list[np.ndarray]
@@ -93,6 +94,7 @@ def _places(S: int) -> _Places:
         in_steps=in_steps,
         stages=weights(in_steps / S),
         nodes=weights(NODE_PLACES),
+        start=weights(np.array([0.0]))[0],
         edges=weights(np.array([0.0, 1.0]))[1],
         middles=weights((np.arange(S) + 0.5) / S)[0],
         about_nodes=[weights(NODE_PLACES + (place - 0.5) / S)[0] for place in GAUSS],
@@ -146,9 +148,10 @@ def integrate(arm: Arm, machine: Machine, motion: Motion, grid: Panels, loads: L
         (x, v), steps = jax.lax.scan(partial(_step, gain, h), (x, v), (at.middles.T, own.T))
         return (x, v, end), steps
 
-    none = jnp.zeros(machine.size)
-    slow = _slow(arm, machine, motion, loads, at, grid)
-    _, steps = jax.lax.scan(panel, (none, none, none), (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
+    slow, none = _slow(arm, machine, motion, loads, at, grid), jnp.zeros(machine.size)
+    rest = interpolate(slow.rest[0], at.start)[:, 0]
+    state = settled(machine, motion, rest) - rest, none, none
+    _, steps = jax.lax.scan(panel, state, (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
     x, v, a = steps
     return Fast(x, v, a, slow.rest)
 

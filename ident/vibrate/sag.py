@@ -67,3 +67,21 @@ def sag_along(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, g
     """Return the coordinates at rest at the nodes of the panels."""
     rest = sag(arm, machine, command(machine, motion, grid.nodes.ravel()).q, loads)
     return jnp.moveaxis(rest.reshape((rest.shape[0], *grid.nodes.shape)), 1, 0)
+
+
+@eqx.filter_jit
+def settled(machine: Machine, motion: Motion, rest: Float[Array, "n"]) -> Float[Array, "n"]:
+    """Return the coordinates at which the arm rests before a motion, the weight of the turning masses included.
+
+    By one step of Newton's method from where it would rest without them: they hardly bend it.
+
+    Args:
+        machine: gathered with `rank=1`.
+        motion: at whose start the arm rests.
+        rest: coordinates at rest, the turning masses on their axes.
+    """
+    posture = motion(jnp.asarray(motion.breaks)[:1])[0]
+    still = Command(posture, *(jnp.zeros_like(posture),) * 2)
+    y, none = rest[:, None], jnp.zeros((len(rest), 1))
+    K = slope(lambda y: residual(machine, still, y, none, none), y)
+    return (y - solve_positive(K, residual(machine, still, y, none, none)))[:, 0]

@@ -15,12 +15,13 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.errors import InputError, ModelError, Problem
 from ident.vibrate import exact, fast
+from ident.vibrate.along import nominal
 from ident.vibrate.kinematics import at_rest, bushings, command, deviations, pins, positions, straight_positions
 from ident.vibrate.machine import Machine, is_inexact, machine
 from ident.vibrate.motion import Motion
 from ident.vibrate.panels import NODES, Panels, Times, between_nodes, panels
 from ident.vibrate.response import Response
-from ident.vibrate.sag import sag_along
+from ident.vibrate.sag import sag_along, settled
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
@@ -64,16 +65,17 @@ def simulate(
         InputError: an option is not one of those.
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
-    _check(arm, motion, method, rate)
+    _check(arm, method, rate, step)
     time, sets = sample_times(motion, rate), arm.sets
+    nameless = _nameless(motion)
     grid = panels(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
     if method == "fast":
-        solve = _Fast(motion, loads, time, grid, elastic_belts, is_inexact(arm))
+        solve = _Fast(nameless, loads, time, grid, elastic_belts, is_inexact(arm))
         solution = _over_sets(arm, sets, solve) if sets else solve(arm)
     elif sets:
         raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
     else:
-        solution = _exact(arm, motion, loads, time, grid, rtol, elastic_belts, progress)
+        solution = _exact(arm, nameless, loads, time, grid, rtol, elastic_belts, progress)
         time = time[: solution.y.shape[1]]
     _refuse_collapse(motion, solution.displacement)
     gathered = _gathered(arm, loads, 1 + len(sets), elastic_belts)
@@ -100,8 +102,8 @@ def _over_sets(arm: Arm, sets: tuple[int, ...], solve: "_Fast") -> Solution:
     """
     batched = {path: arm.get(path) for path in arm.paths() if jnp.ndim(arm.get(path))}
     flat = {path: jnp.broadcast_to(value, sets).reshape(-1) for path, value in batched.items()}
-    first = arm.replace({path: value[0] for path, value in flat.items()})
-    found = _by_chunk(lambda values: _mapped(first, values, solve), flat)
+    one = nominal(arm)
+    found = _by_chunk(lambda values: _mapped(one, values, solve), flat)
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *sets)), found)
 
 
@@ -123,8 +125,8 @@ def _by_chunk(run: Callable[[dict[str, Array]], Solution], flat: dict[str, Array
 
 
 @eqx.filter_jit
-def _mapped(first: Arm, values: dict[str, Array], solve: "_Fast") -> Solution:
-    return jax.lax.map(lambda one: solve(first.replace(one)), values)
+def _mapped(arm: Arm, values: dict[str, Array], solve: "_Fast") -> Solution:
+    return jax.lax.map(lambda one: solve(arm.replace(one)), values)
 
 
 class _Fast(eqx.Module):
@@ -157,22 +159,23 @@ def _exact(
 ) -> Solution:
     gathered = _gathered(arm, loads, 1, elastic)
     rest = sag_along(arm, gathered, motion, loads, grid)
-    first = between_nodes(grid, rest, time[:1])[0][:, 0]
+    first = settled(gathered, motion, between_nodes(grid, rest, time[:1])[0][:, 0])
     start = first, jnp.zeros_like(first)
     y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
     return Solution(y, yd, *_end_point(gathered, motion, grid, time[: y.shape[1]], y, rest))
 
 
 def _in_blocks(
-    function: Callable[[Array, Array], tuple[Array, ...]], time: Float[Array, "T"], y: Float[Array, "n T"]
-) -> tuple[Array, ...]:
+    function: Callable[[Array, Array], tuple[Array, Array]], time: Float[Array, "T"], y: Float[Array, "n T"]
+) -> tuple[Array, Array]:
     """Evaluate at some times at a time, whose intermediate values fit the cache: several times as fast."""
     count, blocks = len(time), -(-len(time) // BLOCK)
     fill = blocks * BLOCK - count
     padded = jnp.pad(time, (0, fill), mode="edge"), jnp.pad(y, ((0, 0), (0, fill)), mode="edge")
     cut = padded[0].reshape((blocks, BLOCK)), jnp.moveaxis(padded[1].reshape((-1, blocks, BLOCK)), 1, 0)
     found = jax.lax.map(lambda now: function(*now), cut)
-    return tuple(jnp.moveaxis(x, 0, 1).reshape((x.shape[1], -1))[:, :count] for x in found)
+    one, other = (jnp.moveaxis(x, 0, 1).reshape((x.shape[1], -1))[:, :count] for x in found)
+    return one, other
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -181,16 +184,23 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
     return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
 
 
+def _nameless(motion: Motion) -> Motion:
+    """Return the motion without name and arrival, for each of which the solvers would be compiled anew."""
+    return Motion("motion", motion.breaks, motion.coefficients)
+
+
 def _concrete(arm: Arm) -> Arm:
     """Return the arm as it is apart from being differentiated: the grid of time does not depend on it smoothly."""
     return jax.lax.stop_gradient(arm)
 
 
-def _check(arm: Arm, motion: Motion, method: str, rate: float) -> None:
+def _check(arm: Arm, method: str, rate: float, step: float | None) -> None:
     if method not in ("fast", "exact"):
         raise InputError(Problem("method", f"'{method}'", "fast or exact", "choose one"))
     if not 1.0 <= rate <= 1e6:
         raise InputError(Problem("rate", f"{rate:g} samples a second", "1 to 1e6", "choose a rate as 500"))
+    if step is not None and not 0 < step < np.inf:
+        raise InputError(Problem("step", f"{step:g} s", "a time above 0", "leave it out for one that fits"))
     if not arm.points:
         raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
 
@@ -222,6 +232,6 @@ def _end_point(
         angle = turning.pin.angle - (1 - error) * turning.error
         return path, positions(machine, angle, bushings(machine, y))[:, -1] - path
 
-    path, displacement = _in_blocks(lambda *now: from_path(*now, 1.0), jnp.asarray(time), y)
+    path, displacement = _in_blocks(lambda t, y: from_path(t, y, 1.0), jnp.asarray(time), y)
     _, sag = from_path(grid.nodes.ravel(), jnp.moveaxis(rest, 1, 0).reshape((y.shape[0], -1)), 0.0)
     return path, displacement, between_nodes(grid, jnp.moveaxis(sag.reshape((3, -1, NODES)), 1, 0), time)[0]

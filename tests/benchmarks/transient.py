@@ -2,9 +2,9 @@
 
     python tests/benchmarks/transient.py [--quick]
 
-MuJoCo integrates by RK4 with the largest step that is as close to its own converged solution as ident's fast path is to
-the exact equations; each of its runs is a single call, with no Python between the steps. Its hinged bushings differ from
-the exact ones by more than that whatever the step (`mujoco_arm.py`), which is not held against it.
+MuJoCo integrates by RK4 with the largest step that is as close to its own converged solution as ident's fast path is
+to the exact equations; each of its runs is a single call, with no Python between the steps. Its hinged bushings differ
+from the exact ones by more than that whatever the step (`mujoco_arm.py`), which is not held against it.
 """
 
 import argparse
