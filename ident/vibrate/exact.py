@@ -149,8 +149,8 @@ def _solve(
     motion: Motion,
     start: tuple[Array, Array],
     times: Array,
-    rtol: float,
-    atol: float,
+    rtol: Array | float,
+    atol: Array | float,
     method: str,
 ) -> tuple[Array, Array, Array, Array, Array]:
     def rates(t: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:

@@ -163,7 +163,7 @@ def _slow(
 
 def _shaking(
     machine: Machine, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array, length: Array
-) -> Float[Array, "2n S"]:
+) -> Float[Array, "m S"]:
     """Return f at both stages of each step, one above the other."""
     moving = jax.tree.map(lambda x: interpolate(x, at.stages[0], x.ndim - 1), slow.kinematics)
     told = command(machine, motion, start + h * at.in_steps)
@@ -177,7 +177,7 @@ def _shaking(
     return -jnp.concatenate([jax.lax.slice_in_dim(f, stage, None, 2, 1) for stage in range(2)])
 
 
-def _transitions(slow: _Slow, at: _Places, h: Array) -> tuple[Float[Array, "2n 2n S"], Float[Array, "2n 2n S"]]:
+def _transitions(slow: _Slow, at: _Places, h: Array) -> tuple[Float[Array, "m m S"], Float[Array, "m m S"]]:
     """Return how the accelerations at both stages of each step follow from the state at its start, and from f.
 
     They are found for steps about the nodes, and change as slowly as M, D and K do.

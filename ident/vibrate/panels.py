@@ -32,12 +32,12 @@ class Panels(NamedTuple):
         steps: number S of steps of a panel.
     """
 
-    start: Float[np.ndarray, "P"]
-    step: Float[np.ndarray, "P"]
+    start: Float[Array | np.ndarray, "P"]
+    step: Float[Array | np.ndarray, "P"]
     steps: int
 
     @property
-    def ends(self) -> Float[np.ndarray, "P ends"]:
+    def ends(self) -> Float[Array | np.ndarray, "P ends"]:
         """Ends of all steps of each panel, its start first [s]."""
         return self.start[:, None] + self.step[:, None] * np.arange(self.steps + 1)
 

@@ -47,7 +47,7 @@ def sag(arm: Arm, machine: Machine, posture: Array, loads: Loads | None = None) 
     return jax.lax.fori_loop(0, BELT_STEPS, improve, jnp.concatenate([y, taut]))
 
 
-def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "n n *batch"]:
+def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "m n *batch"]:
     """Return the Jacobian of a function of one flat vector, whose entries are independent over the batch."""
 
     def column(k: Array) -> Array:
