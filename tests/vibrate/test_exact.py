@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -165,11 +164,8 @@ def test_stiff_arm_takes_the_implicit_method() -> None:
 
 
 def test_tolerance_that_cannot_be_met(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line that names the times; here after fewer steps than the two millions."""
-    monkeypatch.setattr(exact, "MAX_STEPS", 100)
-    solve = exact._solve.__wrapped__  # jit would find its program of two million steps again
-    anew = jax.jit(lambda *args, method: solve(*args, method), static_argnums=(), static_argnames="method")
-    monkeypatch.setattr(exact, "_solve", lambda *args: anew(*args[:-1], method=args[-1]))
-    with pytest.raises(ModelError, match=r"cannot meet its tolerance from 0 to 0\.5 s; loosen") as caught:
-        run(lcd_arm(), swing(), *started(), 0.5, rtol=1e-16, atol=1e-30)
-    assert "\n" not in str(caught.value)
+    """One line that names the times; two million steps of a real one take minutes."""
+    nothing = jnp.zeros((9, SAMPLES + 1))
+    monkeypatch.setattr(exact, "_solve", lambda *_: (False, nothing, nothing, 0, 0))
+    with pytest.raises(ModelError, match=r"^the simulation cannot meet its tolerance from 0 to 0\.5 s; loosen .*$"):
+        run(lcd_arm(), swing(), *started(), 0.5, rtol=1e-16)

@@ -17,6 +17,7 @@ from ident.arm.chain import hold
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.errors import InputError, ModelError
 from ident.vibrate.exact import SAMPLES
+from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response, peak, rms, settling_time
 from ident.vibrate.simulate import simulate
 from ident.vibrate.tension import belt_tension, slack
@@ -25,9 +26,12 @@ PATHS = ("joint1.k_tors", "joint3.k_bend", "joint2.tau_tors", "bracket.com.x", "
 STEP = 1e-4
 """Of the central differences, as a part of each value."""
 
+SWING = swing()
+"""Made outside of jit, where panels are found."""
+
 
 def measures(arm) -> jax.Array:
-    vibration = short(arm, swing()).vibration
+    vibration = short(arm, SWING).vibration
     return jnp.concatenate([peak(vibration), rms(vibration)])
 
 
@@ -105,8 +109,7 @@ def made(traces: np.ndarray, arrival: float) -> Response:
     """A response that vibrates so, at 100 samples a second."""
     response = short(lcd_arm(), swing())
     T = traces.shape[1]
-    motion = eqx.tree_at(lambda m: m.name, response.motion, "made")
-    object.__setattr__(motion, "arrival", arrival)
+    motion = Motion("made", response.motion.breaks, response.motion.coefficients, arrival)
     whole = {"time": jnp.arange(T) / 100, "displacement": jnp.asarray(traces), "sag": jnp.zeros((3, T))}
     for name, value in whole.items():
         response = eqx.tree_at(lambda r, name=name: getattr(r, name), response, value)
@@ -133,7 +136,7 @@ def test_tension_of_rigid_belts() -> None:
     found = np.asarray(belt_tension(response))
     for k in (0, 77, 500):
         command = np.stack([np.asarray(part) for part in response.motion(response.time[k])])
-        y, yd = (np.asarray(part)[:, k] for part in (response.y, response.yd))
+        y, yd = (np.array(part[:, k]) for part in (response.y, response.yd))
         torque = engine.torques(command, y, yd, engine.accelerations(command, y, yd)) / 120
         second = torque[2] / 0.06
         first = (torque[1] + second * 0.03) / 0.03
