@@ -7,7 +7,8 @@ import numpy as np
 from scipy.interpolate import PPoly
 from scipy.linalg import cho_factor, cho_solve
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "benchmarks")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 import mujoco
 from moving_engines import MovingArm, MujocoMoving

@@ -1,4 +1,4 @@
-"""The paper's arm and motions for the tests of simulation, all of the same shapes, so that few programs are compiled."""
+"""The paper's arm and motions for the tests of simulation, of the same shapes, so that few programs are compiled."""
 
 from functools import cache
 

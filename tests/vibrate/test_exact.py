@@ -1,6 +1,7 @@
 """The exact equations in time: energy, decay, order, another engine's motion, stiff arms, failure."""
 
 from functools import cache
+from itertools import pairwise
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +11,7 @@ from arms import lcd_arm
 from moving_engines import PinocchioMoving
 from numpy.polynomial import Polynomial
 from oracles import QuickMujoco, command_at, follow, table_of
-from runs import about, along, apart, held, paper, scaled, short, still, swing, undamped
+from runs import about, along, apart, held, paper, short, still, swing, undamped
 
 from ident.arm.arm import Arm
 from ident.arm.modes import damped_eigenvalues
@@ -119,7 +120,7 @@ def test_error_falls_with_the_tolerance() -> None:
         errors.append(float(np.abs(found.y - nearly_true().y).max()))
     assert errors[0] < 1e-6
     # measured: 5e-8, 7e-10, 2e-12, 5e-14
-    assert all(later < first / 10 for first, later in zip(errors[:-1], errors[1:], strict=True))
+    assert all(later < first / 10 for first, later in pairwise(errors))
 
 
 def in_pieces(h: float) -> Motion:

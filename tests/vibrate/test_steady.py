@@ -44,7 +44,9 @@ def shaken() -> Arm:
 def pointed(arm: Arm) -> Arm:
     """The arm with three points before its own: the place of the mass, and one beyond it along x and y of the shaft."""
     turned = Rotation.from_euler("z", -POSTURE[1], degrees=True).apply(np.eye(3))
-    around = [Point(f"around{k}", "joint2", r + [0, 0, HEIGHT]) for k, r in enumerate([0 * turned[0], *turned[:2]])]
+    around = [
+        Point(f"around{k}", "joint2", r + np.array([0, 0, HEIGHT])) for k, r in enumerate((np.zeros(3), *turned[:2]))
+    ]
     return Arm(arm.name, arm.joints, (*around, *arm.points), arm.payloads, arm.gravity, arm.drives, arm.belts)
 
 
