@@ -30,7 +30,7 @@ QUICKEST = slice(150, 300)
 
 
 def at_rest(arm: Arm, motion: Motion) -> np.ndarray:
-    return np.asarray(sag(arm, machine(arm, rank=1), motion(jnp.zeros(1))[0])[:, 0])
+    return np.array(sag(arm, machine(arm, rank=1), motion(jnp.zeros(1))[0])[:, 0])
 
 
 def run(arm: Arm, motion: Motion, y: np.ndarray, yd: np.ndarray, end: float, **tolerances: float) -> exact.Exact:
@@ -62,7 +62,7 @@ def test_energy_is_kept() -> None:
     command = command_at(table_of(held(POSTURE)), 0.0)
     push = 1e-3 * np.random.default_rng(1).normal(size=(2, len(rest))) * np.array([[1.0], [100.0]])
     found = run(arm, held(POSTURE), rest + push[0], push[1], 0.5, rtol=1e-9, atol=1e-12)
-    states = zip(np.asarray(found.y).T, np.asarray(found.yd).T, strict=True)
+    states = zip(np.array(found.y).T, np.array(found.yd).T, strict=True)
     energy = np.array([engine.energy(command, y, yd) for y, yd in states]) - engine.energy(command, rest, 0 * rest)
     kinetic = energy[0] - engine.energy(command, rest + push[0], 0 * rest) + engine.energy(command, rest, 0 * rest)
     assert 0.01 * energy[0] < kinetic < 0.99 * energy[0]

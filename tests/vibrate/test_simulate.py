@@ -118,12 +118,12 @@ def made(traces: np.ndarray, arrival: float) -> Response:
 
 def test_measures_of_made_signals() -> None:
     t = np.arange(501) / 100
-    traces = np.stack([2e-3 * np.exp(-t), -3e-3 * np.sin(2 * np.pi * t), np.full_like(t, 1e-4)])
+    traces = np.stack([2e-3 * np.exp(-t), -3e-3 * np.cos(2 * np.pi * t), np.full_like(t, 1e-4)])
     traces[2, 300] = -5e-3
     response = made(traces, 1.0)
     np.testing.assert_allclose(peak(response.vibration), [2e-3, 3e-3, 5e-3], rtol=1e-12)
     np.testing.assert_allclose(rms(response.vibration[:, :500])[1], 3e-3 / np.sqrt(2), rtol=1e-12)
-    # 2e-3 exp(-t) falls below 1e-3 after ln 2 = 0.69 s; sine never; the outlier at 3.00 s is the last
+    # 2e-3 exp(-t) falls below 1e-3 after ln 2 = 0.69 s; the cosine never; the outlier at 3.00 s is the last
     np.testing.assert_allclose(settling_time(response, 1e-3 / 2), [0.39, np.inf, 2.01], atol=1e-9)
     np.testing.assert_allclose(settling_time(response, 1.0), 0.0)
     np.testing.assert_array_equal(response.after(3.0), traces[:, 300:])
