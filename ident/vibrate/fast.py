@@ -77,7 +77,7 @@ class Fast(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Weights of the nodes for stages and middles of a panel's S steps, for its start and edges, for steps about nodes."""
+    """Weights of the nodes for stages and middles of a panel's steps, its start and edges, and steps about nodes."""
 
     in_steps: np.ndarray
     stages: tuple[np.ndarray, ...]

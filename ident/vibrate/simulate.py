@@ -186,7 +186,7 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
 
 def _nameless(motion: Motion) -> Motion:
     """Return the motion without name and arrival, for each of which the solvers would be compiled anew."""
-    return Motion("motion", motion.breaks, motion.coefficients)
+    return Motion("motion", motion.breaks, motion.coefficients, arrival=float(motion.breaks[0]))
 
 
 def _concrete(arm: Arm) -> Arm:
