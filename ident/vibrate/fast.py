@@ -32,7 +32,18 @@ from ident.vibrate.dynamics import equations, imbalance, residual, residual_of
 from ident.vibrate.kinematics import Kinematics, Turning, bushings, command, deviations, inexactness, kinematics, pins
 from ident.vibrate.machine import Machine, balanced, may_differ_from_zero
 from ident.vibrate.motion import Motion
-from ident.vibrate.panels import NODE_PLACES, NODES, Panels, Times, basis, between_nodes, evaluate, interpolate, weights
+from ident.vibrate.panels import (
+    NODE_PLACES,
+    NODES,
+    Panels,
+    Times,
+    basis,
+    between_nodes,
+    evaluate,
+    fastest,
+    interpolate,
+    weights,
+)
 from ident.vibrate.sag import sag, settled, slope
 
 STEP = 0.015
@@ -111,14 +122,12 @@ def step_for(arm: Arm, motion: Motion) -> float:
         return ABSTRACT
     start = motion(jnp.asarray(motion.breaks[:1]))[0].reshape((-1,) + (1,) * len(arm.sets))
     first = float(jnp.median(_first_frequency(arm, start)))
-    times = np.linspace(float(motion.breaks[0]), float(motion.breaks[-1]), 2000)
-    speed = np.abs(np.asarray(motion(times)[1])).max(1) / (2 * np.pi)
-    names = [joint.name for joint in arm.driven]
+    speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
     orders = [1 + may_differ_from_zero(drive.error) for drive in arm.drives]
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
     turning = [speed[names.index(drive.joint)] for drive in arm.drives]
-    fastest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)
-    return min(0.1 / first if np.isfinite(first) else ABSTRACT, 1 / (3 * max(fastest, 1e-9)))
+    highest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)
+    return min(0.1 / first if np.isfinite(first) else ABSTRACT, 1 / (3 * max(highest, 1e-9)))
 
 
 @jit

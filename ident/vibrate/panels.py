@@ -65,7 +65,7 @@ def panels(motion: Motion, end: float, step: float) -> Panels:
     first = float(motion.breaks[0])
     within = jumps[(jumps > first + SHORTEST) & (jumps < end - SHORTEST)]
     edges = np.concatenate([[first], within, [end]])
-    speed = np.abs(np.asarray(motion(np.linspace(edges[0], end, 1000))[1])).max()
+    speed = fastest(motion).max()
     longest = min(TURN / max(speed, 1e-9), 200 * step)
     counts = [int(np.ceil((high - low) / longest - 1e-9)) for low, high in pairwise(edges)]
     lengths = np.diff(edges) / counts
@@ -73,6 +73,12 @@ def panels(motion: Motion, end: float, step: float) -> Panels:
     length = np.repeat(lengths, counts)
     steps = max(1, int(np.ceil(length.max() / step - 1e-9)))
     return Panels(start, length / steps, steps)
+
+
+def fastest(motion: Motion) -> Float[np.ndarray, "driven"]:
+    """Return the highest speed of each driven joint [rad/s], by samples; the motion is known, also under `jit`."""
+    rate = PPoly(np.asarray(motion.coefficients), np.asarray(motion.breaks)).derivative()
+    return np.abs(rate(np.linspace(rate.x[0], rate.x[-1], 2000))).max(0)
 
 
 def _jumps(motion: Motion) -> np.ndarray:

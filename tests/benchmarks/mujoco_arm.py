@@ -254,7 +254,8 @@ def command_at(table: MotionTable, t: float) -> np.ndarray:
 
 def integrate(flow: Callable[..., np.ndarray], start: np.ndarray, times: np.ndarray, rtol: float) -> np.ndarray:
     span = (times[0], times[-1])
-    found = solve_ivp(flow, span, start, method="DOP853", t_eval=times, rtol=rtol, atol=rtol * 1e-3)
+    tolerances = {"rtol": rtol, "atol": rtol * 1e-3, "first_step": min(1e-4, span[1] - span[0])}
+    found = solve_ivp(flow, span, start, method="DOP853", t_eval=times, **tolerances)
     if not found.success:
         raise RuntimeError(found.message)
     return found.y

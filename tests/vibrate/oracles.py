@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import PPoly
-from scipy.linalg import cho_factor, cho_solve
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
@@ -24,7 +23,7 @@ class QuickMujoco(MujocoMoving):
         S, M = self.rates(command, y), np.zeros((self.nv, self.nv))
         force = S.T @ self.inverse(*self.motion(command, y, yd, np.zeros_like(y)))
         mujoco.mj_fullM(self.model, self.data, M)
-        return -cho_solve(cho_factor(S.T @ M @ S), force + self.springs(y, yd))
+        return -np.linalg.solve(S.T @ M @ S, force + self.springs(y, yd))
 
 
 def table_of(motion: Motion) -> MotionTable:

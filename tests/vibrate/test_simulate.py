@@ -23,7 +23,7 @@ from ident.vibrate.simulate import simulate
 from ident.vibrate.tension import belt_tension, slack
 
 PATHS = ("joint1.k_tors", "joint3.k_bend", "joint2.tau_tors", "bracket.com.x", "fingers.com.x", "drive2.eccentricity")
-STEP = 1e-4
+STEP = 1e-5
 """Of the central differences, as a part of each value."""
 
 SWING = swing()
