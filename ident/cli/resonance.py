@@ -63,7 +63,7 @@ def resonance_command(
     shaken = options.renamed(NAMED, excitation, described, motion, orders=multiples)
     met = options.renamed(NAMED, encounters, followed, shaken, margin=margin / 100)
     title = f"{arm_file.arm.name}, {motion.name}"
-    typer.echo(resonance_report(followed, shaken, met, title=title))
+    typer.echo(resonance_report(followed, shaken, met, title=title, margin=margin / 100))
     name = out / f"{moving.name(arm, asked, path)}.resonance"
     result = name.with_name(f"{name.name}.json")
     write_json(resonance_document(followed, shaken, met, arm_file, asked), result)

@@ -10,7 +10,7 @@ from ident.present.words import cut, degrees
 from ident.vibrate.branches import Branches
 from ident.vibrate.excitation import Excitation
 from ident.vibrate.passage import QUASI_STEADY
-from ident.vibrate.resonance import Encounter
+from ident.vibrate.resonance import MARGIN, Encounter
 
 FORMAT = "ident-resonance/1"
 STEADY, FAST = 0.9, 0.5
@@ -20,7 +20,12 @@ UNSURE = 0.99
 
 
 def resonance_report(
-    branches: Branches, excitation: Excitation, encounters: Sequence[Encounter], *, title: str = "a motion"
+    branches: Branches,
+    excitation: Excitation,
+    encounters: Sequence[Encounter],
+    *,
+    title: str = "a motion",
+    margin: float = MARGIN,
 ) -> str:
     """Return the report: a verdict, encounters by severity, the branches and what was assumed."""
     groups = grouped(encounters)
@@ -29,7 +34,7 @@ def resonance_report(
         _table(branches, groups),
         _sentences(branches, groups),
         _branches(branches),
-        _assumed(branches, groups),
+        _assumed(branches, groups, margin),
     ]
     return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
 
@@ -117,7 +122,7 @@ def _heading(
         yield "  No pulley comes near a natural frequency."
         return
     met = sum(bool(group[0].crossings) for group in groups)
-    yield f"  {len(groups)} encounters, {met} of them crossings. The most severe:"
+    yield f"  {len(groups)} encounters, {met} of them crossings. The most magnified (no amplitude, see below):"
     yield f"  {verdict(branches, groups[0])}."
 
 
@@ -167,13 +172,13 @@ def _branches(branches: Branches) -> Iterator[str]:
         yield "    (MAC below 0.5): near a veering its band mixes two modes."
 
 
-def _assumed(branches: Branches, groups: Sequence[Sequence[Encounter]]) -> Iterator[str]:
+def _assumed(branches: Branches, groups: Sequence[Sequence[Encounter]], margin: float) -> Iterator[str]:
     yield "What the numbers mean and assume"
     yield "  Natural frequencies are those of the arm held at each posture. A pulley turns at |ratio qd| / 2 pi, seen"
     yield "  from its shaft; order 1 is its eccentric mass, order 2 the kinematic error of its drive."
+    yield "  Ratios and speeds are the arm file's, which says which of them are assumed: of the shipped arm, all."
     if groups:
-        least = min(group[0].margin for group in groups)
-        yield f"  Near: within {least:.3g} of the natural frequency, or its half-power bandwidth where that is wider."
+        yield f"  Near: within {100 * margin:.3g} % of the natural frequency, or its half-power bandwidth where that is wider."
         yield "  rate: of the pulley relative to the mode. number: rate / (zeta f)^2; up to"
         yield f"  {QUASI_STEADY:g} the response is nearly steady (ISO 7626-2), far above the pulley passes too fast for"
         yield "  the mode to build up (Lewis, 1932)."

@@ -199,6 +199,9 @@ def _assumed(simulation: Simulation) -> Iterator[str]:
         fields.setdefault(kinds[part], {})[field.replace("_", " ")] = None
     if names:
         yield f"Assumed: {len(names)} of the {count} numbers below; the amplitudes hold as far as these do"
+        guessed, others = simulation.guessed
+        if guessed:
+            yield f"  and {guessed} of the arm's {others} others (lengths, masses, ...) are assumed or calibrated"
         for kind, words in fields.items():
             yield from _wrapped(f"{kind}: ", list(words))
 

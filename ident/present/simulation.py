@@ -126,6 +126,13 @@ class Simulation:
         return [path for path, origin in told.items() if origin == "assumed" and path not in fixed], len(told)
 
     @property
+    def guessed(self) -> tuple[int, int]:
+        """How many of the arm's numbers but those are assumed or calibrated, and how many are given at all."""
+        driving = {part.name for part in self.arm.parts() if type(part).__name__ in SCALARS}
+        told = [o for path, o in self.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
+        return sum(origin in ("assumed", "calibrated") for origin in told), len(told)
+
+    @property
     def undriven(self) -> bool:
         """Whether the arm has no drive, so that only the motion itself shakes it."""
         return not self.arm.drives

@@ -33,7 +33,7 @@ def _heading(found: Spectra) -> Iterator[str]:
 def _peaks(found: Spectra, name: str) -> Iterator[str]:
     factor, unit = UNITS[found.kind]
     yield f"Strongest peaks up to {found.upto:g} Hz of {cut(name, 40)}"
-    last = "   nearest mode" if found.survey else ""
+    last = f"   nearest mode at {degrees(found.survey.posture)}" if found.survey else ""
     yield f"  {'':4s} {'frequency [Hz]':>15s} {f'amplitude [{unit}]':>18s}{last}"
     for direction in found.directions:
         strongest = found.strongest(name, direction)
@@ -63,9 +63,11 @@ def _modes(found: Spectra) -> Iterator[str]:
 
 
 def _orders(found: Spectra, name: str) -> Iterator[str]:
+    """Yield the orders of a pulley."""
     (factor, unit), track = UNITS[found.kind], found.tracks[name]
     yield f"Orders of {name}, blocks of {track.revolutions} revolutions: largest amplitude [{unit}]"
     yield f"  {'':4s} {'order':>6s} {'amplitude':>11s} {'at s':>9s} {'pulley at Hz':>13s} {'vibration at Hz':>16s}"
+    yield "  what vibrates freely near such a frequency, or by another pulley that turns so fast, counts too"
     for d, direction in enumerate(found.directions):
         for o, order in enumerate(track.orders):
             yield _order(track, o, float(order), d, direction if o == 0 else "", factor)

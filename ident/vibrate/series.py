@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ident.errors import InputError, Problem
 
-UNIFORM = 1e-3
+UNIFORM = 1e-2
 """Largest deviation of a time step from the mean step, relative to it."""
 SHORTEST = 16
 """Samples below which a trace or a segment is too short for a spectrum."""

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.interpolate import PPoly
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
@@ -26,6 +27,8 @@ from ident.vibrate.sag import sag_along, settled
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
 
+JUMP = 1e-4
+"""Largest jump of a pin's speed [rad/s]; the end of an arm of 4 m would be shaken by some hundredths of a mm."""
 CHUNK = 4
 """Sets that one call solves."""
 BLOCK = 64
@@ -62,10 +65,12 @@ def simulate(
         progress: shows progress of the exact method, section by section.
 
     Raises:
-        InputError: an option is not one of those.
+        InputError: no such method, a rate or step out of range, an arm without a named point, the exact method for
+            several sets, or a motion whose speed jumps.
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
     _check(arm, method, rate, step)
+    _refuse_jumps(arm, motion)
     time, sets = sample_times(motion, rate), arm.sets
     nameless = _nameless(motion)
     grid = panels(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
@@ -203,6 +208,20 @@ def _check(arm: Arm, method: str, rate: float, step: float | None) -> None:
         raise InputError(Problem("step", f"{step:g} s", "a time above 0", "leave it out for one that fits"))
     if not arm.points:
         raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
+
+
+def _refuse_jumps(arm: Arm, motion: Motion) -> None:
+    """Refuse a motion whose speed jumps, at its ends too: no motor does that, and its blow would not be felt."""
+    rate = PPoly(np.asarray(motion.coefficients), np.asarray(motion.breaks)).derivative()
+    inner = np.stack([np.polyval(rate.c[:, k], rate.x[k + 1] - rate.x[k]) for k in range(rate.c.shape[1])])
+    before, after = np.vstack([0 * inner[:1], inner]), np.vstack([rate.c[-1], 0 * inner[:1]])
+    jumps = np.abs(after - before)
+    place, joint = np.unravel_index(np.argmax(jumps), jumps.shape)
+    if jumps[place, joint] > JUMP:
+        name = arm.driven[joint].name if joint < len(arm.driven) else f"joint {joint + 1}"
+        got = f"a jump of {name}'s speed by {np.rad2deg(jumps[place, joint]):.4g} deg/s at {rate.x[place]:.4g} s"
+        remedy = "let a path begin and end at rest, and smooth a log (--smoothing)"
+        raise InputError(Problem(motion.name, got, "a motion from rest to rest without such jumps", remedy))
 
 
 def _refuse_collapse(motion: Motion, displacement: Array) -> None:

@@ -18,7 +18,7 @@ from ident.vibrate.simulate import RATE, sample_times, simulate
 
 DIRECTIONS = ("x", "y", "z")
 METHODS = ("both", "fast", "exact")
-BATCH = 10
+BATCH = 16
 """Draws that are simulated together: fewer cost little time each, more cost memory."""
 
 Progress = Callable[[Iterable[int]], Iterator[int]]
@@ -48,7 +48,7 @@ class Study:
     """A simulated motion.
 
     Attributes:
-        response: by the exact method where it was asked for and came to the end, else by the fast one.
+        response: by the exact method where it came to the end, else by the fast one, if that was asked for.
         other: by the other method, if both were asked for.
         interrupted: [s] until when the exact method came before the user stopped it; None if it was not stopped.
     """
