@@ -178,7 +178,7 @@ def _assumed(branches: Branches, groups: Sequence[Sequence[Encounter]], margin: 
     yield "  from its shaft; order 1 is its eccentric mass, order 2 the kinematic error of its drive."
     yield "  Ratios and speeds are the arm file's, which says which of them are assumed: of the shipped arm, all."
     if groups:
-        yield f"  Near: within {100 * margin:.3g} % of the natural frequency, or its half-power bandwidth where that is wider."
+        yield f"  Near: within {100 * margin:.3g} % of the natural frequency, or its half-power bandwidth if wider."
         yield "  rate: of the pulley relative to the mode. number: rate / (zeta f)^2; up to"
         yield f"  {QUASI_STEADY:g} the response is nearly steady (ISO 7626-2), far above the pulley passes too fast for"
         yield "  the mode to build up (Lewis, 1932)."

@@ -19,7 +19,7 @@ from ident.vibrate.motion import Motion
 
 MAX_STEPS = 2_000_000
 """Steps at which the integrator gives up."""
-EXPLICIT_STEPS = 5_000
+EXPLICIT_STEPS = 20_000
 """Steps for a second of motion, by the stability of an explicit method, above which an implicit one takes less time."""
 REACH = 3.0
 """Largest |rate| times step at which an explicit method of order eight stays stable, about."""

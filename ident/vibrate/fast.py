@@ -114,7 +114,8 @@ def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does.
 
     Ten to a period of the first mode, at the stiffer end of the motion, and three to one of the fastest excitation: the
-    turning masses, or the kinematic error at twice their frequency. Of an arm that is traced by `jit`, nothing of that is known: ABSTRACT.
+    turning masses, or the kinematic error at twice their frequency. Of an arm that is traced by `jit`, nothing of
+    that is known: ABSTRACT.
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
         return ABSTRACT

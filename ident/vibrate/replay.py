@@ -14,7 +14,7 @@ from ident.vibrate.motion import Motion
 DEGREE = 5
 """Degree of the spline: its fourth derivative is continuous, so the acceleration that shakes the arm is smooth."""
 
-AT_REST = 0.01
+AT_REST = 0.1
 """Speed at an end, as a fraction of the largest, up to which the data are at rest there."""
 
 

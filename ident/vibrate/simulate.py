@@ -211,17 +211,17 @@ def _check(arm: Arm, method: str, rate: float, step: float | None) -> None:
 
 
 def _refuse_jumps(arm: Arm, motion: Motion) -> None:
-    """Refuse a motion whose speed jumps, at its ends too: no motor does that, and its blow would not be felt."""
+    """Refuse a motion whose speed jumps, at its start too: no motor does that, and the blow would not be felt."""
     rate = PPoly(np.asarray(motion.coefficients), np.asarray(motion.breaks)).derivative()
     inner = np.stack([np.polyval(rate.c[:, k], rate.x[k + 1] - rate.x[k]) for k in range(rate.c.shape[1])])
-    before, after = np.vstack([0 * inner[:1], inner]), np.vstack([rate.c[-1], 0 * inner[:1]])
-    jumps = np.abs(after - before)
+    before = np.vstack([np.zeros_like(inner[:1]), inner[:-1]])
+    jumps = np.abs(rate.c[-1] - before)
     place, joint = np.unravel_index(np.argmax(jumps), jumps.shape)
     if jumps[place, joint] > JUMP:
         name = arm.driven[joint].name if joint < len(arm.driven) else f"joint {joint + 1}"
         got = f"a jump of {name}'s speed by {np.rad2deg(jumps[place, joint]):.4g} deg/s at {rate.x[place]:.4g} s"
-        remedy = "let a path begin and end at rest, and smooth a log (--smoothing)"
-        raise InputError(Problem(motion.name, got, "a motion from rest to rest without such jumps", remedy))
+        remedy = "let a path begin at rest, and smooth a log (--smoothing)"
+        raise InputError(Problem(motion.name, got, "a motion from rest without such jumps", remedy))
 
 
 def _refuse_collapse(motion: Motion, displacement: Array) -> None:

@@ -17,7 +17,7 @@ from ident.arm.chain import hold
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.errors import InputError, ModelError
 from ident.vibrate.exact import SAMPLES
-from ident.vibrate.motion import Motion
+from ident.vibrate.motion import Motion, hold_still
 from ident.vibrate.response import Response, peak, rms, settling_time
 from ident.vibrate.simulate import simulate
 from ident.vibrate.tension import belt_tension, slack
@@ -176,7 +176,9 @@ def test_slack_is_told() -> None:
 def test_what_cannot_be() -> None:
     """Each is one clear line."""
     arm = lcd_arm()
-    few, many = (along(Polynomial([0, 0.1]), 5.0, direction=d, start=(0,) * len(d)) for d in ((1, -2), (1, -2, 1, 1)))
+    few, many = (
+        along(Polynomial([0, 0, 0.1]), 5.0, direction=d, start=(0,) * len(d)) for d in ((1, -2), (1, -2, 1, 1))
+    )
     with pytest.raises(ModelError, match=r"^the posture has 2 angles; LCD transfer arm has 3 joints"):
         simulate(arm, few)
     with pytest.raises(ModelError, match=r"^the posture has 4 angles; LCD transfer arm has 3 joints"):
@@ -188,3 +190,15 @@ def test_what_cannot_be() -> None:
             simulate(arm, swing(), rate=rate)
     with pytest.raises(InputError, match=r"^method: got exact for several sets, expected one set; .* one by one$"):
         simulate(arm.replace({"link1.mass": np.array([40.0, 41.0])}), swing(), method="exact")
+
+
+def test_a_jump_of_speed_is_refused() -> None:
+    """Where a motion starts, and within it; no blow of it would be felt."""
+    moving = along(Polynomial([0, 0.1]), 5.0)
+    with pytest.raises(
+        InputError, match=r"^run: got a jump of joint2's speed by 11\.46 deg/s at 0 s, expected a motion"
+    ):
+        simulate(lcd_arm(), moving)
+    halves = along(Polynomial([0, 0, 0.1]), 1.0).then(hold_still([0.1, -0.2, 0.1], 1.0))
+    with pytest.raises(InputError, match=r"a jump of joint2's speed by 22\.92 deg/s at 1 s"):
+        simulate(lcd_arm(), halves)
