@@ -12,7 +12,7 @@ from ident.identify.label_check import LabelDoubt
 from ident.measure import Measurement
 from ident.present.report import against, in_words, percent
 from ident.present.units import shown
-from ident.present.words import balance, describe, plain
+from ident.present.words import balance, describe, paragraphs, plain
 
 CORRELATED = 0.9
 """Correlation from which a pair of parameters is named."""
@@ -34,7 +34,7 @@ def check_report(result: CampaignCheck) -> str:
         _labels(result),
         _agreement(result),
     ]
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    return paragraphs(sections)
 
 
 def _heading(result: CampaignCheck) -> Iterator[str]:

@@ -7,7 +7,7 @@ from ident.identify.campaign_fit import CampaignFit
 from ident.identify.profile import FLAT, Interval, Profile, half_width, threshold
 from ident.identify.walk import Ending
 from ident.present.units import unit_of
-from ident.present.words import known_from, priors_in_words
+from ident.present.words import known_from, paragraphs, priors_in_words
 
 SIDES = ("below", "above")
 
@@ -15,7 +15,7 @@ SIDES = ("below", "above")
 def profile_report(result: CampaignFit, profiles: Sequence[Profile]) -> str:
     """Return the report of profiles: both kinds of interval, the nested ones, and remarks on what is not regular."""
     sections = [_heading(result, profiles), _table(result, profiles), _nested(profiles), _remarks(profiles)]
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    return paragraphs(sections)
 
 
 def _heading(result: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:

@@ -12,7 +12,7 @@ from ident.identify.judge import Tension
 from ident.identify.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.units import is_stiffness, nmm_per_deg, shown, unit_of
-from ident.present.words import NOTABLE, describe, known_from, priors_in_words
+from ident.present.words import NOTABLE, describe, known_from, paragraphs, priors_in_words
 
 
 def fit_report(result: CampaignFit) -> str:
@@ -25,7 +25,7 @@ def fit_report(result: CampaignFit) -> str:
         _contradictions(result),
         _optima(result.fit),
     ]
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    return paragraphs(sections)
 
 
 def _heading(result: CampaignFit) -> Iterator[str]:

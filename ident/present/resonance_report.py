@@ -6,7 +6,7 @@ from typing import Any
 from ident.arm.file import ArmFile
 from ident.present.resonance_words import band_words, grouped, sources_words
 from ident.present.result import plain, provenance
-from ident.present.words import cut, degrees
+from ident.present.words import cut, degrees, paragraphs
 from ident.vibrate.branches import Branches
 from ident.vibrate.excitation import Excitation
 from ident.vibrate.passage import QUASI_STEADY
@@ -36,7 +36,7 @@ def resonance_report(
         _branches(branches),
         _assumed(branches, groups, margin),
     ]
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    return paragraphs(sections)
 
 
 def verdict(branches: Branches, group: Sequence[Encounter]) -> str:

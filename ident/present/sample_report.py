@@ -12,7 +12,7 @@ from ident.identify.information import Direction
 from ident.identify.sample import RIVAL
 from ident.present.report import product
 from ident.present.units import is_stiffness, nmm_per_deg, shown, unit_of
-from ident.present.words import describe, priors_in_words
+from ident.present.words import describe, paragraphs, priors_in_words
 
 LEVELS = (0.025, 0.25, 0.5, 0.75, 0.975)
 LEARNED = 0.5
@@ -29,7 +29,7 @@ def sample_report(result: CampaignSample) -> str:
         _optima(result),
         _trust(result),
     ]
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    return paragraphs(sections)
 
 
 def _heading(result: CampaignSample) -> Iterator[str]:

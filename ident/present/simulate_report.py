@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.identify.results import Values
 from ident.present.simulation import MM, Simulation
-from ident.present.words import cut, degrees
+from ident.present.words import cut, degrees, paragraphs
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.tension import slack
 
@@ -34,7 +34,7 @@ def simulate_report(simulation: Simulation) -> str:
         _moments(simulation),
         _assumed(simulation),
     ]
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    return paragraphs(sections)
 
 
 def _heading(simulation: Simulation) -> Iterator[str]:

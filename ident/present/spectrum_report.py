@@ -6,7 +6,7 @@ import numpy as np
 
 from ident.present.spectra import Spectra
 from ident.present.spectrum_figure import UNITS
-from ident.present.words import cut, degrees
+from ident.present.words import cut, degrees, paragraphs
 from ident.vibrate.orders import OrderTrack
 
 NEAR = 1.0
@@ -17,7 +17,7 @@ def spectrum_report(found: Spectra) -> str:
     """Return the report: peaks of each trace and direction, natural frequencies, orders."""
     sections = [_heading(found), *(_peaks(found, name) for name in found.traces), _modes(found)]
     sections += [_orders(found, name) for name in found.tracks]
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    return paragraphs(sections)
 
 
 def _heading(found: Spectra) -> Iterator[str]:

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.identify.survey import Survey
-from ident.present.words import degrees
+from ident.present.words import degrees, paragraphs
 
 
 def survey_report(survey: Survey) -> str:
     """Return the modes with label, damping and strain-energy shares, and the deflection of the named points."""
     sections = [_heading(survey), _modes(survey), _deflections(survey)]
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    return paragraphs(sections)
 
 
 def _heading(survey: Survey) -> Iterator[str]:

@@ -15,6 +15,11 @@ NOTABLE = 0.15
 """Weight below which a parameter is left out when a direction is put into words."""
 
 
+def paragraphs(sections: Iterable[Iterable[str]]) -> str:
+    """Return a report: lines as paragraphs, with a blank line between; empty ones are left out."""
+    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+
+
 def degrees(posture: Iterable[float]) -> str:
     """Write joint angles [rad] as `(30, -60, 30) deg`."""
     return f"({', '.join(f'{math.degrees(angle) + 0.0:.4g}' for angle in posture)}) deg"
