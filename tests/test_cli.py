@@ -7,34 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from commands import files
 
-from ident import __version__, cli
+from ident import __version__
 
 DATA = Path(__file__).parents[1] / "data" / "lcd_arm"
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,point,value,unit,relative_sigma"
 ROW = "frequency,0,0,0,,,4.38,Hz,0.5%"
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run ident in this process, in an empty folder; return exit code, output and error text."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["ident", *map(str, arguments)])
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
-
-
-def files(folder):
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
 def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path):

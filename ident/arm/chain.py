@@ -86,7 +86,7 @@ def hold(arm: Arm, posture: Float[Array, "driven *#batch"], loads: Loads | None 
     if posture.shape[:1] != (len(arm.driven),):
         raise ModelError(f"the posture has {posture.shape[0]} angles; {arm.name} has {len(arm.driven)} joints")
     rank = posture.ndim - 1
-    loads = no_loads(arm, (1,) * rank) if loads is None else loads
+    loads = _lifted(no_loads(arm) if loads is None else loads, rank)
     before, after = _frames(arm, posture)
     links = jnp.concatenate([before[:, :, :1], after[:, :, :-1]], 2)
     names = [joint.name for joint in arm.joints]
@@ -107,6 +107,12 @@ def hold(arm: Arm, posture: Float[Array, "driven *#batch"], loads: Loads | None 
         frame=before,
         carrier=carrier,
     )
+
+
+def _lifted(loads: Loads, rank: int) -> Loads:
+    """Give a load case as many batch axes as the postures have, unless it has more of its own."""
+    axes = max(rank, loads.mass.ndim - 1)
+    return Loads(lift(loads.payload, 1, axes), lift(loads.mass, 1, axes), lift(loads.force, 2, axes))
 
 
 def _frames(arm: Arm, posture: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import RANKS, Arm
-from ident.arm.chain import Loads, hold, lift, no_loads
+from ident.arm.chain import Loads, hold
 from ident.arm.equilibrium import rest
 from ident.arm.labels import torsion_share, vertical_share
 from ident.arm.mechanics import flat, mass_matrix, unflatten
@@ -189,9 +189,7 @@ def _modes(
     arm: Arm, posture: Float[Array, "driven K *one"], loads: Loads | None, count: int
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Return the fields of `Along` after the first, each with the sets behind the postures."""
-    rank = posture.ndim - 1
-    case = no_loads(arm) if loads is None else loads
-    chain = hold(arm, posture, Loads(lift(case.payload, 1, rank), lift(case.mass, 1, rank), lift(case.force, 2, rank)))
+    chain = hold(arm, posture, loads)
     at = rest(chain)
     found = modes_about(chain, at, count)
     batch = found.frequency.shape[1:]

@@ -18,19 +18,19 @@ from ident.vibrate.machine import Machine
 from ident.vibrate.motion import Motion
 
 MAX_STEPS = 2_000_000
-"""Steps at which the integrator gives up."""
+"""Steps of a section at which the integrator gives up."""
 EXPLICIT_STEPS = 20_000
 """Steps for a second of motion, by the stability of an explicit method, above which an implicit one takes less time."""
 REACH = 3.0
 """Largest |rate| times step at which an explicit method of order eight stays stable, about."""
-
-
 OMEGA = 2 * np.pi * 10
 """Rates are weighed against coordinates as at this frequency [rad/s]."""
-
-
 SAMPLES = 250
 """Times of a section, after each of which progress is shown and what there is can be kept."""
+
+
+Progress = Callable[[Iterable[int]], Iterator[int]]
+"""Shows how far a loop is that runs over the numbers."""
 
 
 class Exact(NamedTuple):
@@ -40,14 +40,12 @@ class Exact(NamedTuple):
         y: (n, T) coordinates, see `kinematics`.
         yd: (n, T) their rates [1/s]
         steps: steps taken.
-        rejected: steps rejected by the error control.
         method: name of the method.
     """
 
     y: Float[Array, "n T"]
     yd: Float[Array, "n T"]
     steps: int
-    rejected: int
     method: str
 
 
@@ -79,7 +77,7 @@ def integrate(
     *,
     rtol: float = 1e-7,
     atol: float = 1e-10,
-    progress: Callable[[Iterable[int]], Iterator[int]] = iter,
+    progress: Progress = iter,
 ) -> Exact:
     """Integrate from rest or any other state; the first of the times is the start.
 
@@ -110,21 +108,21 @@ def integrate(
             "the arm has no stable equilibrium where the motion starts; check stiffnesses, masses and units"
         )
     method = "Dopri8" if _explicit_steps(machine, motion, start) < EXPLICIT_STEPS else "Kvaerno5"
-    parts, steps, rejected = [(start[0][:, None], start[1][:, None])], 0, 0
+    parts, steps = [(start[0][:, None], start[1][:, None])], 0
     sections = _sections(times)
     with suppress(KeyboardInterrupt):
         for k in progress(range(len(sections))):
             state = parts[-1][0][:, -1], parts[-1][1][:, -1]
-            reached, y, yd, took, failed = _solve(machine, motion, state, sections[k], rtol, atol, method)
+            reached, y, yd, took = _solve(machine, motion, state, sections[k], rtol, atol, method)
             if not reached:
                 raise ModelError(
                     f"the simulation cannot meet its tolerance from {sections[k][0]:.4g} to {sections[k][-1]:.4g} s; "
                     "loosen the tolerance, or check stiffness, damping and motion there"
                 )
             parts.append((y[:, 1:], yd[:, 1:]))
-            steps, rejected = steps + int(took), rejected + int(failed)
+            steps += int(took)
     y, yd = (jnp.concatenate(part, 1)[:, : len(times)] for part in zip(*parts, strict=True))
-    return Exact(y, yd, steps, rejected, method)
+    return Exact(y, yd, steps, method)
 
 
 def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:
@@ -157,7 +155,7 @@ def _solve(
     rtol: Array | float,
     atol: Array | float,
     method: str,
-) -> tuple[Array, Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     def rates(t: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:
         y, v = state
         return OMEGA * v, acceleration(machine, Command(*motion(t)), y, OMEGA * v) / OMEGA
@@ -177,6 +175,5 @@ def _solve(
         throw=False,
     )
     done = solution.result == diffrax.RESULTS.successful
-    stats = solution.stats
     y, v = (part.T for part in solution.ys)
-    return done, y, OMEGA * v, stats["num_accepted_steps"], stats["num_rejected_steps"]
+    return done, y, OMEGA * v, solution.stats["num_accepted_steps"]

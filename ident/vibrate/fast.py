@@ -111,7 +111,7 @@ def _places(S: int) -> _Places:
 
 
 def step_for(arm: Arm, motion: Motion) -> float:
-    """Return a step [s] at which the method errs less than the linearisation does.
+    """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
     Ten to a period of the first mode, at the stiffer end of the motion, and three to one of the fastest excitation: the
     turning masses, or the kinematic error at twice their frequency. Of an arm that is traced by `jit`, nothing of

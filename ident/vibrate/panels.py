@@ -20,6 +20,8 @@ TURN = 0.8
 JUMP = 1e-6
 """Jump of a derivative, against its largest value, that counts as one."""
 
+MOST_STEPS = 200
+"""Steps of a panel at most: beyond, its intermediate values leave the cache."""
 SHORTEST = 1e-9
 """Time [s] within which a jump counts as at the edge."""
 
@@ -66,7 +68,7 @@ def panels(motion: Motion, end: float, step: float) -> Panels:
     within = jumps[(jumps > first + SHORTEST) & (jumps < end - SHORTEST)]
     edges = np.concatenate([[first], within, [end]])
     speed = fastest(motion).max()
-    longest = min(TURN / max(speed, 1e-9), 200 * step)
+    longest = min(TURN / max(speed, 1e-9), MOST_STEPS * step)
     counts = [int(np.ceil((high - low) / longest - 1e-9)) for low, high in pairwise(edges)]
     lengths = np.diff(edges) / counts
     start = np.concatenate([low + n * np.arange(c) for low, n, c in zip(edges, lengths, counts, strict=False)])
@@ -77,26 +79,30 @@ def panels(motion: Motion, end: float, step: float) -> Panels:
 
 def fastest(motion: Motion) -> Float[np.ndarray, "driven"]:
     """Return the highest speed of each driven joint [rad/s], by samples; the motion is known, also under `jit`."""
-    rate = PPoly(np.asarray(motion.coefficients), np.asarray(motion.breaks)).derivative()
+    rate = _path(motion).derivative()
     return np.abs(rate(np.linspace(rate.x[0], rate.x[-1], 2000))).max(0)
 
 
 def _jumps(motion: Motion) -> np.ndarray:
     """Return the breaks at which a derivative up to the third jumps: there a smooth method loses its order."""
-    path = PPoly(np.asarray(motion.coefficients), np.asarray(motion.breaks))
-    inner = path.x[1:-1]
+    inner = np.asarray(motion.breaks)[1:-1]
     jumps = np.zeros(len(inner), bool)
     for order in range(1, 4):
-        rate = path.derivative(order)
-        before = np.stack([_at_end(rate, k) for k in range(len(inner))]) if len(inner) else np.zeros((0, 1))
-        after = rate.c[-1, 1:]
-        jumps |= (np.abs(after - before) > JUMP * max(np.abs(rate.c[-1]).max(), 1e-12)).any(1)
+        largest = max(np.abs(_path(motion).derivative(order).c[-1]).max(), 1e-12)
+        jumps |= (jumps_of(motion, order) > JUMP * largest).any(1)
     return inner[jumps]
 
 
-def _at_end(path: PPoly, k: int) -> np.ndarray:
-    """Return the value of piece k at its end."""
-    return np.polyval(path.c[:, k], path.x[k + 1] - path.x[k])
+def jumps_of(motion: Motion, order: int) -> Float[np.ndarray, "inner driven"]:
+    """Return by how much a derivative of each angle jumps at the inner breaks [rad/s^order]."""
+    rate = _path(motion).derivative(order)
+    powers = np.arange(len(rate.c))[::-1, None, None]
+    ends = (rate.c * np.diff(rate.x)[:, None] ** powers).sum(0)
+    return np.abs(rate.c[-1, 1:] - ends[:-1])
+
+
+def _path(motion: Motion) -> PPoly:
+    return PPoly(np.asarray(motion.coefficients), np.asarray(motion.breaks))
 
 
 def basis(places: np.ndarray) -> list[Polynomial]:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads, hold, lift
+from ident.arm.chain import Loads, hold
 from ident.arm.equilibrium import equilibrium
 from ident.arm.linalg import solve_positive
 from ident.arm.mechanics import flat
@@ -31,7 +31,7 @@ def sag(arm: Arm, machine: Machine, posture: Array, loads: Loads | None = None) 
     Raises:
         ModelError: the posture does not fit the arm.
     """
-    chain = hold(arm, posture, loads if loads is None else _along(loads, posture.ndim - 1))
+    chain = hold(arm, posture, loads)
     y = flat(in_shaft_axes(chain, equilibrium(chain)))
     if not machine.loose:
         return y
@@ -45,11 +45,6 @@ def sag(arm: Arm, machine: Machine, posture: Array, loads: Loads | None = None) 
 
     taut = jnp.zeros((len(machine.loose), *y.shape[1:]))
     return jax.lax.fori_loop(0, BELT_STEPS, improve, jnp.concatenate([y, taut]))
-
-
-def _along(loads: Loads, rank: int) -> Loads:
-    """Return a load case without batch with as many batch axes as the postures have."""
-    return Loads(lift(loads.payload, 1, rank), lift(loads.mass, 1, rank), lift(loads.force, 2, rank))
 
 
 def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "k n *batch"]:

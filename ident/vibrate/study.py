@@ -1,6 +1,6 @@
 """A simulation with what is asked of it: two methods against each other, draws of a posterior, a measured trace."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from ident.arm.chain import Loads
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean, quoted
 from ident.vibrate.compare import Comparison, Trace, compare
+from ident.vibrate.exact import Progress
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response, peak, rms, settling_time
 from ident.vibrate.simulate import RATE, sample_times, simulate
@@ -20,8 +21,6 @@ DIRECTIONS = ("x", "y", "z")
 METHODS = ("both", "fast", "exact")
 BATCH = 16
 """Draws that are simulated together: fewer cost little time each, more cost memory."""
-
-Progress = Callable[[Iterable[int]], Iterator[int]]
 
 
 @dataclass(frozen=True)

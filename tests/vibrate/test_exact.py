@@ -66,7 +66,7 @@ def test_energy_is_kept() -> None:
     energy = np.array([engine.energy(command, y, yd) for y, yd in states]) - engine.energy(command, rest, 0 * rest)
     kinetic = energy[0] - engine.energy(command, rest + push[0], 0 * rest) + engine.energy(command, rest, 0 * rest)
     assert 0.01 * energy[0] < kinetic < 0.99 * energy[0]
-    # measured: 1.1e-7, by the interpolation between steps
+    # measured: 1.1e-7
     assert np.abs(energy / energy[0] - 1).max() < 1e-6
 
 
@@ -146,7 +146,7 @@ def test_order_of_a_fixed_step() -> None:
         found = run(lcd_arm(), in_pieces(end / count), rest, rates, end, rtol=1e2, atol=1e2)
         assert found.steps == count
         errors.append(float(np.abs(found.y - true.y)[:, -1].max()))
-    # measured: 9.4, since the terms of order nine nearly vanish too where the motion is linear
+    # measured: 9.4, more than the method's eight; the reason was not looked for
     assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] > 7.7
 
 

@@ -31,7 +31,8 @@ def test_order() -> None:
 
 @pytest.mark.parametrize(
     ("percent", "elastic", "error", "worst"),
-    [(10, False, 0.0, 1e-3), (100, False, 0.0, 2e-3), (100, True, 0.0, 3e-3), (100, False, 30.0, 1e-2)],
+    # measured, the worst direction: 4.1e-4, 9.9e-4, 9.7e-4, 2.3e-3
+    [(10, False, 0.0, 1e-3), (100, False, 0.0, 1.2e-3), (100, True, 0.0, 1.2e-3), (100, False, 30.0, 3e-3)],
 )
 def test_agrees_with_exact(percent: float, elastic: bool, error: float, worst: float) -> None:
     """Within 0.1 % of the largest peak; in each direction, of its own peak, within `worst`."""
