@@ -210,7 +210,7 @@ def _check(arm: Arm, method: str, rate: float, step: float | None) -> None:
 
 def _refuse_jumps(arm: Arm, motion: Motion) -> None:
     """Refuse a motion whose speed jumps, at its start too: no motor does that, and the blow would not be felt."""
-    first = np.abs(np.asarray(motion.on_piece(0, motion.breaks[0])[1]))
+    first = np.abs(np.asarray(motion.coefficients)[-2:-1, 0])
     jumps = np.vstack([first, jumps_of(motion, 1)])
     place, joint = np.unravel_index(np.argmax(jumps), jumps.shape)
     if jumps[place, joint] > JUMP:
