@@ -5,6 +5,7 @@ import sys
 import tempfile
 
 import pytest
+from browser import browser, browser_page  # noqa: F401
 from jaxtyping import install_import_hook
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))

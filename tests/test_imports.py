@@ -19,6 +19,7 @@ ONLY_IN = {
     "diffrax": "vibrate/exact",
     "dynesty": "identify/evidence",
     "emcee": "identify",
+    "jinja2": "present",
     "matplotlib": "present",
     "optimistix": "identify/fit",
     "pydantic": "arm",

@@ -1,0 +1,222 @@
+"""A report as one HTML file: no script, no other file, nothing from the network.
+
+What a page says comes from files that anybody may have written. Every text goes through `shown` and Jinja2's
+autoescape, and a content security policy refuses whatever a text might still ask for.
+"""
+
+import base64
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal, cast, get_args, get_type_hints
+
+from jinja2 import Environment, StrictUndefined
+
+from ident.files import replace_file
+from ident.text import one_line
+
+TEMPLATE = "page.html.jinja"
+NARROW = 32
+"""Characters up to which a table's cell stays on one line."""
+NUMBER = re.compile(r"\W*\d")
+"""How a cell with a number begins."""
+WORDS = {"accept": "Accepted", "warn": "Warning", "reject": "Rejected"}
+"""How a page calls its verdict."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a head; the first cell of a row names it, the others are numbers or a few words.
+
+    Attributes:
+        caption: what the table shows.
+        head: names of the columns, with units.
+        rows: cells, as many in each row as there are columns.
+        note: what to know when reading it; may be empty.
+        strong: numbers of the rows to emphasise, from 0.
+
+    Raises:
+        ValueError: a row has another number of cells than the head, or an emphasised row is not there.
+    """
+
+    caption: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    strong: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        for i, row in enumerate(self.rows):
+            if len(row) != len(self.head):
+                raise ValueError(f"row {i} of a table has {len(row)} cells under {len(self.head)} heads")
+        if not all(0 <= i < len(self.rows) for i in self.strong):
+            raise ValueError(f"strong rows {self.strong} of a table with {len(self.rows)}")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure as SVG; `page_figure.picture` makes one.
+
+    Attributes:
+        svg: the whole SVG document.
+        alt: what can be seen in it, for whoever can't see it.
+        caption: what it shows and how to read it.
+
+    Raises:
+        ValueError: there is no SVG or no alternative text.
+    """
+
+    svg: str
+    alt: str
+    caption: str
+
+    def __post_init__(self) -> None:
+        if "<svg" not in self.svg:
+            raise ValueError("a picture that is no SVG")
+        if not self.alt.strip():
+            raise ValueError("a picture without an alternative text")
+
+
+@dataclass(frozen=True)
+class Section:
+    """One stage: what it found, and why the next one follows.
+
+    Attributes:
+        title: heading.
+        found: paragraphs.
+        onward: why it goes on, or why not; may be empty.
+        tables: tables, below the paragraphs.
+        pictures: figures, below the tables.
+    """
+
+    title: str
+    found: tuple[str, ...]
+    onward: str = ""
+    tables: tuple[Table, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the whole comes to.
+
+    Attributes:
+        kind: colour and word of the box.
+        text: one or two sentences.
+    """
+
+    kind: Literal["accept", "warn", "reject"]
+    text: str
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report.
+
+    Attributes:
+        title: heading of the page.
+        subtitle: what it is about: arm, campaign, date.
+        verdict: what the whole comes to.
+        summary: paragraphs below the verdict.
+        sections: the stages, in order.
+        inputs: what went in, as a table: name, file, hash.
+        assumptions: what was taken for granted, a sentence each.
+        provenance: names and values that say how the page came about: versions, options, seeds.
+    """
+
+    title: str
+    subtitle: str
+    verdict: Verdict
+    summary: tuple[str, ...]
+    sections: tuple[Section, ...]
+    inputs: Table
+    assumptions: tuple[str, ...] = ()
+    provenance: tuple[tuple[str, str], ...] = ()
+
+
+def section_to_json(section: Section) -> dict[str, Any]:
+    """Return a section as JSON knows it."""
+    return cast(dict[str, Any], _listed(asdict(section)))
+
+
+def section_from_json(document: object) -> Section:
+    """Return the section that `section_to_json` wrote.
+
+    Raises:
+        ValueError: the document is no section.
+    """
+    return cast(Section, _built(Section, document, "section"))
+
+
+def render(page: Page) -> str:
+    """Return a page as HTML; the same page gives the same text."""
+    environment = Environment(
+        autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"columns": columns, "data_uri": data_uri}
+    template = environment.from_string((files("ident.present") / TEMPLATE).read_text("utf-8"))
+    return template.render(page=page, words=WORDS) + "\n"
+
+
+def write_page(page: Page, path: Path) -> None:
+    """Write a page as HTML, whole or not at all.
+
+    Raises:
+        InputError: the file can't be written; what was there before is untouched.
+    """
+    text = render(page).encode("utf-8")
+    replace_file(path, lambda file: file.write(text), make_folders=True)
+
+
+def shown(value: object) -> object:
+    """Return what a page shows: control characters and those that turn the direction of text become visible.
+
+    What the template itself made of texts stays as it is.
+    """
+    return value if hasattr(value, "__html__") else one_line(str(value))
+
+
+def columns(table: Table) -> list[str]:
+    """Return how each column is set: `wide` text on several lines, a `number` to the right, or `words`."""
+    cells = [[one_line(row[j]) for row in table.rows] for j in range(len(table.head))]
+    return [_look(column, names=j == 0) for j, column in enumerate(cells)]
+
+
+def _look(column: list[str], *, names: bool) -> str:
+    if any(len(cell) > NARROW for cell in column):
+        return "wide"
+    return "number" if not names and any(NUMBER.match(cell) for cell in column) else "words"
+
+
+def data_uri(svg: str) -> str:
+    """Return an SVG document as the address of an image."""
+    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8", "replace")).decode("ascii")
+
+
+def _listed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _listed(item) for key, item in value.items()}
+    return [_listed(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _built(kind: Any, value: object, where: str) -> Any:
+    """Return a value of a type: text, whole number, tuple of one type or one of this module's classes."""
+    if is_dataclass(kind):
+        return _object(kind, value, where)
+    if inner := get_args(kind):
+        if not isinstance(value, list):
+            raise ValueError(f"{where}: no list")
+        return tuple(_built(inner[0], item, f"{where}[{i}]") for i, item in enumerate(value))
+    if type(value) is not kind:
+        raise ValueError(f"{where}: no {kind.__name__}")
+    return value
+
+
+def _object(kind: Any, value: object, where: str) -> Any:
+    names = [f.name for f in fields(kind)]
+    if not isinstance(value, Mapping) or set(value) != set(names):
+        raise ValueError(f"{where}: not {', '.join(names)}")
+    types = get_type_hints(kind)
+    return kind(**{name: _built(types[name], value[name], f"{where}.{name}") for name in names})
