@@ -72,8 +72,27 @@ def turn_about(axis: Vector, angle: Float[Array, "*#batch"]) -> Matrix:
     References:
         Rodrigues' formula: Murray, Li, Sastry, "A Mathematical Introduction to Robotic Manipulation", eq. 2.14.
     """
-    cross = skew(axis) * jnp.sin(angle)
-    return cross + outer(axis, axis) * (1 - jnp.cos(angle)) + identity(3, axis.ndim - 1) * jnp.cos(angle)
+    sine = skew(axis) * jnp.sin(angle)
+    return sine + outer(axis, axis) * (1 - jnp.cos(angle)) + identity(3, axis.ndim - 1) * jnp.cos(angle)
+
+
+def turned(v: Vector, axis: Vector, angle: Float[Array, "*#batch"]) -> Vector:
+    """Return v turned about a unit axis, see `turn_about`."""
+    c = jnp.cos(angle)
+    return v * c + cross(axis, v) * jnp.sin(angle) + axis * ((axis * v).sum(0) * (1 - c))
+
+
+def rotated(v: Vector, phi: Vector) -> Vector:
+    """Return exp[phi] v, see `rotation`."""
+    b, c = _series((phi * phi).sum(0), 0, 2)
+    across = cross(phi, v)
+    return v + cross(phi, v + b * across + c * cross(phi, across))
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    ahead, behind = (lambda v, k=k: jnp.concatenate([v[k:], v[:k]]) for k in (1, 2))
+    return ahead(a) * behind(b) - behind(a) * ahead(b)
 
 
 def rotation(phi: Vector) -> Matrix:
@@ -97,8 +116,8 @@ def left_jacobian(phi: Vector) -> Matrix:
         Barfoot, "State Estimation for Robotics", eq. 7.77.
     """
     b, c = _series((phi * phi).sum(0), 0, 2)
-    cross = skew(phi)
-    return b * cross + c * matmul(cross, cross) + identity(3, phi.ndim - 1)
+    across = skew(phi)
+    return b * across + c * matmul(across, across) + identity(3, phi.ndim - 1)
 
 
 def slide(phi: Vector, v: Vector) -> tuple[Vector, Vector]:
@@ -107,9 +126,9 @@ def slide(phi: Vector, v: Vector) -> tuple[Vector, Vector]:
     J v = v + b phi x v + c phi x (phi x v), with b and c functions of phi'phi.
     """
     b, c, b_dash, c_dash = _series((phi * phi).sum(0), 0, 4)
-    cross, along = skew(phi), (phi * v).sum(0)
-    y = matvec(cross, v)
-    z = matvec(cross, y)
+    across, along = skew(phi), (phi * v).sum(0)
+    y = matvec(across, v)
+    z = matvec(across, y)
     change = 2 * along * (b_dash * y + c_dash * z) + c * ((v * v).sum(0) * phi - along * v)
     return v + b * y + c * z, change
 
@@ -121,8 +140,8 @@ def curvature(phi: Vector, moment: Vector) -> Matrix:
     """
     c, b_dash, c_dash = _series((phi * phi).sum(0), 1, 4)
     along, size = (phi * moment).sum(0), (phi * phi).sum(0)
-    cross = matvec(skew(phi), moment)
-    slope = -2 * b_dash * outer(cross, phi) + 2 * c_dash * outer(phi * along - size * moment, phi)
+    across = matvec(skew(phi), moment)
+    slope = -2 * b_dash * outer(across, phi) + 2 * c_dash * outer(phi * along - size * moment, phi)
     slope = slope + c * (along * identity(3, phi.ndim - 1) + outer(phi, moment) - 2 * outer(moment, phi))
     return (slope + transpose(slope)) / 2
 

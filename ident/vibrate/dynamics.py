@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.mechanics import Phi, flat
-from ident.arm.rotations import axial, matmul, matvec, total, transpose
+from ident.arm.rotations import axial, cross, matmul, matvec, total, transpose
 from ident.vibrate.belts import belt_forces
 from ident.vibrate.kinematics import (
     Command,
@@ -16,7 +16,6 @@ from ident.vibrate.kinematics import (
     Pins,
     Turning,
     bushings,
-    cross,
     deviations,
     inboard_of,
     inexactness,

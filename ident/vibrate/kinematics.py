@@ -12,7 +12,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.mechanics import Phi, unflatten
-from ident.arm.rotations import left_jacobian, matmul, matvec, rotation_by, skew, slide, total, transpose, turn_about
+from ident.arm.rotations import (
+    cross,
+    left_jacobian,
+    matmul,
+    matvec,
+    rotated,
+    rotation_by,
+    skew,
+    slide,
+    total,
+    transpose,
+    turn_about,
+    turned,
+)
 from ident.vibrate.machine import Machine
 from ident.vibrate.motion import Motion
 
@@ -97,23 +110,19 @@ def deviations(machine: Machine, y: Array) -> Joints:
     return jnp.stack([loose.get(joint, none) for joint in range(machine.joints)])
 
 
-def positions(machine: Machine, q: Joints, phi: Phi) -> Float[Array, "3 P *#batch"]:
-    """Return the named points in the base frame [m]; q are the angles of all pins, phi those of all bushings."""
-    _, _, after, centre = _frames(machine, q, phi, left_jacobian(phi))
-    body = np.asarray(machine.carrier, dtype=int)
-    return centre[:, body] + matvec(after[:, :, body], machine.position)
+def end_point(machine: Machine, q: Joints, phi: Phi | None = None) -> Float[Array, "3 *#batch"]:
+    """Return the last named point in the base frame [m], from it inwards joint by joint.
 
-
-def straight_positions(machine: Machine, q: Joints) -> Float[Array, "3 P *#batch"]:
-    """Return where the named points would be without elastic rotation [m]; q are the angles of all pins."""
-    turn = turn_about(machine.axis, q)
-    link = [turn[:, :, 0]]
-    for j in range(1, machine.joints):
-        link.append(matmul(link[-1], turn[:, :, j]))
-    unit = jnp.broadcast_to(jnp.eye(3).reshape((3, 3) + (1,) * (turn.ndim - 3)), link[0].shape)
-    before, after, body = jnp.stack([unit, *link[:-1]], 2), jnp.stack(link, 2), np.asarray(machine.carrier, dtype=int)
-    centre = total(inboard_of(machine), matvec(before, machine.offset), 1)
-    return centre[:, body] + matvec(after[:, :, body], machine.position)
+    Args:
+        machine: the arm under its load.
+        q: (N, *batch) [rad] angles of all pins.
+        phi: (3, N, *batch) [rad] rotations of all bushings; none when None.
+    """
+    place = machine.position[:, -1]
+    for joint in range(machine.carrier[-1], -1, -1):
+        place = turned(place, machine.axis[:, joint], q[joint])
+        place = (place if phi is None else rotated(place, phi[:, joint])) + machine.offset[:, joint]
+    return place
 
 
 def _spread(driven: Array, machine: Machine) -> Joints:
@@ -199,11 +208,6 @@ def swing_of(w: Array, alpha: Array) -> Array:
     """Return the map from a vector fixed in a body to its second derivative, by the body's w and alpha."""
     turning = skew(w)
     return skew(alpha) + matmul(turning, turning)
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Return a x b, components first."""
-    return matvec(skew(a), b)
 
 
 def inboard_of(machine: Machine) -> np.ndarray:

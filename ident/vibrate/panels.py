@@ -1,6 +1,5 @@
 """Panels of time: what changes with the posture is computed at a few nodes of each and interpolated between them."""
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -20,6 +19,10 @@ TURN = 0.8
 JUMP = 1e-6
 """Jump of a derivative, against its largest value, that counts as one."""
 
+FINER = 8
+"""Panels are at most this much shorter than they must be, where that makes them more alike."""
+PANEL_COST = 90
+"""What a panel costs apart from its steps, in steps."""
 MOST_STEPS = 200
 """Steps of a panel at most: beyond, its intermediate values leave the cache."""
 SHORTEST = 1e-9
@@ -69,12 +72,27 @@ def panels(motion: Motion, end: float, step: float) -> Panels:
     edges = np.concatenate([[first], within, [end]])
     speed = fastest(motion).max()
     longest = min(TURN / max(speed, 1e-9), MOST_STEPS * step)
-    counts = [int(np.ceil((high - low) / longest - 1e-9)) for low, high in pairwise(edges)]
+    shares = np.outer(np.diff(edges), 1 / np.arange(1, FINER)).ravel()
+    candidates = [longest, *shares[(shares < longest) & (shares > longest / FINER)]]
+    counts = min((_counts(edges, length) for length in candidates), key=lambda counts: _cost(edges, counts, step))
     lengths = np.diff(edges) / counts
     start = np.concatenate([low + n * np.arange(c) for low, n, c in zip(edges, lengths, counts, strict=False)])
     length = np.repeat(lengths, counts)
-    steps = max(1, int(np.ceil(length.max() / step - 1e-9)))
+    steps = _steps(length, step)
     return Panels(start, length / steps, steps)
+
+
+def _counts(edges: np.ndarray, longest: float) -> np.ndarray:
+    return np.ceil(np.diff(edges) / longest - 1e-9).astype(int)
+
+
+def _steps(lengths: np.ndarray, step: float) -> int:
+    return max(1, int(np.ceil(lengths.max() / step - 1e-9)))
+
+
+def _cost(edges: np.ndarray, counts: np.ndarray, step: float) -> int:
+    """Return the cost of panels, in steps: all have as many as the longest asks for."""
+    return int(counts.sum()) * (_steps(np.diff(edges) / counts, step) + PANEL_COST)
 
 
 def fastest(motion: Motion) -> Float[np.ndarray, "driven"]:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,7 +17,7 @@ from ident.errors import InputError, ModelError, Problem
 from ident.vibrate import exact, fast
 from ident.vibrate.along import nominal
 from ident.vibrate.exact import Progress
-from ident.vibrate.kinematics import at_rest, bushings, command, deviations, pins, positions, straight_positions
+from ident.vibrate.kinematics import at_rest, bushings, command, deviations, end_point, pins
 from ident.vibrate.machine import Machine, is_inexact, machine
 from ident.vibrate.motion import Motion
 from ident.vibrate.panels import NODES, Panels, Times, between_nodes, jumps_of, panels
@@ -31,8 +31,6 @@ JUMP = 1e-4
 """Largest jump of a pin's speed [rad/s]: 4 m of arm on a mode of 4 Hz would be shaken by 0.02 mm."""
 CHUNK = 4
 """Sets that one call solves."""
-BLOCK = 64
-"""Times at which the end point is found together."""
 
 
 def simulate(
@@ -67,19 +65,14 @@ def simulate(
             several sets, or a motion whose speed jumps.
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
-    _check(arm, method, rate, step)
-    _refuse_jumps(arm, motion)
-    time, sets = sample_times(motion, rate), arm.sets
-    nameless = _nameless(motion)
-    grid = panels(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
-    if method == "fast":
-        solve = _Fast(nameless, loads, time, grid, elastic_belts, is_inexact(arm))
-        solution = _over_sets(arm, sets, solve) if sets else solve(arm)
-    elif sets:
-        raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
+    sets = arm.sets
+    _check_method(method, sets)
+    solve = _fast(arm, motion, loads, elastic_belts, rate, step)
+    if method == "exact":
+        solution = _exact(arm, solve, rtol, progress)
     else:
-        solution = _exact(arm, nameless, loads, time, grid, rtol, elastic_belts, progress)
-        time = time[: solution.y.shape[1]]
+        solution = _over_sets(arm, solve, _whole) if sets else solve(arm)
+    time = solve.time[: solution.y.shape[1]]
     _refuse_collapse(motion, solution.displacement)
     gathered = _gathered(arm, loads, 1 + len(sets), elastic_belts)
     path = solution.path[(..., *(0,) * len(sets))]
@@ -98,28 +91,64 @@ class Solution(NamedTuple):
     sag: Array
 
 
-def _over_sets(arm: Arm, sets: tuple[int, ...], solve: "_Fast") -> Solution:
+def _whole(solution: Solution) -> Solution:
+    return solution
+
+
+def _vibration(solution: Solution) -> Float[Array, "3 T"]:
+    return solution.displacement - solution.sag
+
+
+def vibrations(
+    arm: Arm,
+    motion: Motion,
+    *,
+    loads: Loads | None = None,
+    elastic_belts: bool = False,
+    rate: float = RATE,
+    step: float | None = None,
+) -> Float[Array, "3 T *sets"]:
+    """Return how the end point of each of several sets vibrates [m], by the fast method: `simulate`, and no more.
+
+    Arguments and errors: see `simulate`. Whatever numbers the sets differ in, a motion is compiled for once.
+    """
+    solve = _fast(arm, motion, loads, elastic_belts, rate, step)
+    found = _over_sets(arm, solve, _vibration)
+    _refuse_collapse(motion, found)
+    return found
+
+
+def _fast(arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None) -> "_Fast":
+    """Set up the fast method for a motion."""
+    _check(arm, rate, step)
+    _refuse_jumps(arm, motion)
+    time = sample_times(motion, rate)
+    grid = panels(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
+    return _Fast(_nameless(motion), loads, time, grid, elastic, is_inexact(arm))
+
+
+def _over_sets(arm: Arm, solve: "_Fast", keep: Callable[[Solution], Any]) -> Any:
     """Solve for an arm of each of the sets `(*sets)`, one after another on each core, these axes last.
 
-    One set fills a core better than several side by side, whose intermediate values do not fit its cache.
+    One set fills a core better than several side by side, whose intermediate values do not fit its cache. What does not
+    depend on the numbers that differ is computed once for all.
     """
+    sets, one = arm.sets, nominal(arm)
     batched = {path: arm.get(path) for path in arm.paths() if jnp.ndim(arm.get(path))}
     flat = {path: jnp.broadcast_to(value, sets).reshape(-1) for path, value in batched.items()}
-    one = nominal(arm)
-    found = _by_chunk(lambda values: _mapped(one, values, solve), flat)
+    found = _by_chunk(lambda values: _mapped(one, values, solve, keep), flat)
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *sets)), found)
 
 
-def _by_chunk(run: Callable[[dict[str, Array]], Solution], flat: dict[str, Array]) -> Solution:
+def _by_chunk(run: Callable[[dict[str, Array]], Any], flat: dict[str, Array]) -> Any:
     """Run some sets at a time, the first alone, since it compiles the program for all, then as many as there are cores.
 
     Under `jit` or `grad` all at once.
     """
     count = len(next(iter(flat.values())))
-    if count <= CHUNK or any(isinstance(value, jax.core.Tracer) for value in flat.values()):
+    if any(isinstance(value, jax.core.Tracer) for value in flat.values()):
         return run(flat)
-    starts = range(0, count, CHUNK)
-    picked = [np.minimum(np.arange(start, start + CHUNK), count - 1) for start in starts]
+    picked = [np.minimum(np.arange(start, start + CHUNK), count - 1) for start in range(0, count, CHUNK)]
     chunks = [{path: value[which] for path, value in flat.items()} for which in picked]
     found = [jax.block_until_ready(run(chunks[0]))]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -128,8 +157,8 @@ def _by_chunk(run: Callable[[dict[str, Array]], Solution], flat: dict[str, Array
 
 
 @eqx.filter_jit
-def _mapped(arm: Arm, values: dict[str, Array], solve: "_Fast") -> Solution:
-    return jax.lax.map(lambda one: solve(arm.replace(one)), values)
+def _mapped(arm: Arm, values: dict[str, Array], solve: "_Fast", keep: Callable[[Solution], Any]) -> Any:
+    return jax.lax.map(lambda one: keep(solve(arm.replace(one))), values)
 
 
 class _Fast(eqx.Module):
@@ -150,35 +179,14 @@ class _Fast(eqx.Module):
         return Solution(y, yd, *_end_point(gathered, self.motion, self.grid, self.time, y, solved.rest))
 
 
-def _exact(
-    arm: Arm,
-    motion: Motion,
-    loads: Loads | None,
-    time: np.ndarray,
-    grid: Panels,
-    rtol: float,
-    elastic: bool,
-    progress: Progress,
-) -> Solution:
-    gathered = _gathered(arm, loads, 1, elastic)
+def _exact(arm: Arm, asked: _Fast, rtol: float, progress: Progress) -> Solution:
+    motion, loads, time, grid = asked.motion, asked.loads, np.asarray(asked.time), asked.grid
+    gathered = _gathered(arm, loads, 1, asked.elastic)
     rest = sag_along(arm, gathered, motion, loads, grid)
     first = settled(gathered, motion, between_nodes(grid, rest, time[:1])[0][:, 0])
     start = first, jnp.zeros_like(first)
     y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
     return Solution(y, yd, *_end_point(gathered, motion, grid, time[: y.shape[1]], y, rest))
-
-
-def _in_blocks(
-    function: Callable[[Array, Array], tuple[Array, Array]], time: Float[Array, "T"], y: Float[Array, "n T"]
-) -> tuple[Array, Array]:
-    """Evaluate at some times at a time, whose intermediate values fit the cache: several times as fast."""
-    count, blocks = len(time), -(-len(time) // BLOCK)
-    fill = blocks * BLOCK - count
-    padded = jnp.pad(time, (0, fill), mode="edge"), jnp.pad(y, ((0, 0), (0, fill)), mode="edge")
-    cut = padded[0].reshape((blocks, BLOCK)), jnp.moveaxis(padded[1].reshape((-1, blocks, BLOCK)), 1, 0)
-    found = jax.lax.map(lambda now: function(*now), cut)
-    one, other = (jnp.moveaxis(x, 0, 1).reshape((x.shape[1], -1))[:, :count] for x in found)
-    return one, other
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -197,9 +205,14 @@ def _concrete(arm: Arm) -> Arm:
     return jax.lax.stop_gradient(arm)
 
 
-def _check(arm: Arm, method: str, rate: float, step: float | None) -> None:
+def _check_method(method: str, sets: tuple[int, ...]) -> None:
     if method not in ("fast", "exact"):
         raise InputError(Problem("method", f"'{method}'", "fast or exact", "choose one"))
+    if method == "exact" and sets:
+        raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
+
+
+def _check(arm: Arm, rate: float, step: float | None) -> None:
     if not 1.0 <= rate <= 1e6:
         raise InputError(Problem("rate", f"{rate:g} samples a second", "1 to 1e6", "choose a rate as 500"))
     if step is not None and not 0 < step < np.inf:
@@ -242,11 +255,10 @@ def _end_point(
 
     def from_path(time: Times, y: Array, error: float) -> tuple[Array, Array]:
         turning = pins(machine, command(machine, motion, time), at_rest(deviations(machine, y)))
-        told = turning.pin.angle - turning.error - deviations(machine, y)
-        path = straight_positions(machine, told)[:, -1]
+        path = end_point(machine, turning.pin.angle - turning.error - deviations(machine, y))
         angle = turning.pin.angle - (1 - error) * turning.error
-        return path, positions(machine, angle, bushings(machine, y))[:, -1] - path
+        return path, end_point(machine, angle, bushings(machine, y)) - path
 
-    path, displacement = _in_blocks(lambda t, y: from_path(t, y, 1.0), jnp.asarray(time), y)
+    path, displacement = from_path(jnp.asarray(time), y, 1.0)
     _, sag = from_path(grid.nodes.ravel(), jnp.moveaxis(rest, 1, 0).reshape((y.shape[0], -1)), 0.0)
     return path, displacement, between_nodes(grid, jnp.moveaxis(sag.reshape((3, -1, NODES)), 1, 0), time)[0]
