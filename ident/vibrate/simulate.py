@@ -67,7 +67,7 @@ def simulate(
     """
     sets = arm.sets
     _check_method(method, sets)
-    solve = _fast(arm, motion, loads, elastic_belts, rate, step)
+    solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
     if method == "exact":
         solution = _exact(arm, solve, rtol, progress)
     else:
@@ -95,7 +95,8 @@ def _whole(solution: Solution) -> Solution:
     return solution
 
 
-def _vibration(solution: Solution) -> Float[Array, "3 T"]:
+def vibration_of(solution: Solution) -> Float[Array, "3 T"]:
+    """Return the displacement of the end point from where the sagging arm would be [m]."""
     return solution.displacement - solution.sag
 
 
@@ -110,24 +111,26 @@ def vibrations(
 ) -> Float[Array, "3 T *sets"]:
     """Return how the end point of each of several sets vibrates [m], by the fast method: `simulate`, and no more.
 
-    Arguments and errors: see `simulate`. Whatever numbers the sets differ in, a motion is compiled for once.
+    Arguments and errors: see `simulate`.
     """
-    solve = _fast(arm, motion, loads, elastic_belts, rate, step)
-    found = _over_sets(arm, solve, _vibration)
+    solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
+    found = _over_sets(arm, solve, vibration_of)
     _refuse_collapse(motion, found)
     return found
 
 
-def _fast(arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None) -> "_Fast":
+def fast_method(
+    arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None
+) -> "FastMethod":
     """Set up the fast method for a motion."""
     _check(arm, rate, step)
     _refuse_jumps(arm, motion)
     time = sample_times(motion, rate)
     grid = panels(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
-    return _Fast(_nameless(motion), loads, time, grid, elastic, is_inexact(arm))
+    return FastMethod(_nameless(motion), loads, time, grid, elastic, is_inexact(arm))
 
 
-def _over_sets(arm: Arm, solve: "_Fast", keep: Callable[[Solution], Any]) -> Any:
+def _over_sets(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
     """Solve for an arm of each of the sets `(*sets)`, one after another on each core, these axes last.
 
     One set fills a core better than several side by side, whose intermediate values do not fit its cache. What does not
@@ -136,20 +139,22 @@ def _over_sets(arm: Arm, solve: "_Fast", keep: Callable[[Solution], Any]) -> Any
     sets, one = arm.sets, nominal(arm)
     batched = {path: arm.get(path) for path in arm.paths() if jnp.ndim(arm.get(path))}
     flat = {path: jnp.broadcast_to(value, sets).reshape(-1) for path, value in batched.items()}
-    found = _by_chunk(lambda values: _mapped(one, values, solve, keep), flat)
+    found = by_chunk(lambda values: _mapped(one, values, solve, keep), flat)
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *sets)), found)
 
 
-def _by_chunk(run: Callable[[dict[str, Array]], Any], flat: dict[str, Array]) -> Any:
-    """Run some sets at a time, the first alone, since it compiles the program for all, then as many as there are cores.
+def by_chunk(run: Callable[[Any], Any], flat: Any, chunk: int = CHUNK) -> Any:
+    """Run some sets at a time, which are on the first axis of all arrays.
 
-    Under `jit` or `grad` all at once.
+    The first chunk alone, since it compiles the program for all, then as many as there are cores. Under `jit` or `grad`
+    all at once.
     """
-    count = len(next(iter(flat.values())))
-    if any(isinstance(value, jax.core.Tracer) for value in flat.values()):
+    leaves = jax.tree.leaves(flat)
+    count = len(leaves[0])
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
         return run(flat)
-    picked = [np.minimum(np.arange(start, start + CHUNK), count - 1) for start in range(0, count, CHUNK)]
-    chunks = [{path: value[which] for path, value in flat.items()} for which in picked]
+    picked = [np.minimum(np.arange(start, start + chunk), count - 1) for start in range(0, count, chunk)]
+    chunks = [jax.tree.map(lambda leaf, which=which: leaf[which], flat) for which in picked]
     found = [jax.block_until_ready(run(chunks[0]))]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         found += pool.map(lambda chunk: jax.block_until_ready(run(chunk)), chunks[1:])
@@ -157,11 +162,11 @@ def _by_chunk(run: Callable[[dict[str, Array]], Any], flat: dict[str, Array]) ->
 
 
 @eqx.filter_jit
-def _mapped(arm: Arm, values: dict[str, Array], solve: "_Fast", keep: Callable[[Solution], Any]) -> Any:
+def _mapped(arm: Arm, values: dict[str, Array], solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
     return jax.lax.map(lambda one: keep(solve(arm.replace(one))), values)
 
 
-class _Fast(eqx.Module):
+class FastMethod(eqx.Module):
     """The fast method for one set of numbers, all else given."""
 
     motion: Motion
@@ -173,13 +178,14 @@ class _Fast(eqx.Module):
 
     @eqx.filter_jit
     def __call__(self, arm: Arm) -> Solution:
+        """Simulate an arm of one set."""
         gathered = machine(arm, self.loads, rank=1, elastic_belts=self.elastic, inexact=self.inexact)
         solved = fast.integrate(arm, gathered, self.motion, self.grid, self.loads)
         y, yd = solved.at(self.grid, self.time)
         return Solution(y, yd, *_end_point(gathered, self.motion, self.grid, self.time, y, solved.rest))
 
 
-def _exact(arm: Arm, asked: _Fast, rtol: float, progress: Progress) -> Solution:
+def _exact(arm: Arm, asked: FastMethod, rtol: float, progress: Progress) -> Solution:
     motion, loads, time, grid = asked.motion, asked.loads, np.asarray(asked.time), asked.grid
     gathered = _gathered(arm, loads, 1, asked.elastic)
     rest = sag_along(arm, gathered, motion, loads, grid)

@@ -1,0 +1,41 @@
+"""The arm as it stands at both ends of a motion: what a change does to it besides its vibration."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, hold
+from ident.arm.equilibrium import deflection, rest
+from ident.arm.modes import lowest_eigenpairs, to_hertz
+from ident.vibrate.motion import Motion
+
+
+class Standing(NamedTuple):
+    """First natural frequency and static deflection, the worse of both ends; NaN where the arm collapses.
+
+    Attributes:
+        frequency: (*sets) [Hz]
+        deflection: (*sets) [m] how far the end point lies from its place on rigid joints.
+    """
+
+    frequency: Float[Array, "*sets"]
+    deflection: Float[Array, "*sets"]
+
+
+def standing(arm: Arm, motion: Motion, loads: Loads | None = None) -> Standing:
+    """Return how the arm stands at the start and at the end of a motion. Differentiable once."""
+    breaks = jnp.asarray(motion.breaks)
+    return _standing(arm, motion(breaks[np.array([0, -1])])[0], loads)
+
+
+@eqx.filter_jit
+def _standing(arm: Arm, posture: Float[Array, "driven ends"], loads: Loads | None) -> Standing:
+    chain = hold(arm, posture.reshape((*posture.shape, *(1,) * len(arm.sets))), loads)
+    at = rest(chain)
+    frequency = to_hertz(lowest_eigenpairs(chain, at, count=1)[0])[0]
+    moved = deflection(chain, at.phi)[:, -1]
+    return Standing(frequency.min(0), jnp.sqrt((moved**2).sum(0)).max(0))

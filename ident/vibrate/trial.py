@@ -1,0 +1,175 @@
+"""An arm is changed and simulated: the same few numbers over and over, by one compiled program."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.chain import Loads
+from ident.errors import ModelError
+from ident.vibrate.amplitude import Amplitude, amplitude
+from ident.vibrate.exact import Progress
+from ident.vibrate.fast import step_for
+from ident.vibrate.motion import Motion
+from ident.vibrate.simulate import RATE, FastMethod, by_chunk, fast_method, vibration_of, vibrations
+from ident.vibrate.standing import Standing, standing
+from ident.vibrate.variable import Variable, apply
+
+BATCH = 32
+"""Sets between two steps of progress."""
+
+Draws = Mapping[str, Float[np.ndarray, "D"]]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is simulated again and again.
+
+    Sets are numbered place by place, at each the arm itself first, then its draws.
+
+    Attributes:
+        arm: as it is.
+        motion: what the motors are told.
+        variables: what is changed.
+        measure: of the vibration, see `amplitude.MEASURES`.
+        draws: of some of the arm's numbers, by path; a change acts on each draw, see `Variable`.
+        loads: the load case.
+        elastic_belts: whether belts stretch.
+        rate: samples a second.
+        step: longest time step [s]; that of the stiffest set when None.
+    """
+
+    arm: Arm
+    motion: Motion
+    variables: tuple[Variable, ...]
+    measure: str = "peak"
+    draws: Draws = field(default_factory=dict)
+    loads: Loads | None = None
+    elastic_belts: bool = False
+    rate: float = RATE
+    step: float | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of sets at a place."""
+        return 1 + (len(next(iter(self.draws.values()))) if self.draws else 0)
+
+    @property
+    def amplitude(self) -> Amplitude:
+        """The measure for the motion as it is sampled.
+
+        Raises:
+            InputError: no such measure, or none that the motion has.
+        """
+        return amplitude(self.measure, self.motion, self.rate)
+
+    def sets(self, changes: Float[np.ndarray, "G V"]) -> dict[str, Float[np.ndarray, "sets"]]:
+        """Return the numbers of each set after changes."""
+        own = {path: np.append(float(self.arm.get(path)), values)[None] for path, values in self.draws.items()}
+        uncertain = self.arm.replace(own)
+        anything = {path: np.asarray(self.arm.get(path)) for path in stiffness_paths(self.arm)[:1]}
+        values = anything | own | apply(uncertain, self.variables, list(changes.T[..., None]))
+        shape = len(changes), self.size
+        return {path: np.broadcast_to(np.asarray(value), shape).ravel() for path, value in values.items()}
+
+    def changed(self, changes: Float[np.ndarray, "G V"]) -> Arm:
+        """Return the arm of all sets after changes."""
+        return self.arm.replace({path: jnp.asarray(values) for path, values in self.sets(changes).items()})
+
+    def amplitudes(self, changes: Float[np.ndarray, "G V"], progress: Progress = iter) -> Float[np.ndarray, "3 G D"]:
+        """Return the amplitudes [m] after changes: at each place that of the arm itself, then those of the draws.
+
+        Raises:
+            ModelError: the arm has no stable equilibrium at some place, which is named.
+        """
+        sets, measured = self.sets(changes), self.amplitude
+        count = len(next(iter(sets.values())))
+        step = self.step or self.step_for(changes)
+        how: dict[str, Any] = {"loads": self.loads, "elastic_belts": self.elastic_belts, "rate": self.rate}
+
+        def run(first: int) -> np.ndarray:
+            values = {path: jnp.asarray(column[first : first + BATCH]) for path, column in sets.items()}
+            return np.asarray(measured(vibrations(self.arm.replace(values), self.motion, step=step, **how)))
+
+        starts = range(0, count, BATCH)
+        try:
+            found = [run(starts[k]) for k in progress(range(len(starts)))]
+        except ModelError as error:
+            raise ModelError(self._collapse(changes) or str(error)) from None
+        return np.concatenate(found, 1).reshape((3, len(changes), self.size))
+
+    def step_for(self, changes: Float[np.ndarray, "G V"]) -> float:
+        """Return the time step [s] that the stiffest of these sets asks for."""
+        return step_for(self.changed(changes), self.motion)
+
+    def slopes(
+        self, change: Float[np.ndarray, "V"], which: slice = slice(None)
+    ) -> tuple[Float[np.ndarray, "3 W sets"], Float[np.ndarray, "V 3 W sets"]]:
+        """Return the parts of which an amplitude is the largest, and their exact derivatives by the changes.
+
+        Args:
+            change: where.
+            which: of the sets; the first is the arm itself.
+        """
+        sets = {path: jnp.asarray(values[which]) for path, values in self.sets(change[None]).items()}
+        step = self.step or self.step_for(change[None])
+        solve = fast_method(self.arm.replace(sets), self.motion, self.loads, self.elastic_belts, self.rate, step)
+        tangents = self._tangents(sets)
+        measured = self.amplitude
+        parts, slopes = by_chunk(lambda given: _pushed(self.arm, given, solve, measured), (sets, tangents), chunk=1)
+        return np.moveaxis(np.asarray(parts), 0, -1), np.moveaxis(np.asarray(slopes), 0, -1)
+
+    def _tangents(self, sets: Mapping[str, Array]) -> dict[str, Float[Array, "sets V"]]:
+        """Return how the numbers of each set change with each variable."""
+        none = np.zeros((len(next(iter(sets.values()))), len(self.variables)))
+        tangents = {}
+        for k, variable in enumerate(self.variables):
+            for path in variable.paths:
+                slope = none.copy()
+                slope[:, k] = 1.0 if variable.shifted else np.asarray(sets[path])
+                tangents[path] = jnp.asarray(slope)
+        return tangents
+
+    def standing(self, changes: Float[np.ndarray, "G V"]) -> Standing:
+        """Return how the arm itself stands after changes."""
+        values = apply(self.arm, self.variables, list(changes.T))
+        return standing(self.arm.replace(values), self.motion, self.loads)
+
+    def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:
+        """Return the numbers of the arm itself after changes, by path."""
+        return {path: float(value) for path, value in apply(self.arm, self.variables, list(changes)).items()}
+
+    def _collapse(self, changes: Float[np.ndarray, "G V"]) -> str:
+        """Name the first place at which the arm does not stand; empty if it does everywhere."""
+        if not self.variables:
+            return ""
+        for place in np.flatnonzero(~(np.asarray(self.standing(changes).frequency) > 0)):
+            values = self.values(changes[place])
+            told = ", ".join(f"{v.name} = {values[v.paths[0]]:.4g}" for v in self.variables)
+            return f"the arm collapses at {told}: no stable equilibrium; narrow the range"
+        return ""
+
+
+@eqx.filter_jit
+def _pushed(
+    arm: Arm, given: tuple[dict[str, Array], dict[str, Array]], solve: FastMethod, measured: Amplitude
+) -> tuple[Float[Array, "S 3 W"], Float[Array, "S V 3 W"]]:
+    """Return parts and slopes, set by set: the variables' directions side by side, pushed forward together."""
+
+    def one(set_: tuple[dict[str, Array], dict[str, Array]]) -> tuple[Array, Array]:
+        values, tangents = set_
+        changing = {path: values[path] for path in tangents}
+
+        def parts(changing: dict[str, Array]) -> Array:
+            return measured.parts(vibration_of(solve(arm.replace(values | changing))))
+
+        found, push = jax.linearize(parts, changing)
+        return found, jax.vmap(push)(tangents)
+
+    return jax.lax.map(one, given)

@@ -1,0 +1,144 @@
+"""What may be changed on an arm to make it quiet: a number, or several together, within bounds."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.arm import COMPONENTS, Arm
+from ident.errors import InputError, Problem
+from ident.text import did_you_mean
+
+SHIFTED = ("com", "offset", "position", "inertia", "height", "phase", "error_phase")
+"""Fields that are changed by a difference; all others, which are above zero, by a factor."""
+
+Extents = Mapping[str, Float[np.ndarray, "2 3"]]
+"""Corners of the bodies whose shape is known, by name, in the axes of their joint [m]."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A number that may be changed, or several by one factor or one difference.
+
+    Where the arm's own numbers are uncertain, each draw is changed by the same factor or difference: stiffening a
+    joint twofold doubles what it is, whatever it is.
+
+    Attributes:
+        paths: the numbers.
+        low: lower bound of the first of them [SI]
+        high: upper bound of it [SI]
+        weight: how dear it is to change, against others.
+    """
+
+    paths: tuple[str, ...]
+    low: float
+    high: float
+    weight: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """The paths with = between."""
+        return "=".join(self.paths)
+
+    @property
+    def shifted(self) -> bool:
+        """Whether it is changed by a difference, not by a factor."""
+        return is_shifted(self.paths[0])
+
+    def present(self, arm: Arm) -> float:
+        """Return the number as it is [SI]."""
+        return float(arm.get(self.paths[0]))
+
+    def change(self, arm: Arm, value: Float[Array | np.ndarray, "*batch"] | float) -> Array:
+        """Return ln(value / present) or value - present."""
+        present = arm.get(self.paths[0])
+        return jnp.asarray(value) - present if self.shifted else jnp.log(jnp.asarray(value) / present)
+
+    def value(self, arm: Arm, change: Float[Array | np.ndarray, "*batch"] | float) -> Array:
+        """Return the number after a change, the inverse of `change`."""
+        return changed(self.shifted, arm.get(self.paths[0]), change)
+
+    def span(self, arm: Arm) -> tuple[float, float]:
+        """Return the bounds as changes."""
+        return float(self.change(arm, self.low)), float(self.change(arm, self.high))
+
+
+def is_shifted(path: str) -> bool:
+    """Tell whether a number is changed by a difference, not by a factor."""
+    return path.split(".")[1] in SHIFTED
+
+
+def changed(shifted: bool, number: Array, change: Array | np.ndarray | float) -> Array:
+    """Return a number after a change."""
+    return number + change if shifted else number * jnp.exp(change)
+
+
+def apply(
+    arm: Arm, variables: Iterable[Variable], changes: Iterable[Float[Array | np.ndarray, "*batch"]]
+) -> dict[str, Array]:
+    """Return the numbers by path after changes, each of which has the batch of the arm's sets or broadcasts with it."""
+    pairs = zip(variables, changes, strict=True)
+    return {
+        path: changed(variable.shifted, arm.get(path), change) for variable, change in pairs for path in variable.paths
+    }
+
+
+def check_path(arm: Arm, path: str) -> None:
+    """Refuse what is no number of the arm, or none that a motion at hand depends on.
+
+    Raises:
+        InputError: no such number; the nearest names are suggested.
+    """
+    if arm.stroke and path.split(".")[0] == arm.stroke.name:
+        remedy = "sweep 'speed', the percentage; other strokes are other motions"
+        raise InputError(Problem("", path, "a number of the arm itself", remedy))
+    if path not in arm.paths():
+        remedy = did_you_mean(path, (*arm.paths(), "speed"), "see `Arm.paths()`")
+        raise InputError(Problem("", path, f"a number of the arm {arm.name}", remedy))
+
+
+def check(arm: Arm, variable: Variable, extents: Extents | None = None) -> None:
+    """Refuse bounds that can't be.
+
+    Args:
+        arm: the arm as it is.
+        variable: what shall be changed.
+        extents: of its bodies; a mass centre must stay within.
+
+    Raises:
+        InputError: no such number, bounds that are not finite, in the wrong order, not above zero for what must be, or
+            that do not hold the present value, or a mass centre outside its body.
+    """
+    for path in variable.paths:
+        check_path(arm, path)
+    problems = [*_bounds(arm, variable), *_outside(arm, variable, extents or {})]
+    if problems:
+        raise InputError(problems)
+
+
+def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:
+    name, low, high, present = variable.name, variable.low, variable.high, variable.present(arm)
+    got = f"{low:g} to {high:g}"
+    if not (np.isfinite([low, high]).all() and low < high):
+        yield Problem(name, got, "a lower and a higher bound", "correct them")
+    elif not variable.shifted and not low > 0:
+        yield Problem(name, got, "bounds above 0", "it is changed by a factor: correct them")
+    elif not variable.shifted and not present > 0:
+        yield Problem(name, f"{present:g} at present", "a number above 0", "it is changed by a factor: set it (--set)")
+    elif not low <= present <= high:
+        yield Problem(name, got, f"bounds about the present {present:g}", "correct them, or change it first (--set)")
+    if not 0 < variable.weight < np.inf:
+        yield Problem(name, f"weight {variable.weight:g}", "a weight above 0", "correct it")
+
+
+def _outside(arm: Arm, variable: Variable, extents: Extents) -> Iterable[Problem]:
+    for path in variable.paths:
+        body, field, *component = path.split(".")
+        if field == "com" and body in extents:
+            lowest, highest = extents[body][:, COMPONENTS[component[0]][0]]
+            low, high = (float(arm.get(path)) - variable.present(arm) + end for end in (variable.low, variable.high))
+            if low < lowest or high > highest:
+                got, expected = f"{low:g} to {high:g} m", f"{lowest:.4g} to {highest:.4g} m, within the body"
+                yield Problem(path, got, expected, "keep the mass centre in its body")
