@@ -126,12 +126,15 @@ def sweep(trial: Trial, axes: Sequence[Axis], progress: Progress = iter) -> Swee
     trial = replace(trial, variables=tuple(axis.variable for axis in turning))
     ratios = [value / axis.present for axis in axes if axis.is_speed for value in axis.values]
     changes = _changes(trial, places)
-    whole = _at_speeds(trial, changes, ratios, progress) if ratios else trial.amplitudes(changes, progress)
-    present = trial.amplitudes(np.zeros((1, len(turning))))[:, 0, 0]
+    if ratios:
+        present, whole = _at_speeds(trial, changes, ratios, progress)
+    else:
+        present, whole = np.split(trial.amplitudes(np.vstack([0 * changes[:1], changes]), progress), [1], 1)
     order = [axis for axis in axes if axis.is_speed] + turning
     whole = whole.reshape((3, *(len(axis.values) for axis in order), -1))
     whole = np.moveaxis(whole, [1 + order.index(axis) for axis in axes], range(1, 1 + len(axes)))
-    return Sweep(tuple(axes), trial.measure, whole[..., 0], present, whole[..., 1:] if trial.draws else None)
+    own = whole[..., 1:] if trial.draws else None
+    return Sweep(tuple(axes), trial.measure, whole[..., 0], present[:, 0, 0], own)
 
 
 def sweeps(trial: Trial, axes: Sequence[Axis], progress: Progress = iter) -> tuple[Sweep, ...]:
@@ -154,17 +157,17 @@ def sweeps(trial: Trial, axes: Sequence[Axis], progress: Progress = iter) -> tup
 
 def _at_speeds(
     trial: Trial, changes: np.ndarray, ratios: Sequence[float], progress: Progress
-) -> Float[np.ndarray, "3 speeds D"]:
-    """Simulate at several speeds, with as many samples and steps at each as at the slowest: one program for all."""
+) -> tuple[Float[np.ndarray, "3 1 D"], Float[np.ndarray, "3 places D"]]:
+    """Simulate as it is and at several speeds, with as many samples and steps at each as at the slowest."""
     slowest = min(ratios)
     step = replace(trial, motion=trial.motion.at_speed(100 * slowest)).step_for(changes)
-    found = []
-    for k in progress(range(len(ratios))):
-        clock = ratios[k] / slowest
-        moved = trial.motion.at_speed(100 * ratios[k])
-        other = replace(trial, motion=moved, rate=trial.rate * clock, step=step / clock)
-        found.append(other.amplitudes(changes))
-    return np.stack(found, 1)
+
+    def run(ratio: float, changes: np.ndarray) -> Float[np.ndarray, "3 G D"]:
+        clock, moved = ratio / slowest, trial.motion.at_speed(100 * ratio)
+        return replace(trial, motion=moved, rate=trial.rate * clock, step=step / clock).amplitudes(changes)
+
+    found = [run(ratios[k], changes) for k in progress(range(len(ratios)))]
+    return run(1.0, 0 * changes[:1]), np.concatenate(found, 1)
 
 
 def _changes(trial: Trial, places: Float[np.ndarray, "G V"]) -> Float[np.ndarray, "G V"]:
