@@ -1,6 +1,6 @@
 """An arm is changed and simulated: the same few numbers over and over, by one compiled program."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +23,8 @@ from ident.vibrate.variable import Variable, apply
 
 BATCH = 32
 """Sets between two steps of progress."""
+WIDTH = 6
+"""Derivatives that are pushed forward together: with more variables the same program runs several times."""
 
 Draws = Mapping[str, Float[np.ndarray, "D"]]
 
@@ -39,6 +41,8 @@ class Trial:
         variables: what is changed.
         measure: of the vibration, see `amplitude.MEASURES`.
         draws: of some of the arm's numbers, by path; a change acts on each draw, see `Variable`.
+        also: further numbers that the program takes as given from outside: trials that have the same ones, of
+            variables, draws and these together, share it.
         loads: the load case.
         elastic_belts: whether belts stretch.
         rate: samples a second.
@@ -50,6 +54,7 @@ class Trial:
     variables: tuple[Variable, ...]
     measure: str = "peak"
     draws: Draws = field(default_factory=dict)
+    also: tuple[str, ...] = ()
     loads: Loads | None = None
     elastic_belts: bool = False
     rate: float = RATE
@@ -73,8 +78,8 @@ class Trial:
         """Return the numbers of each set after changes."""
         own = {path: np.append(float(self.arm.get(path)), values)[None] for path, values in self.draws.items()}
         uncertain = self.arm.replace(own)
-        anything = {path: np.asarray(self.arm.get(path)) for path in stiffness_paths(self.arm)[:1]}
-        values = anything | own | apply(uncertain, self.variables, list(changes.T[..., None]))
+        given = {path: np.asarray(self.arm.get(path)) for path in self.also or stiffness_paths(self.arm)[:1]}
+        values = given | own | apply(uncertain, self.variables, list(changes.T[..., None]))
         shape = len(changes), self.size
         return {path: np.broadcast_to(np.asarray(value), shape).ravel() for path, value in values.items()}
 
@@ -117,24 +122,29 @@ class Trial:
             change: where.
             which: of the sets; the first is the arm itself.
         """
-        sets = {path: jnp.asarray(values[which]) for path, values in self.sets(change[None]).items()}
+        sets = {path: values[which] for path, values in self.sets(change[None]).items()}
         step = self.step or self.step_for(change[None])
-        solve = fast_method(self.arm.replace(sets), self.motion, self.loads, self.elastic_belts, self.rate, step)
-        tangents = self._tangents(sets)
-        measured = self.amplitude
-        parts, slopes = by_chunk(lambda given: _pushed(self.arm, given, solve, measured), (sets, tangents), chunk=1)
-        return np.moveaxis(np.asarray(parts), 0, -1), np.moveaxis(np.asarray(slopes), 0, -1)
+        solve = fast_method(self.changed(change[None]), self.motion, self.loads, self.elastic_belts, self.rate, step)
+        measured, found, slopes = self.amplitude, np.zeros(0), []
+        for first in range(0, len(self.variables), WIDTH):
+            given = sets, self._directions(sets, self.variables[first : first + WIDTH])
+            pair = by_chunk(lambda given: _pushed(self.arm, given, solve, measured), given, chunk=1)
+            found, pushed = (np.moveaxis(np.asarray(part), 0, -1) for part in pair)
+            slopes.append(pushed)
+        if not np.isfinite(found).all():
+            raise ModelError(self._collapse(change[None]) or f"no response to {self.motion.name}: the arm collapses")
+        return found, np.concatenate(slopes)[: len(self.variables)]
 
-    def _tangents(self, sets: Mapping[str, Array]) -> dict[str, Float[Array, "sets V"]]:
-        """Return how the numbers of each set change with each variable."""
-        none = np.zeros((len(next(iter(sets.values()))), len(self.variables)))
-        tangents = {}
-        for k, variable in enumerate(self.variables):
+    @staticmethod
+    def _directions(
+        sets: Mapping[str, np.ndarray], variables: Sequence[Variable]
+    ) -> dict[str, Float[np.ndarray, "sets WIDTH"]]:
+        """Return how the numbers of each set change with each variable; not at all with those that fill up."""
+        directions = {path: np.zeros((len(values), WIDTH)) for path, values in sets.items()}
+        for k, variable in enumerate(variables):
             for path in variable.paths:
-                slope = none.copy()
-                slope[:, k] = 1.0 if variable.shifted else np.asarray(sets[path])
-                tangents[path] = jnp.asarray(slope)
-        return tangents
+                directions[path][:, k] = 1.0 if variable.shifted else sets[path]
+        return directions
 
     def standing(self, changes: Float[np.ndarray, "G V"]) -> Standing:
         """Return how the arm itself stands after changes."""
@@ -160,16 +170,11 @@ class Trial:
 def _pushed(
     arm: Arm, given: tuple[dict[str, Array], dict[str, Array]], solve: FastMethod, measured: Amplitude
 ) -> tuple[Float[Array, "S 3 W"], Float[Array, "S V 3 W"]]:
-    """Return parts and slopes, set by set: the variables' directions side by side, pushed forward together."""
+    """Return parts and slopes, set by set; the directions of each are pushed forward together."""
 
-    def one(set_: tuple[dict[str, Array], dict[str, Array]]) -> tuple[Array, Array]:
-        values, tangents = set_
-        changing = {path: values[path] for path in tangents}
-
-        def parts(changing: dict[str, Array]) -> Array:
-            return measured.parts(vibration_of(solve(arm.replace(values | changing))))
-
-        found, push = jax.linearize(parts, changing)
-        return found, jax.vmap(push)(tangents)
+    def one(pair: tuple[dict[str, Array], dict[str, Array]]) -> tuple[Array, Array]:
+        values, directions = pair
+        found, push = jax.linearize(lambda now: measured.parts(vibration_of(solve(arm.replace(now)))), values)
+        return found, jax.vmap(push)(directions)
 
     return jax.lax.map(one, given)
