@@ -1,0 +1,1 @@
+"""The paper's procedure as one: measured arm, resonance, vibration, verdict, remedies."""

@@ -1,0 +1,183 @@
+"""Which change cures it: torsional stiffness first, mass centres second, both, or another speed."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.diagnose.shake import Chance, chance
+from ident.diagnose.task import CONFIDENT, Task
+from ident.vibrate.design import design
+from ident.vibrate.exact import Progress
+from ident.vibrate.simulate import simulate
+from ident.vibrate.standing import standing
+from ident.vibrate.study import measures
+from ident.vibrate.sweep import SPEED, axis, sweep
+from ident.vibrate.variable import Variable
+
+SPEEDS = np.linspace(0.5, 1.5, 11)
+"""Speeds that are tried, of the present one."""
+FEW = 24
+"""Draws at every speed."""
+TRIED = 9
+"""Values of a single number that are tried."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A change and what comes of it.
+
+    Attributes:
+        kind: `torsion`, `mass centre`, `both` or `speed`.
+        values: the numbers after the change, by path [SI]; none for another speed.
+        before: the same numbers as they are.
+        percent: [%] speed.
+        amplitude: (3,) [m] expected: of the arm itself.
+        keeps: probability that the limit is kept.
+        frequency: [Hz] first natural frequency, the lower of both ends of the motion.
+        deflection: [m] static deflection, the larger of both ends.
+        amount: amount of change, see `design.Place`.
+        longer: by which factor the motion lasts longer.
+    """
+
+    kind: str
+    values: dict[str, float]
+    before: dict[str, float]
+    percent: float
+    amplitude: Float[np.ndarray, "3"]
+    keeps: Chance
+    frequency: float
+    deflection: float
+    amount: float
+    longer: float = 1.0
+
+    @property
+    def cures(self) -> bool:
+        """Whether the limit is kept with confidence."""
+        return self.keeps.share >= CONFIDENT
+
+    @property
+    def largest(self) -> float:
+        """Largest expected amplitude of the three directions [m]."""
+        return float(self.amplitude.max())
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A remedy by the exact equations, and by draws that it was not chosen by.
+
+    Attributes:
+        amplitude: (3,) [m] by the exact equations.
+        keeps: probability of keeping the limit by fresh draws.
+        before: the same of the arm as it is.
+    """
+
+    amplitude: Float[np.ndarray, "3"]
+    keeps: Chance
+    before: Chance
+
+
+def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Remedy, ...]:
+    """Return what can be done, the best first: what cures with the least change, then what helps most.
+
+    Each aims at the limit divided by the scatter of the draws, so that most of them keep it; where that is out of
+    reach, at the least amplitude.
+
+    Args:
+        task: what is asked.
+        scatter: factor from the median of the amplitude to its 95 % quantile.
+        progress: shows how far it is, over the remedies.
+    """
+    jobs = list(_jobs(task, task.limit / max(scatter, 1.0)))
+    found = [remedy for k in progress(range(len(jobs))) if (remedy := jobs[k]()) is not None]
+    return tuple(sorted(found, key=_rank))
+
+
+def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy | None]]:
+    single = [(v, "torsion") for v in task.torsion] + [(v, "mass centre") for v in task.centres]
+    for variable, kind in single:
+        yield partial(_alone, task, variable, kind, aim)
+    groups = {"torsion": task.torsion, "mass centre": task.centres, "both": (*task.torsion, *task.centres)}
+    for kind, variables in groups.items():
+        if len(variables) > 1 and (kind != "both" or task.centres):
+            yield partial(_together, task, variables, kind, aim)
+    yield partial(_slower_or_faster, task)
+
+
+def _rank(remedy: Remedy) -> tuple[bool, float]:
+    return not remedy.cures, remedy.amount if remedy.cures else remedy.largest
+
+
+def _alone(task: Task, variable: Variable, kind: str, aim: float) -> Remedy:
+    """Try values of one number, and take the least change that reaches the aim, or the quietest."""
+    trial = task.trial(variable)
+    changes = np.linspace(*variable.span(task.arm), TRIED)[:, None]
+    amplitude = trial.amplitudes(changes)[:, :, 0].max(0)
+    good = np.flatnonzero(amplitude <= aim)
+    best = good[np.argmin(np.abs(changes[good, 0]))] if len(good) else np.argmin(amplitude)
+    amount = float(np.abs(changes[best, 0]) / np.abs(changes).max())
+    return _remedy(task, (variable,), kind, changes[best], amount)
+
+
+def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:
+    found = design(task.trial(*variables), limit=aim, extents=task.extents, starts=2, curve=False)
+    place = found.cheapest or found.best
+    return _remedy(task, variables, kind, place.changes, place.amount)
+
+
+def _remedy(
+    task: Task, variables: Sequence[Variable], kind: str, changes: Float[np.ndarray, "V"], amount: float
+) -> Remedy:
+    """Judge a change by the draws."""
+    trial = task.trial(*variables, draws=task.seen)
+    whole = trial.amplitudes(changes[None])[:, 0]
+    stands = trial.standing(changes[None])
+    values = trial.values(changes)
+    return Remedy(
+        kind,
+        values,
+        {path: float(task.arm.get(path)) for path in values},
+        task.percent,
+        whole[:, 0],
+        chance(whole[:, 1:].max(0) <= task.limit),
+        float(stands.frequency[0]),
+        float(stands.deflection[0]),
+        amount,
+    )
+
+
+def _slower_or_faster(task: Task) -> Remedy | None:
+    """Return the speed nearest to the present one at which the limit is kept, else the quietest."""
+    few = {path: values[:FEW] for path, values in task.seen.items()}
+    speeds = axis(task.arm, [SPEED], task.percent * SPEEDS, task.percent)
+    found = sweep(task.trial(draws=few), [speeds])
+    assert found.draws is not None
+    ratio = speeds.values / speeds.present
+    keeps = (found.draws.max(0) <= task.limit).mean(1)
+    other = np.abs(ratio - 1) > 1e-9
+    good = np.flatnonzero(other & (keeps >= CONFIDENT) & (found.amplitude.max(0) <= task.limit))
+    quiet = np.where(other, found.amplitude.max(0), np.inf)
+    best = int(good[np.argmin(np.abs(np.log(ratio[good])))] if len(good) else np.argmin(quiet))
+    stands = standing(task.arm, task.motion, task.loads)
+    kept = chance(found.draws[:, best].max(0) <= task.limit)
+    longer = 1 / ratio[best]
+    amplitude, deflection = found.amplitude[:, best], float(stands.deflection)
+    at = float(speeds.values[best])
+    change = abs(float(np.log(ratio[best])) / np.log(2))
+    return Remedy("speed", {}, {}, at, amplitude, kept, float(stands.frequency), deflection, change, float(longer))
+
+
+def prove(task: Task, remedy: Remedy, progress: Progress = iter) -> Proof:
+    """Simulate a remedy exactly, and with draws that it was not chosen by."""
+    ratio = remedy.percent / task.percent
+    moved = task.motion.at_speed(100 * ratio)
+    exact = simulate(task.arm.replace(remedy.values), moved, loads=task.loads, method="exact", rate=task.rate)
+    variables = tuple(Variable((path,), value, value) for path, value in remedy.values.items())
+    trial = task.trial(*variables, draws=task.unseen)
+    changes = np.array([float(variable.change(task.arm, variable.low)) for variable in variables])
+    before = trial.amplitudes(0 * changes[None], progress)[:, 0, 1:].max(0)
+    after = replace(trial, motion=moved).amplitudes(changes[None], progress)[:, 0, 1:].max(0)
+    size = measures(exact, task.limit)
+    return Proof(size.peak, chance(after <= task.limit), chance(before <= task.limit))

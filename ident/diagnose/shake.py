@@ -1,0 +1,68 @@
+"""How far the arm vibrates, and with which probability that is too far."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import binomtest
+
+from ident.diagnose.task import CONFIDENT, Task
+from ident.vibrate.exact import Progress
+from ident.vibrate.study import Study, study
+
+
+@dataclass(frozen=True)
+class Chance:
+    """A probability out of draws.
+
+    Attributes:
+        share: of the draws.
+        low: lower end of the 95 % interval (Clopper and Pearson).
+        high: upper end.
+        count: draws.
+    """
+
+    share: float
+    low: float
+    high: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """The arm at work as it is.
+
+    Attributes:
+        study: by the exact equations.
+        amplitude: (3,) [m] of the arm itself.
+        draws: (3, D) [m]
+        keeps: probability that the limit is kept in all directions.
+        scatter: factor from the median of the largest amplitude to its 95 % quantile.
+    """
+
+    study: Study
+    amplitude: Float[np.ndarray, "3"]
+    draws: Float[np.ndarray, "3 D"]
+    keeps: Chance
+    scatter: float
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the limit is kept with confidence."""
+        return self.keeps.share >= CONFIDENT
+
+
+def chance(kept: np.ndarray) -> Chance:
+    """Return the probability of what some draws do."""
+    count, total = int(np.sum(kept)), int(np.size(kept))
+    interval = binomtest(count, total).proportion_ci(0.95, "exact")
+    return Chance(count / total, float(interval.low), float(interval.high), total)
+
+
+def shake(task: Task, progress: Progress = iter) -> Shaken:
+    """Simulate the motion exactly, and for the draws by the fast method."""
+    done = study(task.arm, task.motion, loads=task.loads, method="exact", rate=task.rate)
+    whole = task.trial(draws=task.seen).amplitudes(np.zeros((1, 0)), progress)[:, 0]
+    largest = whole[:, 1:].max(0)
+    scatter = float(np.quantile(largest, 0.95) / np.median(largest))
+    return Shaken(done, whole[:, 0], whole[:, 1:], chance(largest <= task.limit), scatter)
