@@ -12,8 +12,9 @@ ALLOWED = {
     "measure": BOTTOM,
     "identify": BOTTOM | {"arm", "measure"},
     "vibrate": BOTTOM | {"arm"},
-    "present": BOTTOM | {"arm", "measure", "identify", "vibrate"},
-    "cli": BOTTOM | {"arm", "measure", "identify", "vibrate", "present"},
+    "diagnose": BOTTOM | {"arm", "measure", "identify", "vibrate"},
+    "present": BOTTOM | {"arm", "measure", "identify", "vibrate", "diagnose"},
+    "cli": BOTTOM | {"arm", "measure", "identify", "vibrate", "diagnose", "present"},
 }
 ONLY_IN = {
     "diffrax": "vibrate/exact",

@@ -1,8 +1,9 @@
 """Which change cures it: torsional stiffness first, mass centres second, both, or another speed."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -181,3 +182,13 @@ def prove(task: Task, remedy: Remedy, progress: Progress = iter) -> Proof:
     after = replace(trial, motion=moved).amplitudes(changes[None], progress)[:, 0, 1:].max(0)
     size = measures(exact, task.limit)
     return Proof(size.peak, chance(after <= task.limit), chance(before <= task.limit))
+
+
+def remedy_to_json(remedy: Remedy) -> dict[str, Any]:
+    """Return a remedy as JSON knows it."""
+    return asdict(remedy) | {"amplitude": remedy.amplitude.tolist()}
+
+
+def remedy_from_json(found: Mapping[str, Any]) -> Remedy:
+    """Return the remedy again."""
+    return Remedy(**{**found, "amplitude": np.array(found["amplitude"]), "keeps": Chance(**found["keeps"])})

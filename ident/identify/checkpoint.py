@@ -50,14 +50,8 @@ class Checkpoints:
             InputError: the folder holds another run, or can't be written to.
         """
         self.folder = folder
-        if folder is None:
-            return
-        file = folder / IDENTITY
-        if file.exists():
-            _compare(folder, _read_identity(file), identity)
-        else:
-            text = json.dumps(dict(identity), indent=1, sort_keys=True)
-            replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
+        if folder is not None:
+            claim(folder, identity)
 
     def read(self) -> list[Block]:
         """Return the blocks that are there, in order, up to the first that is missing or broken."""
@@ -92,6 +86,20 @@ class Checkpoints:
     def _file(self, number: int) -> Path:
         assert self.folder is not None
         return self.folder / f"block{number:05d}.npz"
+
+
+def claim(folder: Path, identity: Mapping[str, str]) -> None:
+    """Claim a folder for the unfinished run of an identity.
+
+    Raises:
+        InputError: the folder holds another run, or can't be written to.
+    """
+    file = folder / IDENTITY
+    if file.exists():
+        _compare(folder, _read_identity(file), identity)
+    else:
+        text = json.dumps(dict(identity), indent=1, sort_keys=True)
+        replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
 
 
 def _read_identity(file: Path) -> dict[str, str]:

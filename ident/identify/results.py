@@ -43,6 +43,11 @@ class Values:
         """The median of each number's draws, or the number itself."""
         return {path: float(np.median(values)) for path, values in self.values.items()}
 
+    def shuffled(self, seed: int) -> dict[str, np.ndarray]:
+        """Return the draws in random order, so that any part of them is as good as any other."""
+        order = np.random.default_rng(seed).permutation(len(next(iter(self.values.values()))))
+        return {path: values[order] for path, values in self.values.items()}
+
     def without(self, paths: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """Return the values of all numbers but those at some paths."""
         return {path: values for path, values in self.values.items() if path not in paths}

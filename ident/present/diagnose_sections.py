@@ -1,0 +1,248 @@
+"""What each stage of a diagnosis found, as a section of its page."""
+
+from collections.abc import Iterator, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from ident.diagnose.remedies import Proof, Remedy
+from ident.diagnose.shake import Chance, Shaken
+from ident.diagnose.task import CONFIDENT, MOVED, STIFFER, Task
+from ident.identify.campaign_sample import CampaignSample
+from ident.present.diagnose_figures import remedies_figure, sensitivities_figure, stiffness_figure, vibration_figure
+from ident.present.page import Section, Table
+from ident.present.page_figure import picture
+from ident.present.resonance_figure import resonance_figure
+from ident.present.resonance_words import grouped, sources_words
+from ident.present.units import is_stiffness, nmm_per_deg, unit_of
+from ident.present.words import cut
+from ident.vibrate.branches import Branches
+from ident.vibrate.excitation import Excitation
+from ident.vibrate.resonance import Encounter
+from ident.vibrate.sensitivity import Sensitivities
+
+MM = 1e3
+"""mm in a metre."""
+LISTED = 12
+"""Sensitivities in the table."""
+KINDS = {
+    "torsion": "torsional stiffness",
+    "mass centre": "mass centre",
+    "both": "torsional stiffness and mass centre",
+    "speed": "another speed",
+}
+"""How a kind of remedy is called."""
+
+
+def stiffness_section(sampled: CampaignSample) -> Section:
+    """Say how stiff the joints are, and how sure that is."""
+    fitted = sampled.fitted
+    known, draws = fitted.fit.information, sampled.sample
+    items = fitted.fit.problem.parameters.items
+    count = len(known.names)
+    found = [
+        f"{len(fitted.campaign)} measurements fix {known.rank} of {count} directions of the unknowns; "
+        f"chi-squared {fitted.fit.chi_squared:.3g} on {fitted.fit.degrees_of_freedom} degrees of freedom."
+    ]
+    found += [f"Warning: {doubt}." for doubt in fitted.doubts]
+    if known.rank < count:
+        found.append("The other directions are filled by the prior: what follows holds as far as that does.")
+    values = np.asarray(draws.posterior.parameters.values(jnp.asarray(draws.draws().T)))[:count]
+    low, middle, high = np.quantile(values, (0.025, 0.5, 0.975), axis=1)
+    rows = tuple(
+        (item.name, f"{m:.4g}", f"{a:.4g} to {b:.4g}", _paper(item.name, float(m)), unit_of(item.name))
+        for item, a, m, b in zip(items, low, middle, high, strict=True)
+    )
+    head = ("number", "median", "95 % interval", "in N mm/deg", "unit")
+    short = [d for d in draws.diagnosis if not d.enough(draws.settings.target_ess)]
+    note = "The chains are shorter than they should be: the intervals are rough." if short else ""
+    table = Table("Identified numbers, from the posterior", head, rows, note)
+    onward = "With these numbers and their spread the natural frequencies along the motion follow."
+    drawn = picture(
+        stiffness_figure([item.name for item in items], low, middle, high),
+        "Each identified number with its interval, relative to its median",
+        "95 % interval of each number, relative to its median: the narrower, the surer.",
+    )
+    return Section("How stiff are the joints?", tuple(found), onward, (table,), (drawn,))
+
+
+def _paper(name: str, value: float) -> str:
+    return f"{nmm_per_deg(value):.4g}" if is_stiffness(name) else ""
+
+
+def resonance_section(followed: Branches, shaken: Excitation, met: Sequence[Encounter], title: str) -> Section:
+    """Say where a pulley turns at a natural frequency."""
+    groups = grouped(met)
+    if not groups:
+        found: tuple[str, ...] = ("No pulley comes near a natural frequency along this motion.",)
+    else:
+        found = tuple(_met(group) for group in groups[:4])
+    rows = tuple(
+        (
+            sources_words([encounter.source for encounter in group]),
+            str(group[0].label),
+            f"{group[0].start:.2f} to {group[0].end:.2f}",
+            f"{group[0].natural:.2f}",
+            "crosses" if group[0].crossings else f"{100 * group[0].relative_distance:.1f} % off",
+            f"{group[0].magnification:.1f}",
+            f"{group[0].probability:.0%}",
+        )
+        for group in groups
+    )
+    head = ("excited by", "mode", "time [s]", "at [Hz]", "closest", "build-up [-]", "probability")
+    note = "Build-up: amplitude of the mode over its static response to the same force, estimated."
+    table = Table("Near-resonance, the most severe first", head, rows, note)
+    drawn = picture(
+        resonance_figure(followed, shaken, met, title=title),
+        "Natural frequencies and pulley frequencies over time, intervals of near-resonance shaded",
+        "Natural frequencies (bands: 5 to 95 % of the posterior) and the frequencies at which the pulleys turn.",
+    )
+    onward = "How far the arm really vibrates there depends on how long a pulley stays: simulate it."
+    return Section("Does the drive meet a natural frequency?", found, onward, (table,) if rows else (), (drawn,))
+
+
+def _met(group: Sequence[Encounter]) -> str:
+    first = group[0]
+    how = "crosses" if first.crossings else "comes near"
+    who = sources_words([encounter.source for encounter in group])
+    return (
+        f"{cut(who, 40)} {how} {first.label} ({first.natural:.2f} Hz) between {first.start:.2f} and {first.end:.2f} s."
+    )
+
+
+def vibration_section(task: Task, shaken: Shaken) -> Section:
+    """Say how far the end vibrates, and whether that is too far."""
+    response = shaken.study.response
+    peak = np.abs(np.asarray(response.vibration)).max(1)
+    found = [
+        f"By the exact equations the end point vibrates by up to {MM * peak.max():.3g} mm "
+        f"({'xyz'[int(peak.argmax())]}); the limit is {MM * task.limit:g} mm.",
+        f"The limit is kept by {chance_words(shaken.keeps)}.",
+    ]
+    low, high = np.quantile(shaken.draws, (0.05, 0.95), axis=1)
+    rows = tuple(
+        (direction, f"{MM * p:.3f}", f"{MM * a:.3f} to {MM * b:.3f}")
+        for direction, p, a, b in zip("xyz", peak, low, high, strict=True)
+    )
+    table = Table(
+        "Largest vibration [mm]",
+        ("direction", "exact", "5 to 95 % of the draws"),
+        rows,
+        "Vibration: how far the end is from where the sagging arm would be at rest. Draws by the fast method.",
+    )
+    drawn = picture(
+        vibration_figure(response, task.limit),
+        "Vibration of the end point in x, y and z over time, with the limit",
+        f"Vibration of the end point; dashed: limit of {MM * task.limit:g} mm.",
+    )
+    if shaken.accepted:
+        onward = "The vibration is small: nothing needs to be changed, and the procedure ends here."
+    else:
+        onward = "That is too much. Which numbers of the arm matter most?"
+    return Section("How far does the arm vibrate?", tuple(found), onward, (table,), (drawn,))
+
+
+def chance_words(chance: Chance) -> str:
+    """Say a probability with its interval."""
+    return (
+        f"{100 * chance.share:.3g} % of {chance.count} draws of the posterior "
+        f"(95 % interval {100 * chance.low:.3g} to {100 * chance.high:.3g} %)"
+    )
+
+
+def sensitivity_section(found: Sensitivities) -> Section:
+    """Say what changes the vibration most."""
+    direction = "xyz"[int(np.argmax(found.amplitude))]
+    order = found.order[:LISTED]
+    most = [found.paths[i] for i in order[:3]]
+    column = int(np.argmax(found.amplitude))
+    said = (
+        f"The largest vibration is that in {direction}. It depends most on {most[0]}, {most[1]} and {most[2]}: by "
+        + ", ".join(f"{found.elasticity[i, column]:+.2g}" for i in order[:3])
+        + " % for each percent.",
+        "Drive ratios and masses move a resonance along the path; they are rarely free to choose.",
+    )
+    rows = tuple(
+        (found.paths[i], f"{found.present[i]:.4g}", *(f"{value:+.2f}" for value in found.elasticity[i])) for i in order
+    )
+    head = ("number", "now [SI]", "x [% per %]", "y [% per %]", "z [% per %]")
+    note = "At the present design, by exact derivatives: small changes only."
+    drawn = picture(
+        sensitivities_figure(found, order),
+        "Bars of the sensitivity of the largest vibration to each number",
+        f"Percent of the vibration in {direction} for one percent of each number.",
+    )
+    onward = "The paper changes torsional stiffness first and mass centres second; each is tried, and another speed."
+    return Section(
+        "What matters most?", said, onward, (Table("Sensitivities, the strongest first", head, rows, note),), (drawn,)
+    )
+
+
+def remedies_section(task: Task, found: Sequence[Remedy]) -> Section:
+    """Rank what can be done."""
+    cures = [remedy for remedy in found if remedy.cures]
+    said = [
+        f"{len(cures)} of {len(found)} remedies keep the limit with a probability of {100 * CONFIDENT:g} % or more."
+        if cures
+        else f"None of the {len(found)} remedies that were tried keeps the limit with {100 * CONFIDENT:g} %.",
+        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times, mass centres of the last bodies by up to "
+        f"{100 * MOVED:g} % of the body's length, speeds from half to one and a half times. These ranges are assumed.",
+    ]
+    rows = tuple(
+        (
+            str(rank),
+            change_words(task, remedy),
+            f"{MM * remedy.largest:.3f}",
+            f"{100 * remedy.keeps.share:.3g} %",
+            f"{remedy.frequency:.2f}",
+            f"{MM * remedy.deflection:.1f}",
+            f"{remedy.amount:.2f}",
+        )
+        for rank, remedy in enumerate(found, 1)
+    )
+    head = ("rank", "change", "vibration [mm]", "keeps limit", "first mode [Hz]", "deflection [mm]", "amount [-]")
+    note = (
+        "Best first: what cures with the least change, then what helps most. Amount: change against the widest "
+        "allowed; of speed, in powers of two. Deflection and first mode are side effects, the worse of both ends of the motion."
+    )
+    drawn = picture(
+        remedies_figure([change_words(task, remedy) for remedy in found], found, task.limit),
+        "Largest vibration after each remedy, with the limit",
+        f"Expected largest vibration after each remedy; dashed: limit of {MM * task.limit:g} mm. Filled: cures.",
+    )
+    onward = "The first of them is simulated by the exact equations, and with draws that it was not chosen by."
+    strong = tuple(i for i, remedy in enumerate(found) if remedy.cures)
+    return Section("What cures it?", tuple(said), onward, (Table("Remedies", head, rows, note, strong),), (drawn,))
+
+
+def proof_section(task: Task, remedy: Remedy, proof: Proof) -> Section:
+    """Say whether the best remedy holds."""
+    largest = MM * float(np.max(proof.amplitude))
+    kept = "keeps" if largest <= MM * task.limit else "does NOT keep"
+    said = (
+        f"{change_words(task, remedy)}: {largest:.3g} mm by the exact equations, which {kept} the limit.",
+        f"With fresh draws the limit is kept by {chance_words(proof.keeps)}; before the change by "
+        f"{100 * proof.before.share:.3g} %.",
+    )
+    rows = tuple(
+        (path, f"{remedy.before[path]:.4g}", f"{value:.4g}", f"{value / remedy.before[path]:.3f}", unit_of(path))
+        for path, value in remedy.values.items()
+    )
+    head = ("number", "now", "after", "ratio", "unit")
+    return Section("Does it hold?", said, "", (Table("What to change", head, rows),) if rows else ())
+
+
+def change_words(task: Task, remedy: Remedy) -> str:
+    """Name a remedy by what it changes."""
+    if remedy.kind == "speed":
+        return f"speed {remedy.percent:.3g} % instead of {task.percent:.3g} %"
+    return ", ".join(_changes(remedy))
+
+
+def _changes(remedy: Remedy) -> Iterator[str]:
+    for path, value in remedy.values.items():
+        before = remedy.before[path]
+        if is_stiffness(path):
+            yield f"{path} x {value / before:.2f}"
+        else:
+            yield f"{path} {MM * (value - before):+.0f} mm"
