@@ -78,7 +78,7 @@ def _assumptions(arm_file: ArmFile) -> Iterator[str]:
     yield f"{guessed} of the {len(origins)} numbers in the arm file are assumed or calibrated; amplitudes hold as far."
     yield "Links, fingers and payload are rigid; bushings are linear; belts are rigid."
     yield "The priors of the fit, and the sigmas of the campaign, are as given; the model itself is taken as right."
-    yield "A change of a number leaves all others as they are: a stiffer drive weighs as much, a body keeps its inertia."
+    yield "A change leaves all other numbers as they are: a stiffer drive weighs as much, a body keeps its inertia."
     yield "Draws are simulated by the fast method, linearised about the moving, sagging arm."
 
 

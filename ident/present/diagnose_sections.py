@@ -203,7 +203,8 @@ def remedies_section(task: Task, found: Sequence[Remedy]) -> Section:
     head = ("rank", "change", "vibration [mm]", "keeps limit", "first mode [Hz]", "deflection [mm]", "amount [-]")
     note = (
         "Best first: what cures with the least change, then what helps most. Amount: change against the widest "
-        "allowed; of speed, in powers of two. Deflection and first mode are side effects, the worse of both ends of the motion."
+        "allowed; of speed, in powers of two. Deflection and first mode are side effects, the worse of both ends of "
+        "the motion."
     )
     drawn = picture(
         remedies_figure([change_words(task, remedy) for remedy in found], found, task.limit),
