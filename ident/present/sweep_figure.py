@@ -34,7 +34,7 @@ WAYS: tuple[Style, ...] = (
 )
 """Styles of x, y, z."""
 POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-WIDE = 1.5
+WIDE = 3.0
 """Ratio of the ends from which on factors are drawn on a logarithmic axis."""
 STEPS = (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 10)
 """Ticks of a decade, if it has room."""

@@ -53,7 +53,7 @@ def _present(sweeping: Sweeping) -> Iterator[str]:
     if sweeping.limit is not None:
         beyond = [d for d, size in zip(DIRECTIONS, sweeping.present, strict=True) if size > sweeping.limit]
         words = f"exceeded in {', '.join(beyond)}" if beyond else "kept in all directions"
-        yield f"  limit of {MM * sweeping.limit:g} mm: {words}"
+        yield f"  limit of {MM * sweeping.limit:g} mm: {words}" + (" by the arm itself" if sweeping.draws else "")
 
 
 def _parameter(sweeping: Sweeping, sweep: Sweep) -> Iterator[str]:

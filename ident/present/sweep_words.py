@@ -38,7 +38,9 @@ def trends_in_words(sweep: Sweep) -> Iterator[str]:
         yield "  the present value is outside the range"
         return
     low, high = next(iter(near.values())).span
-    span = f"{low / axis.present:.3g}x to {high / axis.present:.3g}x" if is_factor(axis) else f"{low:.4g} to {high:.4g}"
+    span = f"{low:.4g} to {in_words(axis, high)}"
+    if is_factor(axis):
+        span = f"{low / axis.present:.3g}x to {high / axis.present:.3g}x"
     told = "; ".join(f"{name} {_about(axis, about)}" for name, about in near.items())
     yield f"  about the present value, {span}: {told}"
 
