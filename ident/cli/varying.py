@@ -19,7 +19,7 @@ VaryOption = Annotated[
     list[str],
     typer.Option(
         help="number to vary, with bounds in SI, or in multiples of the present value with an x behind, and a count: "
-        "joint1.k_tors, bracket.com.x=0:0.29, speed=4:20:17 (percent), joint1.mass=0.5x:2x; several by one common "
+        "joint1.k_tors, bracket.com.x=0:0.29, speed=4:20:17 (percent), link1.mass=0.5x:2x; several by one common "
         "factor: a.k_tors=b.k_tors=0.5x:2x; may be repeated"
     ),
 ]
