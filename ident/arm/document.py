@@ -70,6 +70,12 @@ class BodyTable(Table):
         """Return the body as a value."""
         return Body(self.name, self.mass.number, self.com.number, self._tensor())
 
+    def extent(self) -> Any:
+        """Return lowest and highest corner, (2, 3) [m], in the joint's axes; None without a shape that extends."""
+        if self.shape is None or isinstance(self.shape, Lump):
+            return None
+        return self.com.number + np.array([[-1.0], [1.0]]) * self.shape.half()
+
 
 # Checked when they are used: the registry of units takes a moment to build.
 UNDAMPED = Time.model_construct(value=0.0, unit="s", origin="assumed")
@@ -201,6 +207,11 @@ class ArmDocument(Table):
             tuple(belt.belt() for belt in self.belt),
             self.stroke.stroke() if self.stroke else None,
         )
+
+    def extents(self) -> dict[str, Any]:
+        """Return the corners of the bodies whose shape is known, (2, 3) [m] by name."""
+        bodies = [body for joint in self.joint for body in (*joint.shaft, *joint.link)] + [*self.payload]
+        return {body.name: extent for body in bodies if (extent := body.extent()) is not None}
 
     def origins(self) -> dict[str, str]:
         """Return the origin by path; what follows from a shape is derived, what is left out is assumed to be zero."""

@@ -4,12 +4,13 @@ import hashlib
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
 
 import numpy as np
 import tomlkit
+from jaxtyping import Float
 from pydantic import ValidationError
 
 from ident.arm.arm import COMPONENTS, Arm
@@ -30,12 +31,14 @@ class ArmFile:
         path: the file, as it was named.
         sha256: hexadecimal digest of the file's bytes.
         origins: origin of every number, by its path in the arm.
+        extents: lowest and highest corner of each body that has a shape, (2, 3) [m] in its joint's axes, by name.
     """
 
     arm: Arm
     path: str
     sha256: str
     origins: Mapping[str, str]
+    extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
 
 
 def read_arm(path: str | PathLike[str]) -> Arm:
@@ -59,7 +62,8 @@ def read_arm_file(path: str | PathLike[str]) -> ArmFile:
     if not text.strip():
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
     document = parse_document(text, where)
-    return ArmFile(document.arm(), str(path), hashlib.sha256(data).hexdigest(), document.origins())
+    digest = hashlib.sha256(data).hexdigest()
+    return ArmFile(document.arm(), str(path), digest, document.origins(), document.extents())
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:

@@ -180,6 +180,10 @@ class Box(Sourced):
         square = si(self.size, self.unit) ** 2
         return mass / 12 * np.diag(square.sum() - square)
 
+    def half(self) -> Any:
+        """Return half the edges, (3,) [m]."""
+        return si(self.size, self.unit) / 2
+
 
 class Cylinder(Sourced):
     """A solid cylinder along one of the frame's axes."""
@@ -196,6 +200,13 @@ class Cylinder(Sourced):
         moments = np.full(3, (3 * radius**2 + length**2) / 12)
         moments["xyz".index(self.axis)] = radius**2 / 2
         return mass * np.diag(moments)
+
+    def half(self) -> Any:
+        """Return half the edges of the box about it, (3,) [m]."""
+        radius, length = si([self.radius, self.length], self.unit)
+        edges = np.full(3, radius)
+        edges["xyz".index(self.axis)] = length / 2
+        return edges
 
 
 class Lump(Table):

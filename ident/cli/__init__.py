@@ -15,6 +15,7 @@ from ident.cli import (  # noqa: F401  (each hangs its command on the app)
     sample,
     simulate,
     spectrum,
+    sweep,
 )
 from ident.cli.app import app
 from ident.errors import IdentError, InputError

@@ -93,9 +93,8 @@ def motion(arm: "Arm", asked: dict[str, Any], path: Path | None) -> "tuple[Motio
     if path is None:
         if arm.stroke is None:
             raise InputError(Problem(arm.name, "no stroke", "what the arm shall carry out", STROKE))
-        speed = 10.0 if asked["speed"] is None else asked["speed"]
         form = {"profile": asked["profile"] or "s-curve", "retract": asked["retract"], "dwell": asked["dwell"]}
-        straight = options.renamed(NAMED, stroke, arm.stroke, percent=speed, **form)
+        straight = options.renamed(NAMED, stroke, arm.stroke, percent=percent(asked, path), **form)
         beyond_limits(arm, straight)
         return straight, None
     log = read_log(path, [joint.name for joint in arm.driven])
@@ -110,11 +109,15 @@ def motion(arm: "Arm", asked: dict[str, Any], path: Path | None) -> "tuple[Motio
     return replayed, log
 
 
+def percent(asked: dict[str, Any], path: Path | None) -> float:
+    """Return the speed [%]: by default 10 of the stroke, and 100 of a path, its own."""
+    return float(asked["speed"] if asked["speed"] is not None else 10.0 if path is None else 100.0)
+
+
 def name(arm: Path, asked: dict[str, Any], path: Path | None) -> str:
     """Return what the files are called: arm, motion, percent."""
     if path is not None:
-        percent = "" if asked["speed"] is None else f"-{asked['speed']:g}"
-        return f"{arm.stem}.{path.stem}{percent}"
-    percent = f"{10.0 if asked['speed'] is None else asked['speed']:g}"
+        own = "" if asked["speed"] is None else f"-{asked['speed']:g}"
+        return f"{arm.stem}.{path.stem}{own}"
     form = "" if asked["profile"] in (None, "s-curve") else f"-{asked['profile']}"
-    return f"{arm.stem}.{'retract' if asked['retract'] else 'extend'}-{percent}{form}"
+    return f"{arm.stem}.{'retract' if asked['retract'] else 'extend'}-{percent(asked, path):g}{form}"

@@ -160,7 +160,7 @@ def _at_speeds(
 ) -> tuple[Float[np.ndarray, "3 1 D"], Float[np.ndarray, "3 places D"]]:
     """Simulate as it is and at several speeds, with as many samples and steps at each as at the slowest."""
     slowest = min(ratios)
-    step = replace(trial, motion=trial.motion.at_speed(100 * slowest)).step_for(changes)
+    step = trial.step or replace(trial, motion=trial.motion.at_speed(100 * slowest)).step_for(changes)
 
     def run(ratio: float, changes: np.ndarray) -> Float[np.ndarray, "3 G D"]:
         clock, moved = ratio / slowest, trial.motion.at_speed(100 * ratio)

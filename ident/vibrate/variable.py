@@ -14,6 +14,9 @@ from ident.text import did_you_mean
 SHIFTED = ("com", "offset", "position", "inertia", "height", "phase", "error_phase")
 """Fields that are changed by a difference; all others, which are above zero, by a factor."""
 
+ROUNDING = 1e-9
+"""Distance [m] that is no distance."""
+
 Extents = Mapping[str, Float[np.ndarray, "2 3"]]
 """Corners of the bodies whose shape is known, by name, in the axes of their joint [m]."""
 
@@ -113,7 +116,7 @@ def check(arm: Arm, variable: Variable, extents: Extents | None = None) -> None:
     """
     for path in variable.paths:
         check_path(arm, path)
-    problems = [*_bounds(arm, variable), *_outside(arm, variable, extents or {})]
+    problems = [*_bounds(arm, variable), *outside(arm, variable, extents or {})]
     if problems:
         raise InputError(problems)
 
@@ -133,12 +136,13 @@ def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:
         yield Problem(name, f"weight {variable.weight:g}", "a weight above 0", "correct it")
 
 
-def _outside(arm: Arm, variable: Variable, extents: Extents) -> Iterable[Problem]:
+def outside(arm: Arm, variable: Variable, extents: Extents) -> Iterable[Problem]:
+    """Yield what bounds take a mass centre out of its body."""
     for path in variable.paths:
         body, field, *component = path.split(".")
         if field == "com" and body in extents:
             lowest, highest = extents[body][:, COMPONENTS[component[0]][0]]
             low, high = (float(arm.get(path)) - variable.present(arm) + end for end in (variable.low, variable.high))
-            if low < lowest or high > highest:
+            if low < lowest - ROUNDING or high > highest + ROUNDING:
                 got, expected = f"{low:g} to {high:g} m", f"{lowest:.4g} to {highest:.4g} m, within the body"
                 yield Problem(path, got, expected, "keep the mass centre in its body")
