@@ -11,6 +11,8 @@ from ident.cli import moving, options, running
 from ident.cli.app import app
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from ident.arm.file import ArmFile
     from ident.diagnose.remedies import Proof, Remedy
     from ident.diagnose.shake import Shaken
@@ -128,10 +130,11 @@ class _Run:
         """Carry out what is needed, and write the page."""
         self.stage("stiffness", self._stiffness)
         task = self._task()
+        ahead = None if self.kept.read("sensitivities") else _ahead(lambda: self._sensitivities(task))
         self.stage("resonance", lambda: self._resonance(task))
         self.stage("vibration", lambda: self._vibration(task))
+        self.stage("sensitivities", lambda: ahead.result() if ahead else self._sensitivities(task))
         if not self.facts["vibration"]["accepted"]:
-            self.stage("sensitivities", lambda: self._sensitivities(task))
             self.stage("remedies", lambda: self._remedies(task))
             self.stage("proof", lambda: self._proof(task))
         self._write(task)
@@ -219,7 +222,7 @@ class _Run:
         from ident.present.diagnose_sections import sensitivity_section
         from ident.vibrate.sensitivity import sensitivities
 
-        found = sensitivities(task.trial(), progress=running.progress("sensitivities"))
+        found = sensitivities(task.trial())
         return {"paths": list(found.paths), "elasticity": found.elasticity.tolist()}, sensitivity_section(found)
 
     def _remedies(self, task: "Task") -> Found:
@@ -239,7 +242,7 @@ class _Run:
         from ident.present.diagnose_sections import proof_section
 
         proof: Proof = prove(task, self._best(), running.progress("fresh draws"))
-        facts = {"amplitude": proof.amplitude.tolist(), "keeps": asdict(proof.keeps), "before": asdict(proof.before)}
+        facts = {"amplitude": proof.amplitude.tolist(), "keeps": asdict(proof.keeps)}
         return facts, proof_section(task, self._best(), proof)
 
     def _write(self, task: "Task") -> None:
@@ -256,3 +259,20 @@ class _Run:
         typer.echo(f"{page.verdict.text}")
         for end in ("html", "json"):
             typer.echo(f"wrote {name}.{end}")
+
+
+def _ahead(compute: Callable[[], Found]) -> "Future[Found]":
+    """Compute in the background: while one program is compiled, the other cores would have nothing to do."""
+    from concurrent.futures import Future
+    from threading import Thread
+
+    future: Future[Found] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(compute())
+        except BaseException as error:  # handed to whoever asks for the result
+            future.set_exception(error)
+
+    Thread(target=run, daemon=True).start()
+    return future

@@ -20,7 +20,7 @@ MOVED = 0.2
 """Share of a body's length by which its mass centre may be moved either way; our assumption."""
 CONFIDENT = 0.95
 """Probability of keeping the limit that is asked for."""
-SEEN = 200
+SEEN = 100
 """Draws by which vibration and remedies are judged; all others are kept for the proof."""
 
 

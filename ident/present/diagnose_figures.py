@@ -56,6 +56,10 @@ def sensitivities_figure(found: Sensitivities, order: Sequence[int]) -> Figure:
     axes.barh(np.arange(len(order)), values, color=BLUE, height=0.6)
     axes.axvline(0, color="black", linewidth=0.8)
     axes.set_xscale("symlog", linthresh=1.0)
+    reach = float(np.abs(values).max())
+    ticks = [sign * tick for tick in (0.5, 1, 2, 5, 10, 20, 50) if tick <= max(reach, 1) for sign in (-1, 1)]
+    axes.set_xticks([0, *ticks], [f"{tick:+g}" if tick else "0" for tick in [0, *ticks]])
+    axes.minorticks_off()
     axes.set_xlabel("percent of vibration per percent of the number (beyond 1: logarithmic)", fontsize=9)
     return figure
 

@@ -36,8 +36,8 @@ def diagnose_page(
         head: provenance, as in the result file.
     """
     return Page(
-        f"Does {cut(task.arm.name, 60)} shake?",
-        f"{cut(task.motion.name, 80)}; campaign {cut(campaign.name, 60)}; {head['created'][:10]}",
+        f"Vibration of {cut(task.arm.name, 60)}",
+        f"{cut(task.motion.name, 80)}; measured: {cut(campaign.path, 60)}; {head['created'][:10]}",
         _verdict(task, facts, best),
         tuple(_summary(facts)),
         tuple(sections),

@@ -23,6 +23,8 @@ from ident.vibrate.sensitivity import Sensitivities
 
 MM = 1e3
 """mm in a metre."""
+SMALL = 0.01
+"""Relative change of a stiffness, or change of a mass centre [m], that is not worth a word."""
 LISTED = 12
 """Sensitivities in the table."""
 KINDS = {
@@ -103,7 +105,8 @@ def resonance_section(followed: Branches, shaken: Excitation, met: Sequence[Enco
 
 def _met(group: Sequence[Encounter]) -> str:
     first = group[0]
-    how = "crosses" if first.crossings else "comes near"
+    plural = "" if len(group) > 1 else "s"
+    how = f"cross{plural and 'es'}" if first.crossings else f"come{plural} near"
     who = sources_words([encounter.source for encounter in group])
     return (
         f"{cut(who, 40)} {how} {first.label} ({first.natural:.2f} Hz) between {first.start:.2f} and {first.end:.2f} s."
@@ -136,7 +139,7 @@ def vibration_section(task: Task, shaken: Shaken) -> Section:
         f"Vibration of the end point; dashed: limit of {MM * task.limit:g} mm.",
     )
     if shaken.accepted:
-        onward = "The vibration is small: nothing needs to be changed, and the procedure ends here."
+        onward = "The vibration is small: nothing needs to be changed. What it depends on follows, to keep it so."
     else:
         onward = "That is too much. Which numbers of the arm matter most?"
     return Section("How far does the arm vibrate?", tuple(found), onward, (table,), (drawn,))
@@ -172,7 +175,9 @@ def sensitivity_section(found: Sensitivities) -> Section:
         "Bars of the sensitivity of the largest vibration to each number",
         f"Percent of the vibration in {direction} for one percent of each number.",
     )
-    onward = "The paper changes torsional stiffness first and mass centres second; each is tried, and another speed."
+    onward = (
+        "Where something must be changed: torsional stiffness first, mass centres second, as in the paper; or speed."
+    )
     return Section(
         "What matters most?", said, onward, (Table("Sensitivities, the strongest first", head, rows, note),), (drawn,)
     )
@@ -222,8 +227,7 @@ def proof_section(task: Task, remedy: Remedy, proof: Proof) -> Section:
     kept = "keeps" if largest <= MM * task.limit else "does NOT keep"
     said = (
         f"{change_words(task, remedy)}: {largest:.3g} mm by the exact equations, which {kept} the limit.",
-        f"With fresh draws the limit is kept by {chance_words(proof.keeps)}; before the change by "
-        f"{100 * proof.before.share:.3g} %.",
+        f"With draws that it was not chosen by, the limit is kept by {chance_words(proof.keeps)}.",
     )
     rows = tuple(
         (path, f"{remedy.before[path]:.4g}", f"{value:.4g}", f"{value / remedy.before[path]:.3f}", unit_of(path))
@@ -237,13 +241,14 @@ def change_words(task: Task, remedy: Remedy) -> str:
     """Name a remedy by what it changes."""
     if remedy.kind == "speed":
         return f"speed {remedy.percent:.3g} % instead of {task.percent:.3g} %"
-    return ", ".join(_changes(remedy))
+    return ", ".join(_changes(remedy)) or "nothing"
 
 
 def _changes(remedy: Remedy) -> Iterator[str]:
+    """Name each number that changes by more than is worth a word."""
     for path, value in remedy.values.items():
         before = remedy.before[path]
-        if is_stiffness(path):
+        if is_stiffness(path) and abs(value / before - 1) > SMALL:
             yield f"{path} x {value / before:.2f}"
-        else:
+        elif not is_stiffness(path) and abs(value - before) > SMALL:
             yield f"{path} {MM * (value - before):+.0f} mm"
