@@ -77,6 +77,12 @@ class Task:
                 found += [Variable((f"{body.name}.com.x",), *bounds)] if bounds[0] < present < bounds[1] else []
         return tuple(found)
 
+    @cached_property
+    def step(self) -> float:
+        """Time step [s] for the stiffest arm that is tried; one for all, so that they share their programs."""
+        tried = Trial(self.arm, self.motion, (*self.torsion, *self.centres), loads=self.loads)
+        return tried.step_for(np.array([variable.span(self.arm) for variable in tried.variables]).T)
+
     def trial(self, *variables: Variable, draws: Mapping[str, np.ndarray] | None = None) -> Trial:
         """Return what is simulated again and again; all of a task are one program."""
         also = (*changeable(self.arm), *(path for v in (*self.torsion, *self.centres) for path in v.paths), *self.draws)
@@ -88,4 +94,5 @@ class Task:
             also=tuple(dict.fromkeys(also)),
             loads=self.loads,
             rate=self.rate,
+            step=self.step,
         )
