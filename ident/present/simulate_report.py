@@ -1,12 +1,12 @@
 """The printed report of a simulated motion: how far the end point vibrates, when, and what it takes."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import jax.numpy as jnp
 import numpy as np
 
-from ident.identify.results import Values
+from ident.present.assumed import in_words, values_in_words
 from ident.present.simulation import MM, Simulation
 from ident.present.words import cut, degrees, paragraphs
 from ident.vibrate.study import DIRECTIONS
@@ -17,7 +17,6 @@ METHODS = {
     "exact": "exact equations of motion, integrated with error control",
 }
 QUANTILES = (0.05, 0.95)
-PARTS = {"Drive": "drives", "Belt": "belts", "Stroke": "stroke"}
 MOST_SLACK = 4
 """Times of a slack span that are told one by one."""
 
@@ -53,7 +52,7 @@ def _heading(simulation: Simulation) -> Iterator[str]:
     if simulation.undriven:
         yield "  The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
     for values, what in ((simulation.fit, "fitted values"), (simulation.posterior, "draws of the posterior")):
-        yield from _values(values, what) if values else ()
+        yield from values_in_words(values, what) if values else ()
     if simulation.posterior and not simulation.fit:
         yield "  the arm itself has the medians of these draws"
     for path, value in (simulation.changed or {}).items():
@@ -62,16 +61,6 @@ def _heading(simulation: Simulation) -> Iterator[str]:
         yield f"  INTERRUPTED: the exact method came to {simulation.study.interrupted:.4g} s"
         if simulation.posterior:
             yield "  so the draws were not simulated"
-
-
-def _values(values: Values, what: str) -> Iterator[str]:
-    count = next(iter(values.values.values())).size
-    number = f"{count} {what}" if count > 1 else what
-    yield f"  {number} of {len(values.values)} numbers, from {values.path}"
-    if values.left_out:
-        yield f"    left out, no number of the arm: {', '.join(values.left_out)}"
-    if values.remark:
-        yield f"    {values.remark}"
 
 
 def _vibration(simulation: Simulation) -> Iterator[str]:
@@ -191,30 +180,7 @@ def _moments(simulation: Simulation) -> Iterator[str]:
 
 
 def _assumed(simulation: Simulation) -> Iterator[str]:
-    names, count = simulation.assumed
-    kinds = {part.name: PARTS.get(type(part).__name__, "") for part in simulation.arm.parts()}
-    fields: dict[str, dict[str, None]] = {}
-    for path in names:
-        part, _, field = path.partition(".")
-        fields.setdefault(kinds[part], {})[field.replace("_", " ")] = None
-    if names:
-        yield f"Assumed: {len(names)} of the {count} numbers below; the amplitudes hold as far as these do"
-        guessed, others = simulation.guessed
-        if guessed:
-            yield f"  and {guessed} of the arm's {others} others (lengths, masses, ...) are assumed or calibrated"
-        for kind, words in fields.items():
-            yield from _wrapped(f"{kind}: ", list(words))
-
-
-def _wrapped(start: str, words: Sequence[str], width: int = 116) -> Iterator[str]:
-    line = f"  {start}"
-    for i, word in enumerate(words):
-        piece = word + (", " if i < len(words) - 1 else "")
-        if len(line) + len(piece) > width:
-            yield line.rstrip()
-            line = "    "
-        line += piece
-    yield line
+    return in_words(simulation.arm, simulation.assumed, simulation.guessed)
 
 
 def _mm(value: float) -> str:

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.arm.drive import SCALARS
 from ident.arm.file import ArmFile
 from ident.identify.results import Values
 from ident.measure import Load, Log, Trace
+from ident.present.assumed import assumed, guessed
 from ident.vibrate.compare import Comparison
 from ident.vibrate.response import Response
 from ident.vibrate.study import Draws, Sizes, Study, measures
@@ -115,22 +115,12 @@ class Simulation:
     @property
     def assumed(self) -> tuple[list[str], int]:
         """Names of the numbers of drives, belts and stroke that are assumed, and how many such numbers there are."""
-        kinds = {part.name: type(part).__name__ for part in self.arm.parts()}
-        unused = {"stroke"} if self.log else set()
-        told = {
-            path: origin
-            for path, origin in self.arm_file.origins.items()
-            if kinds.get(path.split(".")[0]) in SCALARS and path.split(".")[0] not in unused
-        }
-        fixed = {**(self.changed or {})}
-        return [path for path, origin in told.items() if origin == "assumed" and path not in fixed], len(told)
+        return assumed(self.arm, self.arm_file, self.changed or {}, stroke=not self.log)
 
     @property
     def guessed(self) -> tuple[int, int]:
         """How many of the arm's numbers but those are assumed or calibrated, and how many are given at all."""
-        driving = {part.name for part in self.arm.parts() if type(part).__name__ in SCALARS}
-        told = [o for path, o in self.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
-        return sum(origin in ("assumed", "calibrated") for origin in told), len(told)
+        return guessed(self.arm, self.arm_file)
 
     @property
     def undriven(self) -> bool:

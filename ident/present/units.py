@@ -13,8 +13,21 @@ FIELDS = {
     "offset": "m",
     "position": "m",
     "inertia": "kg m^2",
+    "rotor_inertia": "kg m^2",
+    "eccentric_mass": "kg",
+    "eccentricity": "m",
+    "height": "m",
+    "phase": "rad",
+    "error": "rad",
+    "error_phase": "rad",
+    "driver_radius": "m",
+    "driven_radius": "m",
+    "pretension": "N",
+    "stiffness": "N/m",
+    "tau": "s",
+    "speed": "%",
 }
-"""SI unit of each field of the arm that can be fitted."""
+"""SI unit of each field of the arm that can be fitted or varied, and of the speed."""
 
 
 def shown(kind: str, value: float) -> tuple[float, str]:

@@ -153,7 +153,8 @@ class Trial:
 
     def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:
         """Return the numbers of the arm itself after changes, by path."""
-        return {path: float(value) for path, value in apply(self.arm, self.variables, list(changes)).items()}
+        each = [np.asarray(change) for change in changes]
+        return {path: float(value) for path, value in apply(self.arm, self.variables, each).items()}
 
     def _collapse(self, changes: Float[np.ndarray, "G V"]) -> str:
         """Name the first place at which the arm does not stand; empty if it does everywhere."""
