@@ -13,7 +13,20 @@ from ident.errors import InputError, Problem
 T = TypeVar("T")
 UNRECORDED = ("campaign", "arm", "out", "no_prior", "no_figure", "restart")
 """Options that say where things are or what is shown, not what is computed; inputs are recorded by their hashes."""
-REPEATED = ("fix", "tie", "free", "prior", "discrepancy", "parameter", "noise", "load", "sigma", "cost", "change")
+REPEATED = (
+    "fix",
+    "tie",
+    "free",
+    "prior",
+    "discrepancy",
+    "parameter",
+    "noise",
+    "load",
+    "sigma",
+    "cost",
+    "change",
+    "assigned",
+)
 """Options that may be given several times."""
 NOT_NEGATIVE = ("mass", "k_bend", "k_tors", "tau_bend", "tau_tors")
 """Fields that `--set` refuses to make negative."""
