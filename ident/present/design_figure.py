@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import NullLocator
 
 from ident.present.designing import Designing
 from ident.present.simulation import MM
@@ -20,6 +20,8 @@ WIDTH = 8.0
 """Of a figure [inch]."""
 NEAR = 0.5
 """Share of the limit that an amplitude must reach for the limit to be drawn."""
+SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Ticks of changes as shares of the widest."""
 COLORS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "black", GREY)
 MARKS: dict[str, Style] = {
     "present": {"marker": "o", "color": GREY, "markersize": 8},
@@ -142,8 +144,8 @@ def _bars(axes: Axes, design: Design) -> None:
         axes.yaxis.set_minor_locator(NullLocator())
         axes.set_ylabel("factor", fontsize=9)
     else:
-        axes.yaxis.set_major_locator(MaxNLocator(6))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:+.0%}"))
+        ticks = [share for share in SHARES if low <= share <= high]
+        axes.set_yticks(ticks, [f"{share:+.0%}" if share else "0%" for share in ticks])
         axes.set_ylabel("change, of the widest allowed", fontsize=9)
     key = axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, frameon=False, fontsize=8)
     for text in key.get_texts():

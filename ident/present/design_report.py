@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.present.designing import (
+    NMM,
     Designing,
     bound_of,
     change_in_words,
@@ -14,10 +15,11 @@ from ident.present.designing import (
 )
 from ident.present.sensitivity_report import assumptions, heading, mm, present, table
 from ident.present.simulation import MM
-from ident.present.units import unit_of
+from ident.present.units import is_stiffness, nmm_per_deg, unit_of
 from ident.present.words import cut, paragraphs
 from ident.vibrate.design import Design, Place
 from ident.vibrate.study import DIRECTIONS
+from ident.vibrate.variable import Variable
 from ident.vibrate.verify import Check
 
 
@@ -61,20 +63,23 @@ def _changes(designing: Designing, design: Design) -> Iterator[str]:
         yield f"Design: least probability of exceeding {share}, from the least largest amplitude on"
     else:
         yield "Design: the change within the bounds by which the largest amplitude is least"
-    yield f"  {'':24s}{'from':>34s}{'to':>34s}{'change':>14s}  bounds"
+    yield f"  {'':24s}{'from':>12s}{'to':>12s}  {'unit':10s}{'change':>10s}  bounds"
     for variable, change in zip(design.trial.variables, design.best.changes, strict=True):
         low, high = (change_in_words(variable, end) for end in variable.span(designing.arm))
         at = bound_of(designing.arm, variable, change)
         bounds = f"{low} to {high}" + (f", at the {at}" if at else "")
         for k, path in enumerate(variable.paths):
-            before, after = (_both(path, value) for value in (float(designing.arm.get(path)), design.best.values[path]))
-            told = f"{change_in_words(variable, change):>14s}  {bounds}" if k == 0 else f"{'the same':>14s}"
-            yield f"  {cut(path, 24):24s}{before:>34s}{after:>34s}{told}"
+            told = f"{change_in_words(variable, change):>10s}  {bounds}" if k == 0 else f"{'the same':>10s}"
+            ends = float(designing.arm.get(path)), design.best.values[path]
+            yield f"  {cut(path, 24):24s}{ends[0]:12.4g}{ends[1]:12.4g}  {unit_of(path):10s}{told}"
+            if is_stiffness(path):
+                before, after = (nmm_per_deg(end) for end in ends)
+                yield f"  {'':24s}{before:12.4g}{after:12.4g}  {NMM}"
     masses = [path for variable in design.trial.variables for path in variable.paths if path.endswith(".mass")]
     if masses:
         yield f"  {', '.join(masses)}: inertia was kept; in the arm file it follows the mass where there is a shape"
     if words := verdict(design):
-        yield f"  {words}"
+        yield f"  {words}" + (" (the arm itself; for the draws, see below)" if designing.draws else "")
 
 
 def _effect(designing: Designing, design: Design) -> Iterator[str]:
@@ -132,8 +137,10 @@ def _cheapest(design: Design) -> Iterator[str]:
         yield f"Cheapest change that keeps {limit}: none is needed"
     else:
         yield f"Cheapest change that keeps {limit}: amount {place.amount:.3f}, {mm(place.largest)} mm"
-        for path, value in place.values.items():
-            yield f"  {cut(path, 24):24s}{_both(path, value):>34s}"
+        for variable, change in zip(_variables(design), place.changes, strict=True):
+            for path in variable.paths:
+                words = f"{change_in_words(variable, change):>12s}  {_both(path, place.values[path])}"
+                yield f"  {cut(path, 24):24s}{words}"
 
 
 def _verification(designing: Designing, design: Design) -> Iterator[str]:
@@ -162,7 +169,7 @@ def _fresh(designing: Designing, limit: float, before: Check, after: Check) -> I
         yield f"    {name + ':':8s}{found.share:.1%} ({low:.1%} to {high:.1%})"
 
 
-def _variables(design: Design) -> tuple:
+def _variables(design: Design) -> tuple[Variable, ...]:
     return design.trial.variables
 
 

@@ -18,7 +18,7 @@ from ident.vibrate.variable import Variable
 from ident.vibrate.verify import Verification
 
 NMM = "N mm/deg"
-AT_BOUND = 1e-4
+AT_BOUND = 1e-3
 """Distance from a bound, of the way between both, that is none."""
 SAME = 1e-3
 """Difference of largest amplitudes, as a share, and of changes, of the way between the bounds, that is none."""

@@ -47,6 +47,7 @@ def _direction(axes: Axes, designing: Designing, d: int, shown: list[int]) -> No
     if designing.draws:
         low, high = found.band[:, shown, d]
         axes.hlines(places, low, high, color="black", linewidth=1.1, zorder=3)
+    _numbers(axes, designing, d, shown)
     axes.axvline(0, color=GREY, linewidth=0.8, zorder=1)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)
@@ -56,6 +57,27 @@ def _direction(axes: Axes, designing: Designing, d: int, shown: list[int]) -> No
     axes.locator_params(axis="x", nbins=5)
     if d == 1:
         axes.set_xlabel("% of amplitude per % of the number", fontsize=9)
+
+
+def _numbers(axes: Axes, designing: Designing, d: int, shown: list[int]) -> None:
+    """Write each number beyond the end of its bar and band: beside strong ones, weak bars can't be read."""
+    found = designing.sensitivities
+    values = found.elasticity[shown, d]
+    ends = np.stack([values, *(found.band[:, shown, d] if designing.draws else ())])
+    for place, value in enumerate(values):
+        end = ends[:, place].min() if value < 0 else ends[:, place].max()
+        axes.annotate(
+            f"{value:+.2f}",
+            (end, place),
+            xytext=(-3 if value < 0 else 3, 0),
+            textcoords="offset points",
+            ha="right" if value < 0 else "left",
+            va="center",
+            fontsize=7,
+            color=GREY,
+        )
+    room = 0.24 * (max(ends.max(), 0.0) - min(ends.min(), 0.0))
+    axes.set_xlim(min(ends.min(), 0.0) - room, max(ends.max(), 0.0) + room)
 
 
 def _key(figure: Figure, designing: Designing, shown: int) -> None:

@@ -21,6 +21,8 @@ from ident.vibrate.verify import Exceeding, exceeding, verify
 
 K1, K2, K3 = (f"joint{j}.k_tors" for j in (1, 2, 3))
 STEP = 2e-3
+BENDING = tuple(f"joint{j}.k_bend" for j in (1, 2, 3))
+MANY = (K1, K2, K3, *BENDING, "link2.mass", "fingers.com.x", "drive2.ratio")
 
 
 def about(path, low=0.5, high=2.0, weight=1.0):
@@ -31,9 +33,18 @@ def about(path, low=0.5, high=2.0, weight=1.0):
 
 
 def short(variables, **options):
-    """A trial of the paper's way in half a second: the arm is shaken hard, and little is computed."""
+    """A trial of the paper's way in half a second: the arm is shaken hard, and little is computed.
+
+    By default it takes the same numbers as given from outside as all others do, so that they share programs.
+    """
     motion = named(stroke(lcd_arm().stroke, percent=200, dwell=0.2))
-    return Trial(lcd_arm(), motion, tuple(variables), **({"rate": 200.0, "step": STEP} | options))
+    usual = {"rate": 200.0, "step": STEP, "also": ("joint1.k_bend", K1, K2)}
+    return Trial(lcd_arm(), motion, tuple(variables), **(usual | options))
+
+
+def smooth(variables):
+    """The same, measured by its rms, with draws, of more numbers."""
+    return short(variables, measure="rms", draws={K1: drawn(2, 0)[K1]}, also=MANY)
 
 
 def drawn(count, seed):
@@ -68,10 +79,10 @@ def central(function, x, step):
 def test_slopes_are_those_of_differences_for_ties_shifts_draws_and_many_variables():
     present = {path: float(lcd_arm().get(path)) for path in (K2, K3)}
     tied = Variable((K2, K3), 0.5 * present[K2], 2 * present[K2])
-    others = [about(path) for path in (K1, "joint1.k_bend", "joint2.k_bend", "joint3.k_bend", "link2.mass")]
+    others = [about(path) for path in (K1, *BENDING, "link2.mass")]
     variables = [tied, about("fingers.com.x", -0.1, 0.1), *others]
     assert len(variables) > 6, "more than are pushed forward together"
-    trial = short(variables, measure="rms", draws={K1: drawn(2, 0)[K1]})
+    trial = smooth(variables)
     x = np.array([0.1, 0.02, -0.2, 0.1, 0.0, 0.1, 0.05])
     parts, slopes = trial.slopes(x)
     assert parts.shape == (3, 1, 3)
@@ -137,7 +148,7 @@ def test_slopes_of_frequency_and_deflection_and_of_the_log_odds(present):
 
 def test_sensitivities_are_those_of_differences():
     paths = (K1, "link2.mass", "fingers.com.x", "drive2.ratio")
-    trial = short((), measure="rms", draws={K1: drawn(2, 0)[K1]})
+    trial = smooth(())
     got = sensitivities(trial, paths)
     assert got.draws.shape == (4, 3, 2)
     moved = replace(trial, variables=tuple(Variable((path,), -np.inf, np.inf) for path in paths))
@@ -152,7 +163,7 @@ def test_sensitivities_are_those_of_differences():
 
 @pytest.fixture(scope="module")
 def uncertain(present):
-    return design(short(TWO, draws=drawn(12, 2), rate=100.0), limit=0.6 * present, starts=1, curve=False)
+    return design(short(TWO, draws=drawn(12, 2)), limit=0.6 * present, starts=1, curve=False)
 
 
 def test_fresh_draws_agree_with_others_and_with_the_exact_method(uncertain):
