@@ -100,9 +100,7 @@ def _key(figure: Figure, handles: list[Line2D], note: str) -> None:
 
 def _curve(axes: Axes, designing: Designing, design: Design) -> None:
     """Draw the curve, the limit and the places that have a name."""
-    kept = [place for place in (*design.curve, *_cheapest(design)) if place is not design.curve[-1]]
-    order = sorted([*kept, design.curve[-1]], key=lambda place: place.amount)
-    amounts, sizes = [place.amount for place in order], [MM * place.largest for place in order]
+    amounts, sizes = [place.amount for place in design.curve], [MM * place.largest for place in design.curve]
     axes.plot(amounts, sizes, color=BLUE, linewidth=1.4, marker=".", markersize=5, zorder=3)
     handles = []
     for name, place in _named(design):
@@ -176,7 +174,7 @@ def _named(design: Design) -> Iterator[tuple[str, Place]]:
 def _changed(design: Design) -> Iterator[tuple[str, Place]]:
     """Yield the places whose changes are drawn, ascending, each with its label."""
     names = [(place, name) for name, place in _named(design)][1:]
-    places = [(place, "") for place in design.curve[1:-1]] + names
+    places = [(one, "") for one in design.curve[1:-1] if all(one is not place for place, _ in names)] + names
     if abs(design.curve[-1].amount - design.best.amount) > 1e-9:
         places.append((design.curve[-1], "quietest"))
     for place, name in sorted(places, key=lambda pair: pair[0].amount):
