@@ -26,6 +26,7 @@ def log(path, angles=(60, -120, 60)):
     np.savetxt(path, np.column_stack(columns), header=header, comments="", delimiter=",")
 
 
+@pytest.mark.timeout(900)  # some ten programs are compiled, slowly on a machine that others share
 def test_a_design_with_all_that_there_is(run, tmp_path):
     log(tmp_path / "teach.csv")
     posterior(tmp_path / "draws.nc")
