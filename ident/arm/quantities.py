@@ -16,7 +16,7 @@ from ident.units import in_base_units, parse_unit
 LARGEST = 1e15
 """Largest magnitude of any number: beyond it squares and products would overflow unnoticed."""
 
-Origin = Literal["paper", "assumed", "calibrated", "measured", "derived", "datasheet"]
+Origin = Literal["paper", "assumed", "calibrated", "measured", "derived", "datasheet", "designed"]
 
 
 def complaint(got: str, expected: str, remedy: str) -> PydanticCustomError:

@@ -6,6 +6,7 @@ import typer
 
 from ident.cli import (  # noqa: F401  (each hangs its command on the app)
     check,
+    design,
     diagnose,
     fit,
     plan,

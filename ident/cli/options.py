@@ -26,6 +26,7 @@ REPEATED = (
     "cost",
     "change",
     "vary",
+    "assigned",
 )
 """Options that may be given several times."""
 NOT_NEGATIVE = ("mass", "k_bend", "k_tors", "tau_bend", "tau_tors")

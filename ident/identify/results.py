@@ -83,6 +83,51 @@ def read_draws(path: str | Path, arm: Arm, count: int, seed: int | None = None) 
     Raises:
         InputError: the file is no such posterior, or has no number of this arm.
     """
+    read = _read_posterior(path)
+    return read.values(arm, _choice(read.total, min(count, read.total), seed))
+
+
+def read_two_groups(path: str | Path, arm: Arm, count: int, fresh: int, seed: int = 0) -> tuple[Values, Values | None]:
+    """Return draws that are spread evenly over the chains, and others, chosen at random of those that are left.
+
+    What was fitted to the first can be tested with the others.
+
+    Args:
+        path: see `read_draws`.
+        arm: whose numbers are looked for.
+        count: draws of the first group, at most; all if the file has fewer.
+        fresh: draws of the second, at most; all that are left if these are fewer, None if there are none.
+        seed: of the choice.
+
+    Raises:
+        InputError: see `read_draws`.
+    """
+    read = _read_posterior(path)
+    first = _choice(read.total, min(count, read.total), None)
+    left = np.setdiff1d(np.arange(read.total), first)
+    second = left[_choice(len(left), min(fresh, len(left)), seed)]
+    return read.values(arm, first), read.values(arm, second) if len(second) else None
+
+
+@dataclass(frozen=True)
+class _Posterior:
+    """All draws of a file, by the paths of each variable."""
+
+    where: str
+    data: bytes
+    found: Mapping[tuple[str, ...], np.ndarray]
+    remark: str
+
+    @property
+    def total(self) -> int:
+        return min((len(values) for values in self.found.values()), default=0)
+
+    def values(self, arm: Arm, chosen: np.ndarray) -> Values:
+        drawn = {paths: values[chosen] for paths, values in self.found.items()}
+        return _of_arm(self.where, self.data, drawn, arm, self.remark)
+
+
+def _read_posterior(path: str | Path) -> _Posterior:
     import xarray
 
     where, expected = one_line(str(path)), "a posterior of ident sample (.sample.nc)"
@@ -93,9 +138,7 @@ def read_draws(path: str | Path, arm: Arm, count: int, seed: int | None = None) 
             found = dict(_variables(posterior.load(), chains, _ties(path)))
     except (OSError, ValueError, KeyError, TypeError, IndexError):
         raise InputError(Problem(where, "other contents", expected, "give the file that ident sample wrote")) from None
-    total = min((len(values) for values in found.values()), default=0)
-    chosen = _choice(total, min(count, total), seed)
-    return _of_arm(where, data, {paths: values[chosen] for paths, values in found.items()}, arm, remark)
+    return _Posterior(where, data, found, remark)
 
 
 def _choice(total: int, count: int, seed: int | None) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Which change makes an arm quiet: least amplitude or probability of too much, within bounds, at a cost of change."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ from ident.vibrate.variable import Extents, check
 
 STARTS = 3
 """Starts, the arm as it is among them."""
+SAME = 1e-4
+"""Difference of amplitudes, as a share, that is none."""
 SHARES = (0.125, 0.25, 0.5, 0.75)
 """Amounts of change on the trade-off curve, of that of the best design."""
 
@@ -57,7 +60,8 @@ class Design:
         present: the arm as it is.
         best: least amplitude; with draws and a limit, least probability of exceeding it.
         optima: what each start has led to, the quietest first.
-        curve: least amplitude at several amounts of change, ascending; the present and the quietest are its ends.
+        curve: least amplitude at several amounts of change, ascending, each place quieter than the one before; the
+            present and the quietest are its ends.
         cheapest: least amount of change that keeps the limit; None without limit, or where it can't be kept.
     """
 
@@ -120,7 +124,8 @@ def design(
     amount = np.sqrt(search.square(quietest))
     between = [search.quietest(share * quietest, share * amount) for share in SHARES if curve and amount > 0]
     present, optima = _place(search, 0 * best, limit), tuple(_place(search, u, limit) for u in found)
-    middle = sorted((_place(search, u, limit) for u in between if u is not None), key=lambda place: place.amount)
+    middle = [_place(search, u, limit) for u in between if u is not None]
+    least_change = None if cheapest is None else _place(search, cheapest, limit)
     return Design(
         trial,
         required,
@@ -128,9 +133,21 @@ def design(
         present,
         _place(search, best, limit),
         optima,
-        (present, *middle, optima[0]),
-        None if cheapest is None else _place(search, cheapest, limit),
+        _efficient(
+            present, [*middle, *optima[1:], *([] if least_change is None else [least_change])], optima[0], curve
+        ),
+        least_change,
     )
+
+
+def _efficient(present: Place, found: Sequence[Place], quietest: Place, curve: bool) -> tuple[Place, ...]:
+    """Return the places that are quieter than all of less change: a search may end at a louder one."""
+    kept = [present]
+    for place in sorted(found, key=lambda place: place.amount) if curve else ():
+        louder_than_end = place.largest > quietest.largest * (1 + SAME) and place.amount < quietest.amount
+        if place.largest < kept[-1].largest * (1 - SAME) and louder_than_end:
+            kept.append(place)
+    return (*kept, quietest)
 
 
 def _place(search: Search, u: Float[np.ndarray, "V"], limit: float | None) -> Place:

@@ -124,6 +124,9 @@ def check(arm: Arm, variable: Variable, extents: Extents | None = None) -> None:
 def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:
     name, low, high, present = variable.name, variable.low, variable.high, variable.present(arm)
     got = f"{low:g} to {high:g}"
+    if len({is_shifted(path) for path in variable.paths}) > 1:
+        remedy = "coordinates are changed by a difference, others by a factor"
+        yield Problem(name, "a coordinate with other numbers", "numbers of one kind", remedy)
     if not (np.isfinite([low, high]).all() and low < high):
         yield Problem(name, got, "a lower and a higher bound", "correct them")
     elif not variable.shifted and not low > 0:

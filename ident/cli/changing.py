@@ -1,0 +1,85 @@
+"""How `--change PATHS[=LOW:HIGH[:WEIGHT]]` is read."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ident.cli.ranges import Bound, Range, read_range
+from ident.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.vibrate.variable import Extents, Variable
+
+ChangeOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="number that may be changed, with bounds in SI, or in multiples of the present value with an x, "
+        "and a weight, how dear it is to change: joint1.k_tors, link1.mass=0.5x:2x, fingers.com.x=1.3:1.8:2; "
+        "several by one common factor: a.k_tors=b.k_tors; may be repeated; default: torsional stiffness of every joint"
+    ),
+]
+FACTORS = Bound(0.5, True), Bound(2.0, True)
+"""Bounds of what is changed by a factor, unless they are given."""
+DISTANCE = 0.1
+"""To either side of a coordinate, unless bounds are given [m]."""
+HALF_TURN = 3.141592653589793
+"""To either side of a phase [rad]."""
+
+
+def variables(arm: "Arm", texts: Sequence[str], extents: "Extents") -> "tuple[Variable, ...]":
+    """Return what may be changed; complaints tell the option.
+
+    Raises:
+        InputError: what can't be read, no such number, or bounds that can't be.
+    """
+    asked = [(text, read_range(text, "--change", "WEIGHT")) for text in texts]
+    if not asked:
+        asked = [(name, Range((name,))) for name in (f"{joint.name}.k_tors" for joint in arm.joints)]
+    found = tuple(_variable(arm, text, one, extents) for text, one in asked)
+    _refuse_twice(found)
+    return found
+
+
+def _variable(arm: "Arm", text: str, asked: Range, extents: "Extents") -> "Variable":
+    from ident.vibrate.variable import Variable, check, check_path
+
+    try:
+        if "speed" in asked.paths:
+            raise InputError(Problem("", "the speed", "a number of the arm", "see ident sweep --vary speed"))
+        for path in asked.paths:
+            check_path(arm, path)
+        low, high = _ends(arm, asked, extents)
+        found = Variable(asked.paths, low, high, 1.0 if asked.third is None else asked.third)
+        check(arm, found, extents)
+    except InputError as error:
+        raise InputError(replace(error.problems[0], where=f"--change {text}", column="")) from None
+    return found
+
+
+def _ends(arm: "Arm", asked: Range, extents: "Extents") -> tuple[float, float]:
+    from ident.arm.arm import COMPONENTS
+    from ident.vibrate.variable import is_shifted
+
+    path = asked.paths[0]
+    present = float(arm.get(path))
+    if asked.bounds is not None or not is_shifted(path):
+        low, high = (bound.of(present) for bound in asked.bounds or FACTORS)
+        return low, high
+    body, field, *component = path.split(".")
+    if field == "inertia":
+        raise InputError(Problem("", "no bounds", "LOW:HIGH for an inertia", "add them, as =1:2 or =0.5x:2x"))
+    if field == "com" and body in extents:
+        lowest, highest = extents[body][:, COMPONENTS[component[0]][0]]
+        return max(present - DISTANCE, float(lowest)), min(present + DISTANCE, float(highest))
+    half = HALF_TURN if field.endswith("phase") else DISTANCE
+    return present - half, present + half
+
+
+def _refuse_twice(found: "Sequence[Variable]") -> None:
+    paths = [path for variable in found for path in variable.paths]
+    twice = next((path for path in paths if paths.count(path) > 1), None)
+    if twice:
+        raise InputError(Problem("--change", f"{twice} twice", "each number once", "drop one"))

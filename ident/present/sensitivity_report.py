@@ -1,0 +1,84 @@
+"""The printed table of sensitivities, and the head that it shares with the report of a design."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ident.present.assumed import in_words as assumed_in_words
+from ident.present.assumed import values_in_words
+from ident.present.designing import Designing, in_words
+from ident.present.simulation import MM
+from ident.present.words import cut, degrees, paragraphs
+from ident.vibrate.amplitude import MEASURES
+from ident.vibrate.study import DIRECTIONS
+
+MOST = 12
+"""Sensitivities that a report of a design tells."""
+
+
+def sensitivity_report(designing: Designing) -> str:
+    """Return the report without a design: motion, present amplitude, all sensitivities, what is assumed."""
+    count = len(designing.sensitivities.paths)
+    return paragraphs([heading(designing), present(designing), table(designing, count), assumptions(designing)])
+
+
+def heading(designing: Designing) -> Iterator[str]:
+    """Say what is moved, and by which numbers."""
+    trial, motion = designing.trial, designing.trial.motion
+    yield f"{cut(designing.arm.name, 40)}: {cut(motion.name, 60)}"
+    start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9).tolist()) for i in (0, -1))
+    held = float(motion.breaks[-1]) - motion.arrival
+    yield f"  from {start} to {end} in {motion.arrival:.4g} s" + (f", then held for {held:.4g} s" if held else "")
+    belts = ("elastic" if trial.elastic_belts else "rigid") if designing.arm.belts else "none"
+    yield f"  load: {designing.load}; belts: {belts}; {trial.rate:.4g} samples a second; fast method"
+    if not designing.arm.drives:
+        yield "  The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
+    for values, what in ((designing.fit, "fitted values"), (designing.posterior, "draws of the posterior")):
+        yield from values_in_words(values, what) if values else ()
+    if designing.posterior and not designing.fit:
+        yield "  the arm itself has the medians of these draws"
+    if designing.posterior:
+        yield "  every draw is changed by the factor, or the difference, by which the arm itself is"
+    for path, value in (designing.changed or {}).items():
+        yield f"  set: {path} = {value:g}"
+
+
+def present(designing: Designing) -> Iterator[str]:
+    """Tell the amplitudes of the arm as it is."""
+    amplitude, measure = designing.sensitivities.amplitude, designing.trial.measure
+    sizes = ", ".join(f"{d} {mm(a)} mm" for d, a in zip(DIRECTIONS, amplitude, strict=True))
+    yield f"Vibration of {designing.point}, {measure}: {MEASURES[measure]}"
+    yield f"  as the arm is: {sizes}"
+    if designing.design and (limit := designing.design.limit):
+        beyond = [d for d, size in zip(DIRECTIONS, amplitude, strict=True) if size > limit]
+        words = f"exceeded in {', '.join(beyond)}" if beyond else "kept in all directions"
+        yield f"  limit of {MM * limit:g} mm: {words}"
+
+
+def table(designing: Designing, most: int = MOST) -> Iterator[str]:
+    """Tell by how many percent the amplitude changes with each number, the strongest first."""
+    found = designing.sensitivities
+    way = DIRECTIONS[int(np.argmax(found.amplitude))]
+    yield "Sensitivities: percent of amplitude per percent of the number, as the arm is"
+    yield f"  {'':22s}{'at present':>22s}" + "".join(
+        f"{d:>9s}" + (" 5 to 95 %".rjust(16) if designing.draws else "") for d in DIRECTIONS
+    )
+    for i in found.order[:most]:
+        row = f"  {cut(found.paths[i], 22):22s}{in_words(found.paths[i], found.present[i]):>22s}"
+        for d in range(3):
+            row += f"{found.elasticity[i, d]:+9.3f}"
+            row += f"{'{:+.3f} {:+.3f}'.format(*found.band[:, i, d]):>16s}" if designing.draws else ""
+        yield row
+    if len(found.paths) > most:
+        yield f"  and {len(found.paths) - most} more, in the .json"
+    yield f"  strongest in {way} first, where the arm vibrates most"
+
+
+def assumptions(designing: Designing) -> Iterator[str]:
+    """Say what is assumed."""
+    return assumed_in_words(designing.arm, designing.assumed, designing.guessed)
+
+
+def mm(value: float) -> str:
+    """Write a length in mm."""
+    return f"{MM * value:.4f}"
