@@ -3,6 +3,7 @@
 After a change to a script, `python tests/test_notebooks.py` executes it and writes the .ipynb anew.
 """
 
+import base64
 import os
 import subprocess
 import sys
@@ -16,6 +17,8 @@ FOLDER = Path(__file__).parents[1] / "notebooks"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
 LIMIT = 280
 """Seconds that a notebook may take where nothing has been compiled yet."""
+PICTURE = "05_the_remedy.ipynb", "remedy.png"
+"""The notebook whose last figure is the README's, and where that lies."""
 by_script = pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 
 
@@ -67,6 +70,19 @@ def test_executed_copy_has_outputs_and_no_traces_of_a_machine(script):
         assert trace not in raw
 
 
+def last_picture(notebook):
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    return base64.b64decode([o.data["image/png"] for o in outputs if "image/png" in o.get("data", {})][-1])
+
+
+def test_picture_of_the_readme_is_that_of_its_notebook():
+    name, picture = PICTURE
+    shown = (FOLDER / picture).read_bytes()
+    assert shown == last_picture(executed(FOLDER / name))
+    assert len(shown) < 150_000
+    assert f"notebooks/{picture}" in (FOLDER.parent / "README.md").read_text(encoding="utf-8")
+
+
 def rebuild(script):
     from nbclient import NotebookClient
 
@@ -76,6 +92,9 @@ def rebuild(script):
         cell["id"] = f"cell-{number}"
     notebook.metadata.pop("jupytext", None)
     nbformat.write(notebook, script.with_suffix(".ipynb"))
+    name, picture = PICTURE
+    if script.with_suffix(".ipynb").name == name:
+        (FOLDER / picture).write_bytes(last_picture(notebook))
 
 
 if __name__ == "__main__":
