@@ -12,7 +12,7 @@ CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
 # all but ident.cli: typer hands None to an eager flag that is annotated bool
-ROOMS = ("arm", "identify", "measure", "present", "vibrate")
+ROOMS = ("arm", "diagnose", "identify", "measure", "present", "vibrate")
 install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 
 import jax  # noqa: E402

@@ -9,6 +9,7 @@ import typer
 
 from ident.cli import moving, options, running
 from ident.cli.app import app
+from ident.errors import InputError
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -69,9 +70,12 @@ def diagnose_command(
     moving.check(asked, path)
     running.start()
     from ident.diagnose.kept import Kept
+    from ident.identify.conditions import loads_of
+    from ident.measure import Load
 
     measured, arm_file = running.read(campaign, arm)
     moving.motion(arm_file.arm, asked, path)
+    loads_of(arm_file.arm, Load.parse(load))
     folder = out / f"{measured.name}.diagnose.part"
     if restart:
         _discard(folder)
@@ -82,6 +86,10 @@ def diagnose_command(
     except KeyboardInterrupt:
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
+    except InputError:
+        if not run.sections:
+            _discard(folder)
+        raise
     _discard(folder)
 
 

@@ -18,11 +18,11 @@ from ident.vibrate.study import measures
 from ident.vibrate.sweep import SPEED, axis, sweep
 from ident.vibrate.variable import Variable
 
-SPEEDS = np.linspace(0.5, 1.5, 11)
+SPEEDS = np.linspace(0.5, 1.5, 9)
 """Speeds that are tried, of the present one."""
-FEW = 24
+FEW = 20
 """Draws at every speed."""
-TRIED = 33
+TRIED = 17
 """Values of a single number that are tried."""
 
 

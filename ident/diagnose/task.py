@@ -46,7 +46,7 @@ class Task:
     limit: float
     loads: Loads | None = None
     extents: Extents = field(default_factory=dict)
-    rate: float = 500.0
+    rate: float = 250.0
 
     @property
     def seen(self) -> dict[str, Float[np.ndarray, "D"]]:
