@@ -60,7 +60,7 @@ def test_from_a_campaign_to_advice(small, run, monkeypatch, tmp_path, browser_pa
     assert out.count("(as found before)") == 5
     assert "6. Does it hold?" in out
 
-    assert files(tmp_path / "out") == ["campaign.diagnose.html", "campaign.diagnose.json", "campaign.sample.nc"]
+    assert files(tmp_path / "out") == ["campaign.diagnose.html", "campaign.diagnose.json", "campaign.diagnose.nc"]
     document = json.loads((tmp_path / "out" / "campaign.diagnose.json").read_text("utf-8"))
     stages = document["stages"]
     assert list(stages) == ["stiffness", "resonance", "vibration", "sensitivities", "remedies", "proof"]

@@ -62,7 +62,8 @@ def diagnose_command(
 
     The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit,
     torsional stiffness first and mass centres second. Goes on where an earlier run of the same inputs was stopped.
-    Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and CAMPAIGN.sample.nc.
+    Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior,
+    CAMPAIGN.diagnose.nc.
     """
     asked = options.asked(locals())
     unknown = options.unknowns(asked)
@@ -188,7 +189,7 @@ class _Run:
 
     @property
     def _posterior(self) -> Path:
-        return self.out / f"{self.measured.name}.sample.nc"
+        return self.out / f"{self.measured.name}.diagnose.nc"
 
     def _task(self) -> "Task":
         from ident.diagnose.task import Task
@@ -207,11 +208,13 @@ class _Run:
         return Task(described, motion, percent, found.shuffled(self.asked["seed"]), limit, loads, extents)
 
     def _resonance(self, task: "Task") -> Found:
-        from ident.present.diagnose_sections import resonance_section
+        from ident.present.diagnose_sections import resonance_section, undriven_section
         from ident.vibrate.branches import branches
         from ident.vibrate.excitation import excitation
         from ident.vibrate.resonance import encounters
 
+        if not task.arm.drives:
+            return {"encounters": 0}, undriven_section()
         few = {path: values[:FEW] for path, values in task.draws.items()}
         followed = branches(task.arm.replace(few), task.motion, loads=task.loads)
         shaken = excitation(task.arm, task.motion)

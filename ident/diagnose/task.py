@@ -61,9 +61,9 @@ class Task:
     @cached_property
     def torsion(self) -> tuple[Variable, ...]:
         """The torsional stiffnesses."""
-        paths = [f"{joint.name}.k_tors" for joint in self.arm.joints]
-        present = [float(self.arm.get(path)) for path in paths]
-        return tuple(Variable((path,), k / STIFFER, k * STIFFER) for path, k in zip(paths, present, strict=True))
+        present = {f"{joint.name}.k_tors": float(joint.k_tors) for joint in self.arm.joints}
+        soft = {path: k for path, k in present.items() if 0 < k < np.inf}
+        return tuple(Variable((path,), k / STIFFER, k * STIFFER) for path, k in soft.items())
 
     @cached_property
     def centres(self) -> tuple[Variable, ...]:

@@ -103,6 +103,13 @@ def resonance_section(followed: Branches, shaken: Excitation, met: Sequence[Enco
     return Section("Does the drive meet a natural frequency?", found, onward, (table,) if rows else (), (drawn,))
 
 
+def undriven_section() -> Section:
+    """Say that nothing turns."""
+    said = "The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
+    onward = "How far the arm vibrates by its motion alone is simulated."
+    return Section("Does the drive meet a natural frequency?", (said,), onward)
+
+
 def _met(group: Sequence[Encounter]) -> str:
     first = group[0]
     plural = "" if len(group) > 1 else "s"
