@@ -5,7 +5,6 @@ are parallel to the base frame: z up, x along the unfolded arm, y to the left.
 """
 
 from collections.abc import Iterator, Mapping
-from operator import attrgetter
 from typing import Any
 
 import equinox as eqx
@@ -107,8 +106,8 @@ class Arm(eqx.Module):
             InputError: the path names no number of this arm; the nearest names are suggested.
         """
         name, field, component = self._split(path)
-        part = next(part for part in self.parts() if part.name == name)
-        return getattr(part, field)[component]
+        value = getattr(next(part for part in self.parts() if part.name == name), field)
+        return value[component] if component else value
 
     def replace(self, values: Mapping[str, Any]) -> "Arm":
         """Return an arm that has these numbers at these paths; differentiable in the numbers.
@@ -125,14 +124,12 @@ class Arm(eqx.Module):
 
         def changed(node: Any) -> Any:
             name = getattr(node, "name", None)
+            new: dict[str, Array] = {}
             for field, component, value in by_part.get(name, ()) if name else ():
-                old = getattr(node, field)
-                new = (
-                    _with_component(old, component, jnp.asarray(value, float))
-                    if component
-                    else jnp.asarray(value, float)
-                )
-                node = eqx.tree_at(attrgetter(field), node, new)
+                old, number = new.get(field, getattr(node, field)), jnp.asarray(value, float)
+                new[field] = _with_component(old, component, number) if component else number
+            if new:
+                node = eqx.tree_at(lambda node: [getattr(node, field) for field in new], node, list(new.values()))
             return node
 
         def joint(old: Joint) -> Joint:
@@ -155,20 +152,36 @@ class Arm(eqx.Module):
 
     def paths(self) -> tuple[str, ...]:
         """All paths that `get` and `replace` know."""
-        found = []
+        return tuple(path for path, _, _, _ in self._places())
+
+    def numbers(self) -> dict[str, Array]:
+        """All numbers by path: quicker than `get` for each."""
+        found = {}
+        for path, part, field, component in self._places():
+            value = getattr(part, field)
+            found[path] = value[component] if component else value
+        return found
+
+    def _places(self) -> Iterator[tuple[str, Any, str, tuple[int, ...]]]:
         for part in self.parts():
             for field in _fields(part):
                 rank = RANKS.get(field, 0)
-                ends = [c for c, i in COMPONENTS.items() if len(i) == rank] if rank else [""]
-                found += [f"{part.name}.{field}.{end}".rstrip(".") for end in ends]
-        return tuple(found)
+                if not rank:
+                    yield f"{part.name}.{field}", part, field, ()
+                for end, component in COMPONENTS.items():
+                    if rank and len(component) == rank:
+                        yield f"{part.name}.{field}.{end}", part, field, component
 
     def _split(self, path: str) -> tuple[str, str, tuple[int, ...]]:
-        if path not in self.paths():
+        name, _, rest = path.partition(".")
+        field, _, end = rest.partition(".")
+        part = next((part for part in self.parts() if part.name == name), None)
+        component = COMPONENTS.get(end, ()) if end else ()
+        complete = len(component) == RANKS.get(field, 0) and bool(end) == bool(component)
+        if part is None or field not in _fields(part) or not complete:
             remedy = did_you_mean(path, self.paths(), "see `Arm.paths()`")
             raise InputError(Problem("", path, f"a number of the arm {self.name}", remedy))
-        name, field, *end = path.split(".")
-        return name, field, COMPONENTS[end[0]] if end else ()
+        return name, field, component
 
 
 STIFFNESS = ("k_bend", "k_tors")

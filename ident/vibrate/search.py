@@ -259,6 +259,6 @@ def _standing_slopes(
     """Return first frequency and deflection after changes, and their slopes."""
 
     def stands(changes: Array) -> Array:
-        return jnp.stack(standing(arm.replace(apply(arm, variables, list(changes))), motion, loads))
+        return jnp.stack(standing(arm.replace(apply(arm.numbers(), variables, list(changes))), motion, loads))
 
     return stands(changes), jax.jacfwd(stands)(changes)

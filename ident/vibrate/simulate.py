@@ -137,7 +137,7 @@ def _over_sets(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) -
     depend on the numbers that differ is computed once for all.
     """
     sets, one = arm.sets, nominal(arm)
-    batched = {path: arm.get(path) for path in arm.paths() if jnp.ndim(arm.get(path))}
+    batched = {path: value for path, value in arm.numbers().items() if jnp.ndim(value)}
     flat = {path: jnp.broadcast_to(value, sets).reshape(-1) for path, value in batched.items()}
     found = by_chunk(lambda values: _mapped(one, values, solve, keep), flat)
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *sets)), found)

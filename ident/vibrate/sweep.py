@@ -185,4 +185,4 @@ def _check(arm: Arm, axes: Sequence[Axis]) -> None:
     for axis in axes:
         for end in () if axis.is_speed else (axis.values[0], axis.values[-1]):
             variable = axis.variable
-            check_drives(arm.replace(apply(arm, [variable], [variable.change(arm, end)])))
+            check_drives(arm.replace(apply(arm.numbers(), [variable], [variable.change(arm, end)])))

@@ -21,7 +21,7 @@ from ident.vibrate.simulate import RATE, FastMethod, by_chunk, fast_method, vibr
 from ident.vibrate.standing import Standing, standing
 from ident.vibrate.variable import Variable, apply
 
-BATCH = 32
+BATCH = 64
 """Sets between two steps of progress."""
 WIDTH = 6
 """Derivatives that are pushed forward together: with more variables the same program runs several times."""
@@ -76,10 +76,10 @@ class Trial:
 
     def sets(self, changes: Float[np.ndarray, "G V"]) -> dict[str, Float[np.ndarray, "sets"]]:
         """Return the numbers of each set after changes."""
-        own = {path: np.append(float(self.arm.get(path)), values)[None] for path, values in self.draws.items()}
-        uncertain = self.arm.replace(own)
-        given = {path: np.asarray(self.arm.get(path)) for path in self.also or stiffness_paths(self.arm)[:1]}
-        values = given | own | apply(uncertain, self.variables, list(changes.T[..., None]))
+        present = self.arm.numbers()
+        own = {path: np.append(float(present[path]), values)[None] for path, values in self.draws.items()}
+        given = {path: np.asarray(present[path]) for path in self.also or stiffness_paths(self.arm)[:1]}
+        values = given | own | apply(present | own, self.variables, list(changes.T[..., None]))
         shape = len(changes), self.size
         return {path: np.broadcast_to(np.asarray(value), shape).ravel() for path, value in values.items()}
 
@@ -124,7 +124,7 @@ class Trial:
         """
         sets = {path: values[which] for path, values in self.sets(change[None]).items()}
         step = self.step or self.step_for(change[None])
-        solve = fast_method(self.changed(change[None]), self.motion, self.loads, self.elastic_belts, self.rate, step)
+        solve = fast_method(self.arm, self.motion, self.loads, self.elastic_belts, self.rate, step)
         measured, found, slopes = self.amplitude, np.zeros(0), []
         for first in range(0, len(self.variables), WIDTH):
             given = sets, self._directions(sets, self.variables[first : first + WIDTH])
@@ -148,13 +148,13 @@ class Trial:
 
     def standing(self, changes: Float[np.ndarray, "G V"]) -> Standing:
         """Return how the arm itself stands after changes."""
-        values = apply(self.arm, self.variables, list(changes.T))
+        values = apply(self.arm.numbers(), self.variables, list(changes.T))
         return standing(self.arm.replace(values), self.motion, self.loads)
 
     def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:
         """Return the numbers of the arm itself after changes, by path."""
         each = [np.asarray(change) for change in changes]
-        return {path: float(value) for path, value in apply(self.arm, self.variables, each).items()}
+        return {path: float(value) for path, value in apply(self.arm.numbers(), self.variables, each).items()}
 
     def _collapse(self, changes: Float[np.ndarray, "G V"]) -> str:
         """Name the first place at which the arm does not stand; empty if it does everywhere."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -79,12 +80,12 @@ def changed(shifted: bool, number: Array, change: Array | np.ndarray | float) ->
 
 
 def apply(
-    arm: Arm, variables: Iterable[Variable], changes: Iterable[Float[Array | np.ndarray, "*batch"]]
+    numbers: Mapping[str, Any], variables: Iterable[Variable], changes: Iterable[Float[Array | np.ndarray, "*batch"]]
 ) -> dict[str, Array]:
-    """Return the numbers by path after changes, each of which has the batch of the arm's sets or broadcasts with it."""
+    """Return the numbers by path after changes; `numbers` has those before, a change broadcasts with them."""
     pairs = zip(variables, changes, strict=True)
     return {
-        path: changed(variable.shifted, arm.get(path), change) for variable, change in pairs for path in variable.paths
+        path: changed(variable.shifted, numbers[path], change) for variable, change in pairs for path in variable.paths
     }
 
 
