@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FORMAT = "ident-diagnose/1"
 ESS = 1000.0
 """Effective samples of each unknown at which sampling stops: as many as the proof has draws."""
-DRAWS = 1200
+DRAWS = 1100
 """Draws of the posterior, those of the proof among them."""
 
 FEW = 100
@@ -73,13 +73,16 @@ def diagnose_command(
     from ident.diagnose.kept import Kept
     from ident.identify.conditions import loads_of
     from ident.measure import Load
+    from ident.vibrate.simulate import refuse_jumps
 
     measured, arm_file = running.read(campaign, arm)
-    moving.motion(arm_file.arm, asked, path)
+    motion, _ = moving.motion(arm_file.arm, asked, path)
+    refuse_jumps(arm_file.arm, motion)
     loads_of(arm_file.arm, Load.parse(load))
     folder = out / f"{measured.name}.diagnose.part"
     if restart:
         _discard(folder)
+    fresh = not folder.exists()
     kept = Kept(folder, _identity(arm_file, measured, asked, path))
     run = _Run(kept, arm_file, measured, asked, unknown, path, out)
     try:
@@ -88,7 +91,7 @@ def diagnose_command(
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
     except InputError:
-        if not run.sections:
+        if fresh and not run.sections:
             _discard(folder)
         raise
     _discard(folder)
@@ -184,7 +187,8 @@ class _Run:
         )
         origin = provenance(FORMAT, self.arm_file, self.measured, self.asked) | {"trust": plain(sampled.trust)}
         write_netcdf(inference_data(sampled.sample, sampled.predictive, rows(self.measured), origin), self._posterior)
-        facts = {"doubts": list(fitted.doubts), "rank": fitted.fit.information.rank}
+        known = fitted.fit.information
+        facts = {"doubts": list(fitted.doubts), "rank": known.rank, "count": len(known.names)}
         return facts, stiffness_section(sampled)
 
     @property
@@ -200,10 +204,9 @@ class _Run:
         found = read_draws(self._posterior, self.arm_file.arm, DRAWS, self.asked["seed"])
         described = self.arm_file.arm.replace(found.medians)
         motion, _ = moving.motion(described, self.asked, self.path)
-        full = 10.0 if self.path is None else 100.0
-        percent = full if self.asked["speed"] is None else float(self.asked["speed"])
+        percent = moving.percent(self.asked, self.path)
         loads = loads_of(described, Load.parse(self.asked["load"]))
-        extents = getattr(self.arm_file, "extents", {})
+        extents = self.arm_file.extents
         limit = self.asked["limit"] / 1e3
         return Task(described, motion, percent, found.shuffled(self.asked["seed"]), limit, loads, extents)
 
@@ -227,7 +230,7 @@ class _Run:
 
         found: Shaken = shake(task, running.progress("draws"))
         facts = {"accepted": found.accepted, "scatter": found.scatter, "keeps": asdict(found.keeps)}
-        return facts | {"amplitude": found.amplitude.tolist()}, vibration_section(task, found)
+        return facts | {"peak": found.peak.tolist()}, vibration_section(task, found)
 
     def _sensitivities(self, task: "Task") -> Found:
         from ident.present.diagnose_sections import sensitivity_section

@@ -21,7 +21,11 @@ from ident.vibrate.variable import Variable
 SPEEDS = np.linspace(0.5, 1.5, 9)
 """Speeds that are tried, of the present one."""
 FEW = 20
-"""Draws at every speed."""
+"""Draws by which a speed is chosen."""
+KINDS = ("torsion", "mass centre", "both", "speed")
+"""Kinds of remedies in the paper's order; what it does not speak of comes last."""
+FULL = 100.0
+"""Speed [%] above which none is advised."""
 TRIED = 17
 """Values of a single number that are tried."""
 
@@ -40,7 +44,6 @@ class Remedy:
         frequency: [Hz] first natural frequency, the lower of both ends of the motion.
         deflection: [m] static deflection, the larger of both ends.
         amount: amount of change, see `design.Place`.
-        longer: by which factor the motion lasts longer.
     """
 
     kind: str
@@ -52,7 +55,6 @@ class Remedy:
     frequency: float
     deflection: float
     amount: float
-    longer: float = 1.0
 
     @property
     def cures(self) -> bool:
@@ -86,7 +88,7 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
 
     Args:
         task: what is asked.
-        scatter: factor from the median of the amplitude to its 95 % quantile.
+        scatter: factor from the amplitude of the arm itself to the 95 % quantile of its draws.
         progress: shows how far it is, over the remedies.
     """
     jobs = list(_jobs(task, task.limit / max(scatter, 1.0)))
@@ -105,8 +107,11 @@ def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy | None]]:
     yield partial(_slower_or_faster, task)
 
 
-def _rank(remedy: Remedy) -> tuple[bool, float]:
-    return not remedy.cures, remedy.amount if remedy.cures else remedy.largest
+def _rank(remedy: Remedy) -> tuple[bool, int, float]:
+    """Sort what cures by the paper's order and the amount of change, then what does not by its amplitude."""
+    if remedy.cures:
+        return False, KINDS.index(remedy.kind), remedy.amount
+    return True, 0, remedy.largest
 
 
 def _alone(task: Task, variable: Variable, kind: str, aim: float) -> Remedy:
@@ -157,7 +162,8 @@ def _remedy(
 def _slower_or_faster(task: Task) -> Remedy | None:
     """Return the speed nearest to the present one at which the limit is kept, else the quietest."""
     few = {path: values[:FEW] for path, values in task.seen.items()}
-    speeds = axis(task.arm, [SPEED], task.percent * SPEEDS, task.percent)
+    tried = task.percent * SPEEDS
+    speeds = axis(task.arm, [SPEED], tried[tried <= max(FULL, task.percent)], task.percent)
     found = sweep(task.trial(draws=few), [speeds])
     assert found.draws is not None
     ratio = speeds.values / speeds.present
@@ -167,12 +173,12 @@ def _slower_or_faster(task: Task) -> Remedy | None:
     quiet = np.where(other, found.amplitude.max(0), np.inf)
     best = int(good[np.argmin(np.abs(np.log(ratio[good])))] if len(good) else np.argmin(quiet))
     stands = standing(task.arm, task.motion, task.loads)
-    kept = chance(found.draws[:, best].max(0) <= task.limit)
-    longer = 1 / ratio[best]
-    amplitude, deflection = found.amplitude[:, best], float(stands.deflection)
-    at = float(speeds.values[best])
+    amplitude, deflection, at = found.amplitude[:, best], float(stands.deflection), float(speeds.values[best])
+    judged = sweep(task.trial(draws=task.seen), [replace(speeds, values=speeds.values[best : best + 1])])
+    assert judged.draws is not None
+    kept = chance(judged.draws[:, 0].max(0) <= task.limit)
     change = abs(float(np.log(ratio[best])) / np.log(2))
-    return Remedy("speed", {}, {}, at, amplitude, kept, float(stands.frequency), deflection, change, float(longer))
+    return Remedy("speed", {}, {}, at, amplitude, kept, float(stands.frequency), deflection, change)
 
 
 def prove(task: Task, remedy: Remedy, progress: Progress = iter) -> Proof:
@@ -183,7 +189,8 @@ def prove(task: Task, remedy: Remedy, progress: Progress = iter) -> Proof:
     variables = tuple(Variable((path,), value, value) for path, value in remedy.values.items())
     trial = task.trial(*variables, draws=task.unseen)
     changes = np.array([float(variable.change(task.arm, variable.low)) for variable in variables])
-    largest = replace(trial, motion=moved).amplitudes(changes[None], progress)[:, 0, 1:].max(0)
+    step = task.step / max(ratio, 1.0)
+    largest = replace(trial, motion=moved, step=step).amplitudes(changes[None], progress)[:, 0, 1:].max(0)
     size = measures(exact, task.limit)
     return Proof(size.peak, chance(largest <= task.limit))
 

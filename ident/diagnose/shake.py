@@ -8,6 +8,7 @@ from scipy.stats import binomtest
 
 from ident.diagnose.task import CONFIDENT, Task
 from ident.vibrate.exact import Progress
+from ident.vibrate.response import peak
 from ident.vibrate.study import Study, study
 
 
@@ -37,7 +38,9 @@ class Shaken:
         amplitude: (3,) [m] of the arm itself.
         draws: (3, D) [m]
         keeps: probability that the limit is kept in all directions.
-        scatter: factor from the median of the largest amplitude to its 95 % quantile.
+        scatter: factor from the largest amplitude of the arm itself to the 95 % quantile of its draws.
+        peak: (3,) [m] by the exact equations.
+        accepted: whether the limit is kept by the exact equations, and with confidence by the draws.
     """
 
     study: Study
@@ -45,11 +48,8 @@ class Shaken:
     draws: Float[np.ndarray, "3 D"]
     keeps: Chance
     scatter: float
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the limit is kept with confidence."""
-        return self.keeps.share >= CONFIDENT
+    peak: Float[np.ndarray, "3"]
+    accepted: bool
 
 
 def chance(kept: np.ndarray) -> Chance:
@@ -64,5 +64,7 @@ def shake(task: Task, progress: Progress = iter) -> Shaken:
     done = study(task.arm, task.motion, loads=task.loads, method="exact", rate=task.rate)
     whole = task.trial(draws=task.seen).amplitudes(np.zeros((1, 0)), progress)[:, 0]
     largest = whole[:, 1:].max(0)
-    scatter = float(np.quantile(largest, 0.95) / np.median(largest))
-    return Shaken(done, whole[:, 0], whole[:, 1:], chance(largest <= task.limit), scatter)
+    scatter = float(np.quantile(largest, 0.95) / whole[:, 0].max())
+    exact, keeps = np.asarray(peak(done.response.vibration)), chance(largest <= task.limit)
+    accepted = keeps.share >= CONFIDENT and bool(exact.max() <= task.limit)
+    return Shaken(done, whole[:, 0], whole[:, 1:], keeps, scatter, exact, accepted)

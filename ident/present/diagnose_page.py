@@ -8,7 +8,7 @@ import numpy as np
 from ident.arm.file import ArmFile
 from ident.diagnose.remedies import Remedy
 from ident.diagnose.shake import Chance
-from ident.diagnose.task import Task
+from ident.diagnose.task import CONFIDENT, Task
 from ident.measure import Campaign
 from ident.present.diagnose_sections import MM, chance_words, change_words
 from ident.present.page import Page, Section, Table, Verdict
@@ -52,21 +52,28 @@ def diagnose_page(
 
 
 def _verdict(task: Task, facts: Mapping[str, Any], best: Remedy | None) -> Verdict:
-    limit, now = f"{MM * task.limit:g} mm", f"{MM * max(facts['vibration']['amplitude']):.3g} mm"
+    limit, now = f"{MM * task.limit:g} mm", f"{MM * max(facts['vibration']['peak']):.3g} mm"
     if best is None:
         kept = chance_words(Chance(**facts["vibration"]["keeps"]))
         return Verdict("accept", f"The end vibrates by up to {now}; the limit of {limit} is kept by {kept}.")
     proof = facts["proof"]
     after, keeps = float(np.max(proof["amplitude"])), Chance(**proof["keeps"])
     how = f"{change_words(task, best)} brings it to {MM * after:.3g} mm"
-    if best.cures and after <= task.limit:
-        text = f"The end vibrates by up to {now}, more than {limit}. {how}; the limit is then kept by"
+    above = max(facts["vibration"]["peak"]) > task.limit
+    beyond = f"more than {limit}" if above else f"within {limit}, but not surely"
+    if best.cures and after <= task.limit and keeps.share >= CONFIDENT:
+        text = f"The end vibrates by up to {now}, {beyond}. {how}; the limit is then kept by"
         return Verdict("warn", f"{text} {chance_words(keeps)}.")
-    text = f"The end vibrates by up to {now}, more than {limit}, and no change that was tried is sure to cure it."
-    return Verdict("reject", f"{text} The most helpful: {how}, within the limit for {chance_words(keeps)}.")
+    why = "the first of the cures did not hold when it was tried again" if best.cures else "no change tried cures it"
+    text = f"The end vibrates by up to {now}, {beyond}, and {why}."
+    return Verdict("reject", f"{text} {how}, within the limit for {chance_words(keeps)}.")
 
 
 def _summary(facts: Mapping[str, Any]) -> Iterator[str]:
+    rank, count = facts["stiffness"]["rank"], facts["stiffness"]["count"]
+    if rank < count:
+        filled = "the rest comes from the prior, and so do the probabilities"
+        yield f"Caution: the measurements fix {rank} of {count} directions only; {filled}."
     for doubt in facts["stiffness"]["doubts"]:
         yield f"Caution: {doubt}. What follows holds only as far as the identified numbers do."
 

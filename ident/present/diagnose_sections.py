@@ -23,8 +23,10 @@ from ident.vibrate.sensitivity import Sensitivities
 
 MM = 1e3
 """mm in a metre."""
-SMALL = 0.01
-"""Relative change of a stiffness, or change of a mass centre [m], that is not worth a word."""
+SMALL = 0.005
+"""Relative change of a stiffness that is not worth a word."""
+SMALL_MOVE = 0.0005
+"""Change of a mass centre [m] that is not worth a word."""
 LISTED = 12
 """Sensitivities in the table."""
 KINDS = {
@@ -148,7 +150,7 @@ def vibration_section(task: Task, shaken: Shaken) -> Section:
     if shaken.accepted:
         onward = "The vibration is small: nothing needs to be changed. What it depends on follows, to keep it so."
     else:
-        onward = "That is too much. Which numbers of the arm matter most?"
+        onward = "That is too much, or too likely to be. Which numbers of the arm matter most?"
     return Section("How far does the arm vibrate?", tuple(found), onward, (table,), (drawn,))
 
 
@@ -193,12 +195,13 @@ def sensitivity_section(found: Sensitivities) -> Section:
 def remedies_section(task: Task, found: Sequence[Remedy]) -> Section:
     """Rank what can be done."""
     cures = [remedy for remedy in found if remedy.cures]
+    moved = f" mass centres of the last joint's bodies by {100 * MOVED:g} % of their length," if task.centres else ""
     said = [
         f"{len(cures)} of {len(found)} remedies keep the limit with a probability of {100 * CONFIDENT:g} % or more."
         if cures
         else f"None of the {len(found)} remedies that were tried keeps the limit with {100 * CONFIDENT:g} %.",
-        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times, mass centres of the last bodies by up to "
-        f"{100 * MOVED:g} % of the body's length, speeds from half to one and a half times. These ranges are assumed.",
+        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times,{moved} speeds from half to one and a "
+        "half times, not above full speed. These ranges are assumed.",
     ]
     rows = tuple(
         (
@@ -214,7 +217,8 @@ def remedies_section(task: Task, found: Sequence[Remedy]) -> Section:
     )
     head = ("rank", "change", "vibration [mm]", "keeps limit", "first mode [Hz]", "deflection [mm]", "amount [-]")
     note = (
-        "Best first: what cures with the least change, then what helps most. Amount: change against the widest "
+        "Best first: what cures, torsion before mass centres before speed, each with the least change; then what helps."
+        " Amount: change against the widest "
         "allowed; of speed, in powers of two. Deflection and first mode are side effects, the worse of both ends of "
         "the motion."
     )
@@ -237,11 +241,15 @@ def proof_section(task: Task, remedy: Remedy, proof: Proof) -> Section:
         f"With draws that it was not chosen by, the limit is kept by {chance_words(proof.keeps)}.",
     )
     rows = tuple(
-        (path, f"{remedy.before[path]:.4g}", f"{value:.4g}", f"{value / remedy.before[path]:.3f}", unit_of(path))
+        (path, f"{remedy.before[path]:.4g}", f"{value:.4g}", _change(path, remedy.before[path], value), unit_of(path))
         for path, value in remedy.values.items()
     )
-    head = ("number", "now", "after", "ratio", "unit")
+    head = ("number", "now", "after", "change", "unit")
     return Section("Does it hold?", said, "", (Table("What to change", head, rows),) if rows else ())
+
+
+def _change(path: str, before: float, after: float) -> str:
+    return f"x {after / before:.3f}" if is_stiffness(path) else f"{MM * (after - before):+.1f} mm"
 
 
 def change_words(task: Task, remedy: Remedy) -> str:
@@ -257,5 +265,5 @@ def _changes(remedy: Remedy) -> Iterator[str]:
         before = remedy.before[path]
         if is_stiffness(path) and abs(value / before - 1) > SMALL:
             yield f"{path} x {value / before:.2f}"
-        elif not is_stiffness(path) and abs(value - before) > SMALL:
+        elif not is_stiffness(path) and abs(value - before) > SMALL_MOVE:
             yield f"{path} {MM * (value - before):+.0f} mm"

@@ -113,15 +113,15 @@ def _places(S: int) -> _Places:
 def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
-    Ten to a period of the first mode, at the stiffer end of the motion, and three to one of the fastest excitation: the
-    turning masses, or the kinematic error at twice their frequency. Of an arm that is traced by `jit`, nothing of
-    that is known: ABSTRACT.
+    Ten to a period of the first mode, of the stiffest set at the stiffer end of the motion, and three to one of the
+    fastest excitation: the turning masses, or the kinematic error at twice their frequency. Of an arm that is traced by
+    `jit`, nothing of that is known: ABSTRACT.
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
         return ABSTRACT
     ends = motion(jnp.asarray(motion.breaks)[np.array([0, -1])])[0]
     at_ends = [_first_frequency(arm, ends[:, k].reshape((-1,) + (1,) * len(arm.sets))) for k in range(2)]
-    first = max(float(jnp.median(frequency)) for frequency in at_ends)
+    first = max(float(jnp.max(frequency)) for frequency in at_ends)
     speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
     orders = [1 + may_differ_from_zero(drive.error) for drive in arm.drives]
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]

@@ -124,7 +124,7 @@ def fast_method(
 ) -> "FastMethod":
     """Set up the fast method for a motion."""
     _check(arm, rate, step)
-    _refuse_jumps(arm, motion)
+    refuse_jumps(arm, motion)
     time = sample_times(motion, rate)
     grid = panels(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
     return FastMethod(_nameless(motion), loads, time, grid, elastic, is_inexact(arm))
@@ -227,7 +227,7 @@ def _check(arm: Arm, rate: float, step: float | None) -> None:
         raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
 
 
-def _refuse_jumps(arm: Arm, motion: Motion) -> None:
+def refuse_jumps(arm: Arm, motion: Motion) -> None:
     """Refuse a motion whose speed jumps, at its start too: no motor does that, and the blow would not be felt."""
     first = np.abs(np.asarray(motion.coefficients)[-2:-1, 0])
     jumps = np.vstack([first, jumps_of(motion, 1)])
