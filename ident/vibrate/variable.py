@@ -74,9 +74,9 @@ def is_shifted(path: str) -> bool:
     return path.split(".")[1] in SHIFTED
 
 
-def changed(shifted: bool, number: Array, change: Array | np.ndarray | float) -> Array:
+def changed(shifted: bool, number: Array | np.ndarray, change: Array | np.ndarray | float) -> Array:
     """Return a number after a change."""
-    return number + change if shifted else number * jnp.exp(change)
+    return jnp.asarray(number) + change if shifted else jnp.asarray(number) * jnp.exp(change)
 
 
 def apply(
