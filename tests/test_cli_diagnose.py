@@ -67,7 +67,7 @@ def test_from_a_campaign_to_advice(small, run, monkeypatch, tmp_path, browser_pa
     assert stages["stiffness"]["rank"] == 6
     assert not stages["vibration"]["accepted"]
     assert {found["kind"] for found in stages["remedies"]["remedies"]} == {"torsion", "mass centre", "both", "speed"}
-    assert stages["proof"]["keeps"]["count"] == 20
+    assert stages["proof"]["keeps"]["draws"] == 20
     for width in (360, 1280):
         with browser_page(tmp_path / "out" / "campaign.diagnose.html", width, 800) as opened:
             assert opened.alone

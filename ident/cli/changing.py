@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ident.cli.ranges import Bound, Range, read_range
+from ident.cli.ranges import Range, read_range
 from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -21,12 +21,8 @@ ChangeOption = Annotated[
         "several by one common factor: a.k_tors=b.k_tors; may be repeated; default: torsional stiffness of every joint"
     ),
 ]
-FACTORS = Bound(0.5, True), Bound(2.0, True)
-"""Bounds of what is changed by a factor, unless they are given."""
-DISTANCE = 0.1
-"""To either side of a coordinate, unless bounds are given [m]."""
-HALF_TURN = 3.141592653589793
-"""To either side of a phase [rad]."""
+FACTORS = (0.5, 2.0)
+"""Of the present value, for what is changed by a factor, unless bounds are given."""
 
 
 def variables(arm: "Arm", texts: Sequence[str], extents: "Extents") -> "tuple[Variable, ...]":
@@ -60,22 +56,17 @@ def _variable(arm: "Arm", text: str, asked: Range, extents: "Extents") -> "Varia
 
 
 def _ends(arm: "Arm", asked: Range, extents: "Extents") -> tuple[float, float]:
-    from ident.arm.arm import COMPONENTS
+    from ident.vibrate.ranges import about
     from ident.vibrate.variable import is_shifted
 
     path = asked.paths[0]
     present = float(arm.get(path))
-    if asked.bounds is not None or not is_shifted(path):
-        low, high = (bound.of(present) for bound in asked.bounds or FACTORS)
+    if asked.bounds is not None:
+        low, high = (bound.of(present) for bound in asked.bounds)
         return low, high
-    body, field, *component = path.split(".")
-    if field == "inertia":
-        raise InputError(Problem("", "no bounds", "LOW:HIGH for an inertia", "add them, as =1:2 or =0.5x:2x"))
-    if field == "com" and body in extents:
-        lowest, highest = extents[body][:, COMPONENTS[component[0]][0]]
-        return max(present - DISTANCE, float(lowest)), min(present + DISTANCE, float(highest))
-    half = HALF_TURN if field.endswith("phase") else DISTANCE
-    return present - half, present + half
+    if is_shifted(path):
+        return about(path, present, extents)
+    return FACTORS[0] * present, FACTORS[1] * present
 
 
 def _refuse_twice(found: "Sequence[Variable]") -> None:

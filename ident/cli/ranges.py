@@ -1,27 +1,19 @@
 """How `PATHS[=LOW:HIGH[:THIRD]]` is read: numbers that go together, bounds in SI or as multiples, a third."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ident.cli import options
 from ident.errors import InputError, Problem
 
-
-class Bound(NamedTuple):
-    """A bound: a number in SI, or with `times` a multiple of the present value."""
-
-    number: float
-    times: bool = False
-
-    def of(self, present: float) -> float:
-        """Return it in SI."""
-        return self.number * present if self.times else self.number
+if TYPE_CHECKING:
+    from ident.vibrate.ranges import Bound
 
 
 class Range(NamedTuple):
     """Numbers with = between, their bounds if there are any, and what stands behind these."""
 
     paths: tuple[str, ...]
-    bounds: tuple[Bound, Bound] | None = None
+    bounds: "tuple[Bound, Bound] | None" = None
     third: float | None = None
 
 
@@ -48,6 +40,8 @@ def read_range(text: str, option: str, third: str) -> Range:
     return Range(tuple(paths), (_bound(parts[0], where), _bound(parts[1], where)), behind)
 
 
-def _bound(text: str, where: str) -> Bound:
+def _bound(text: str, where: str) -> "Bound":
+    from ident.vibrate.ranges import Bound
+
     times = text.strip().endswith("x")
     return Bound(options.number(text.strip().removesuffix("x"), where), times)

@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ident.cli import options
+from ident.cli.ranges import read_range
 from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.vibrate.ranges import Bound, Range
+    from ident.vibrate.ranges import Range
     from ident.vibrate.sweep import Axis
     from ident.vibrate.variable import Extents
 
@@ -30,6 +30,15 @@ NAMED_MOST = 3
 def ranges(texts: Sequence[str]) -> "list[Range]":
     """Read the options."""
     return [_range(text) for text in texts]
+
+
+def _range(text: str) -> "Range":
+    from ident.vibrate.ranges import Range
+
+    paths, bounds, count = read_range(text, "--vary", "COUNT")
+    if count is not None and count != int(count):
+        raise InputError(Problem(f"--vary {text}", f"{count:g} values", "a whole number", "correct the count"))
+    return Range(paths, bounds, None if count is None else int(count))
 
 
 def axes(
@@ -72,35 +81,3 @@ def label(asked: "Sequence[Range]", grid: bool) -> str:
         return "-by-".join(names)
     shown = names if len(names) <= NAMED_MOST else [names[0], f"{len(names) - 1}-more"]
     return "+".join(shown)
-
-
-def _range(text: str) -> "Range":
-    from ident.vibrate.ranges import Range
-
-    where = f"--vary {text}"
-    *paths, last = (part.strip() for part in text.split("="))
-    if last[:1].isalpha() and ":" not in last:
-        paths, last = [*paths, last], ""
-    elif not last or not paths:
-        raise InputError(Problem(where, "no PATH=LOW:HIGH", "a number, = and its bounds", "as fingers.com.x=1:2"))
-    if not all(paths):
-        raise InputError(Problem(where, "an empty name", "names with = between", "as a.k_tors=b.k_tors"))
-    if not last:
-        return Range(tuple(paths))
-    parts = last.split(":")
-    if len(parts) not in (2, 3):
-        raise InputError(Problem(where, f"'{last}'", "LOW:HIGH or LOW:HIGH:COUNT", "as 0.5x:2x or 1.0:2.2:13"))
-    count: Any = None
-    if len(parts) == 3:
-        count = options.number(parts[2], where)
-        if count != int(count):
-            raise InputError(Problem(where, f"{count:g} values", "a whole number", "correct the count"))
-        count = int(count)
-    return Range(tuple(paths), (_bound(parts[0], where), _bound(parts[1], where)), count)
-
-
-def _bound(text: str, where: str) -> "Bound":
-    from ident.vibrate.ranges import Bound
-
-    times = text.strip().endswith("x")
-    return Bound(options.number(text.strip().removesuffix("x"), where), times)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.diagnose.shake import Chance, chance
 from ident.diagnose.task import CONFIDENT, Task
+from ident.vibrate.chance import Chance, chance
 from ident.vibrate.exact import Progress
 from ident.vibrate.search import Requirements, Search
 from ident.vibrate.simulate import simulate

@@ -4,29 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import binomtest
 
 from ident.diagnose.task import CONFIDENT, Task
+from ident.vibrate.chance import Chance, chance
 from ident.vibrate.exact import Progress
 from ident.vibrate.response import peak
 from ident.vibrate.study import Study, study
-
-
-@dataclass(frozen=True)
-class Chance:
-    """A probability out of draws.
-
-    Attributes:
-        share: of the draws.
-        low: lower end of the 95 % interval (Clopper and Pearson).
-        high: upper end.
-        count: draws.
-    """
-
-    share: float
-    low: float
-    high: float
-    count: int
 
 
 @dataclass(frozen=True)
@@ -50,13 +33,6 @@ class Shaken:
     scatter: float
     peak: Float[np.ndarray, "3"]
     accepted: bool
-
-
-def chance(kept: np.ndarray) -> Chance:
-    """Return the probability of what some draws do."""
-    count, total = int(np.sum(kept)), int(np.size(kept))
-    interval = binomtest(count, total).proportion_ci(0.95, "exact")
-    return Chance(count / total, float(interval.low), float(interval.high), total)
 
 
 def shake(task: Task, progress: Progress = iter) -> Shaken:

@@ -17,7 +17,7 @@ from ident.vibrate.design import Design, Place
 from ident.vibrate.sensitivity import Sensitivities
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.variable import Variable
-from ident.vibrate.verify import Check, Exceeding, Verification
+from ident.vibrate.verify import Check, Verification
 
 FORMAT, SENSITIVITY_FORMAT = "ident-design/1", "ident-sensitivity/1"
 
@@ -158,7 +158,7 @@ def _verification(found: Verification | None) -> dict[str, Any] | None:
 
 
 def _check(check: Check) -> dict[str, Any]:
-    one: Exceeding | None = check.exceeding
+    one = check.exceeding
     drawn = None
     if one is not None:
         drawn = {"count": one.count, "draws": one.draws, "share": one.share, "interval_95": list(one.interval)}

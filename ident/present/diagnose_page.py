@@ -7,12 +7,12 @@ import numpy as np
 
 from ident.arm.file import ArmFile
 from ident.diagnose.remedies import Remedy
-from ident.diagnose.shake import Chance
 from ident.diagnose.task import CONFIDENT, Task
 from ident.measure import Campaign
 from ident.present.diagnose_sections import MM, chance_words, change_words
 from ident.present.page import Page, Section, Table, Verdict
 from ident.present.words import cut
+from ident.vibrate.chance import Chance
 
 
 def diagnose_page(

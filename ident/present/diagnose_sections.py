@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ident.diagnose.remedies import Proof, Remedy
-from ident.diagnose.shake import Chance, Shaken
+from ident.diagnose.shake import Shaken
 from ident.diagnose.task import CONFIDENT, MOVED, STIFFER, Task
 from ident.identify.campaign_sample import CampaignSample
 from ident.present.diagnose_figures import remedies_figure, sensitivities_figure, stiffness_figure, vibration_figure
@@ -17,6 +17,7 @@ from ident.present.resonance_words import grouped, sources_words
 from ident.present.units import is_stiffness, nmm_per_deg, unit_of
 from ident.present.words import cut
 from ident.vibrate.branches import Branches
+from ident.vibrate.chance import Chance
 from ident.vibrate.excitation import Excitation
 from ident.vibrate.resonance import Encounter
 from ident.vibrate.sensitivity import Sensitivities
@@ -156,9 +157,10 @@ def vibration_section(task: Task, shaken: Shaken) -> Section:
 
 def chance_words(chance: Chance) -> str:
     """Say a probability with its interval."""
+    low, high = chance.interval
     return (
-        f"{100 * chance.share:.3g} % of {chance.count} draws of the posterior "
-        f"(95 % interval {100 * chance.low:.3g} to {100 * chance.high:.3g} %)"
+        f"{100 * chance.share:.3g} % of {chance.draws} draws of the posterior "
+        f"(95 % interval {100 * low:.3g} to {100 * high:.3g} %)"
     )
 
 

@@ -1,10 +1,8 @@
 """Over which values a number is swept: bounds as a user gives them, and what they are when he gives none."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from ident.arm.arm import COMPONENTS, Arm
 from ident.errors import InputError, Problem
@@ -17,7 +15,7 @@ FACTORS = (0.4, 2.5)
 SHARE = 0.2
 """Of a body's extent, to either side of the present mass centre."""
 DISTANCE = 0.1
-"""To either side of a coordinate when the body's shape is not known [m]."""
+"""To either side of a coordinate, unless a share of a body's extent is asked for [m]."""
 COUNT, MAP_COUNT = 21, 15
 """Values of a parameter that is swept alone, and on a map."""
 MOST, MOST_ON_MAP = 500, 10_000
@@ -35,6 +33,10 @@ class Bound:
 
     number: float
     times: bool = False
+
+    def of(self, present: float) -> float:
+        """Return it in SI or %."""
+        return self.number * present if self.times else self.number
 
 
 @dataclass(frozen=True)
@@ -104,21 +106,31 @@ def _is_shifted(arm: Arm, asked: Range) -> bool:
 
 def _ends(arm: Arm, asked: Range, present: float, extents: Extents, shifted: bool) -> tuple[float, float]:
     if asked.bounds is not None:
-        low, high = (bound.number * present if bound.times else bound.number for bound in asked.bounds)
+        low, high = (bound.of(present) for bound in asked.bounds)
         return low, high
     if not shifted:
         return FACTORS[0] * present, FACTORS[1] * present
-    return _about(asked.paths[0], present, extents)
+    return about(asked.paths[0], present, extents, share=SHARE)
 
 
-def _about(path: str, present: float, extents: Mapping[str, Float[np.ndarray, "2 3"]]) -> tuple[float, float]:
-    """Return bounds to either side of what is changed by a difference."""
+def about(path: str, present: float, extents: Extents, *, share: float | None = None) -> tuple[float, float]:
+    """Return bounds to either side of what is changed by a difference.
+
+    Args:
+        path: the number.
+        present: as it is [SI]
+        extents: of the arm's bodies; a mass centre stays within.
+        share: of a body's extent, how far its mass centre goes; DISTANCE when None.
+
+    Raises:
+        InputError: an inertia, for which no bounds suit.
+    """
     body, field, *component = path.split(".")
     if field == "inertia":
         raise InputError(Problem("", "no bounds", "LOW:HIGH for an inertia", "add them, as =1:2 or =0.5x:2x"))
     if field == "com" and body in extents:
         lowest, highest = extents[body][:, COMPONENTS[component[0]][0]]
-        half = SHARE * (highest - lowest)
+        half = DISTANCE if share is None else share * (highest - lowest)
         return max(present - half, float(lowest)), min(present + half, float(highest))
     half = np.pi if field.endswith("phase") else DISTANCE
     return present - half, present + half

@@ -6,44 +6,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import binomtest
 
+from ident.vibrate.chance import Chance, chance
 from ident.vibrate.design import Place
 from ident.vibrate.exact import Progress
 from ident.vibrate.simulate import simulate
 from ident.vibrate.trial import Draws, Trial
-
-LEVEL = 0.95
-"""Of the interval of a probability."""
-
-
-@dataclass(frozen=True)
-class Exceeding:
-    """How many draws exceed a limit in any direction.
-
-    Attributes:
-        count: of draws that do.
-        draws: in all.
-    """
-
-    count: int
-    draws: int
-
-    @property
-    def share(self) -> float:
-        """The estimated probability."""
-        return self.count / self.draws
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Its 95 % interval.
-
-        References:
-            Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
-            Biometrika 26 (1934) 404-413.
-        """
-        low, high = binomtest(self.count, self.draws).proportion_ci(LEVEL, method="exact")
-        return float(low), float(high)
 
 
 @dataclass(frozen=True)
@@ -62,7 +30,7 @@ class Check:
     vibration: Float[np.ndarray, "3 T"]
     amplitude: Float[np.ndarray, "3"]
     difference: Float[np.ndarray, "3"]
-    exceeding: Exceeding | None = None
+    exceeding: Chance | None = None
 
 
 @dataclass(frozen=True)
@@ -103,12 +71,10 @@ def verify(
     return Verification(*checks)
 
 
-def exceeding(
-    trial: Trial, changes: Float[np.ndarray, "G V"], limit: float, progress: Progress = iter
-) -> list[Exceeding]:
+def exceeding(trial: Trial, changes: Float[np.ndarray, "G V"], limit: float, progress: Progress = iter) -> list[Chance]:
     """Count the draws of a trial that exceed a limit [m] in any direction, after each of some changes."""
     above = np.asarray(trial.amplitudes(changes, progress)[:, :, 1:].max(0) > limit)
-    return [Exceeding(int(one.sum()), one.size) for one in above]
+    return [chance(one) for one in above]
 
 
 def _exact(trial: Trial, change: Float[np.ndarray, "V"], fast: Float[np.ndarray, "3"]) -> Check:

@@ -10,6 +10,7 @@ from runs import named
 from scipy.stats import binomtest
 
 from ident.errors import InputError, ModelError
+from ident.vibrate.chance import Chance
 from ident.vibrate.design import design
 from ident.vibrate.search import Requirements, Search
 from ident.vibrate.sensitivity import changeable, sensitivities
@@ -17,7 +18,7 @@ from ident.vibrate.stroke import stroke
 from ident.vibrate.sweep import axis, sweep
 from ident.vibrate.trial import Trial
 from ident.vibrate.variable import Variable, check
-from ident.vibrate.verify import Exceeding, exceeding, verify
+from ident.vibrate.verify import exceeding, verify
 
 K1, K2, K3 = (f"joint{j}.k_tors" for j in (1, 2, 3))
 STEP = 2e-3
@@ -186,9 +187,9 @@ def test_fresh_draws_agree_with_others_and_with_the_exact_method(uncertain):
 
 
 def test_the_interval_of_a_probability_is_clopper_and_pearsons():
-    none = Exceeding(0, 100)
+    none = Chance(0, 100)
     assert none.interval == (0.0, pytest.approx(1 - 0.025 ** (1 / 100)))
-    some = Exceeding(7, 50)
+    some = Chance(7, 50)
     low, high = some.interval
     assert binomtest(7, 50, low, alternative="greater").pvalue == pytest.approx(0.025)
     assert binomtest(7, 50, high, alternative="less").pvalue == pytest.approx(0.025)
