@@ -1,19 +1,42 @@
 """`jit` for programs of many small kernels, as all of the arm's are."""
 
 from collections.abc import Callable
+from functools import wraps
 from typing import Any, TypeVar
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 
 F = TypeVar("F", bound=Callable[..., Any])
-FEWER_KERNELS: Any = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
-"""XLA's other CPU code generator (jax 0.10): 20 % fewer kernels, compiled together, so a third faster to compile."""
+SMALL_KERNELS: Any = {
+    "compiler_options": {
+        "xla_cpu_use_fusion_emitters": False,
+        "xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_INDIVIDUAL_CONVOLUTION",
+    }
+}
+"""XLA's other CPU code generator (jax 0.10): 20 % fewer kernels, compiled together, so a third faster to compile. And
+nothing left to its library of neural networks, which hands out sums of a few terms to threads: convolutions, of which
+there are none."""
 
 
 def jit(f: F) -> F:
     """Compile f at its first call; arrays in its arguments are traced, all else is static.
 
-    Not for use inside another `jit`, nor to be differentiated: jax admits compiler options at the outermost one only.
+    Within another program that is being traced or differentiated, f is a part of that: jax admits compiler options at
+    the outermost one only.
     """
-    compiled: Any = eqx.filter_jit(f, **FEWER_KERNELS)
+    outermost, within = eqx.filter_jit(f, **SMALL_KERNELS), eqx.filter_jit(f)
+
+    @wraps(f)
+    def call(*args: Any, **more: Any) -> Any:
+        return (within if _traced((args, more)) else outermost)(*args, **more)
+
+    compiled: Any = call
     return compiled
+
+
+def _traced(arguments: Any) -> bool:
+    """Return whether a program is being traced: then what is made anew is a tracer, too."""
+    leaves = [jnp.zeros(()), *jax.tree.leaves(arguments)]
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)

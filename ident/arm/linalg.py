@@ -43,8 +43,8 @@ def solve_positive(A: Square, b: Float[Array, "n *#batch"]) -> Float[Array, "n *
     return matvec(transpose(W), matvec(W, b))
 
 
-def solve_unpivoted(A: Square, B: Float[Array, "n m *#batch"]) -> Float[Array, "n m *#batch"]:
-    """Return the solution X of A X = B by Gauss-Jordan elimination without row exchanges.
+def inverse_unpivoted(A: Square) -> Square:
+    """Return the inverse by Gauss-Jordan elimination in place, without row exchanges.
 
     For matrices whose leading blocks are all well conditioned, such as a mass matrix with small additions.
     """
@@ -54,9 +54,10 @@ def solve_unpivoted(A: Square, B: Float[Array, "n m *#batch"]) -> Float[Array, "
         pivot_row = jax.lax.dynamic_index_in_dim(rest, k, 0, keepdims=False)
         column = jax.lax.dynamic_index_in_dim(rest, k, 1, keepdims=False)
         pivot = jax.lax.dynamic_index_in_dim(pivot_row, k, 0, keepdims=False)
-        return rest - outer(jnp.where(row == k, 1 - 1 / pivot, column / pivot), pivot_row)
+        here = row == k
+        return rest - outer(jnp.where(here, column - 1, column), jnp.where(here, pivot_row + 1, pivot_row) / pivot)
 
-    return jax.lax.fori_loop(0, n, eliminate, jnp.concatenate([A, B], 1))[:, n:]
+    return jax.lax.fori_loop(0, n, eliminate, A)
 
 
 def lowest_modes(

@@ -10,6 +10,8 @@ from jaxtyping import Array, Float, Inexact
 
 Vector = Float[Array, "3 *#batch"]
 Matrix = Float[Array, "3 3 *#batch"]
+Components = tuple[Array, ...]
+"""Of a vector, an array each: what they have in common is computed once, where XLA would do it for each of them."""
 
 CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
 """Entry (i, k) of [v] is CROSS[i, k] . v."""
@@ -76,17 +78,27 @@ def turn_about(axis: Vector, angle: Float[Array, "*#batch"]) -> Matrix:
     return sine + outer(axis, axis) * (1 - jnp.cos(angle)) + identity(3, axis.ndim - 1) * jnp.cos(angle)
 
 
-def turned(v: Vector, axis: Vector, angle: Float[Array, "*#batch"]) -> Vector:
+def turned(v: Components, axis: Vector, angle: Float[Array, "*#batch"]) -> Components:
     """Return v turned about a unit axis, see `turn_about`."""
-    c = jnp.cos(angle)
-    return v * c + cross(axis, v) * jnp.sin(angle) + axis * ((axis * v).sum(0) * (1 - c))
+    cosine, sine = jnp.cos(angle), jnp.sin(angle)
+    along = (1 - cosine) * _dot(axis, v)
+    return tuple(x * cosine + y * sine + n * along for x, y, n in zip(v, _cross(axis, v), axis, strict=True))
 
 
-def rotated(v: Vector, phi: Vector) -> Vector:
-    """Return exp[phi] v, see `rotation`."""
-    b, c = _series((phi * phi).sum(0), 0, 2)
-    across = cross(phi, v)
-    return v + cross(phi, v + b * across + c * cross(phi, across))
+def rotated(v: Components, phi: Vector) -> Components:
+    """Return exp[phi] v, see `rotation`: v + (sin t/t) phi x v + (1 - cos t)/t^2 phi x (phi x v), t = |phi|."""
+    size, along = _dot(phi, phi), _dot(phi, v)
+    b, c = _series(size, 0, 2)
+    once = 1 - c * size
+    return tuple(x + once * y + b * (p * along - x * size) for x, y, p in zip(v, _cross(phi, v), phi, strict=True))
+
+
+def _dot(a: Components | Vector, b: Components | Vector) -> Float[Array, "*batch"]:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Components | Vector, b: Components | Vector) -> Components:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def cross(a: Vector, b: Vector) -> Vector:

@@ -24,9 +24,9 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, hold
-from ident.arm.linalg import solve_unpivoted
+from ident.arm.linalg import inverse_unpivoted
 from ident.arm.modes import natural_frequencies
-from ident.arm.rotations import identity, matvec
+from ident.arm.rotations import matvec
 from ident.jit import jit
 from ident.vibrate.dynamics import equations, imbalance, residual, residual_of
 from ident.vibrate.kinematics import Kinematics, Turning, bushings, command, deviations, inexactness, kinematics, pins
@@ -147,31 +147,43 @@ def integrate(arm: Arm, machine: Machine, motion: Motion, grid: Panels, loads: L
     """
     at, first = _places(grid.steps), grid.start[0]
 
-    def panel(state: tuple[Array, Array, Array], given: tuple[Array, Array, _Slow]) -> tuple[tuple, tuple]:
-        (x, v, seam), (start, h, slow) = state, given
+    def panel(state: tuple[Array, Array], given: tuple[Array, Array, _Slow]) -> tuple[tuple, tuple]:
+        (z, seam), (start, h, slow) = state, given
         begin, end = (interpolate(slow.rest, at.edges) / (h * grid.steps)).T
         gain, yields = _transitions(slow, at, h)
-        f = _shaking(machine, motion, slow, at, start, h)
-        own = ((yields @ f) * at.middles[:, None]).sum(0)
-        v = v + jnp.where(start == first, 0.0, seam - begin)
-        (x, v), steps = jax.lax.scan(partial(_step, gain, h), (x, v), (at.middles.T, own.T))
-        return (x, v, end), steps
+        drift, push = _advance(h, machine.size)
+        own = _at_middles(at, yields @ _shaking(machine, motion, slow, at, start, h))
+        along = drift + push @ gain
+
+        def step(z: Array, given: tuple[Array, Array]) -> tuple[Array, Array]:
+            share, kick = given
+            return jnp.tensordot(share, along, 1) @ z + kick, z
+
+        z = z.at[machine.size :].add(jnp.where(start == first, 0.0, seam - begin))
+        z, states = jax.lax.scan(step, z, (jnp.asarray(at.middles.T), (push @ own).T))
+        return (z, end), (states, (_at_middles(at, gain @ states.T) + own).T)
 
     slow, none = _slow(arm, machine, motion, loads, at, grid), jnp.zeros(machine.size)
     rest = interpolate(slow.rest[0], at.start)[:, 0]
-    state = settled(machine, motion, rest) - rest, none, none
-    _, steps = jax.lax.scan(panel, state, (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
-    x, v, a = steps
-    return Fast(x, v, a, slow.rest)
+    state = jnp.concatenate([settled(machine, motion, rest) - rest, none]), none
+    _, (states, a) = jax.lax.scan(panel, state, (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
+    x, v = jnp.split(states, 2, -1)
+    return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), slow.rest)
 
 
-def _step(
-    gain: Array, h: Array, state: tuple[Array, Array], step: tuple[Array, Array]
-) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
-    """Advance x and dx/dt by one step; the gain at its middle is a weighted sum of those at the nodes."""
-    (x, v), (share, own) = state, step
-    a = (share @ (gain @ jnp.concatenate([x, v])) + own).reshape((STAGES, -1))
-    return (x + h * v + h * h * (B2 @ a), v + h * (B @ a)), (x, v, a)
+def _advance(h: Array, n: int) -> tuple[Float[Array, "state state"], Float[Array, "state stages"]]:
+    """Return how x and dx/dt at the end of a step follow from those at its start, and from the stages' accelerations.
+
+    z' = drift z + push a.
+    """
+    unit = np.eye(n)
+    drift = jnp.eye(2 * n) + h * np.kron([[0, 1], [0, 0]], unit)
+    return drift, jnp.concatenate([h * h * np.kron(B2, unit), h * np.kron(B, unit)])
+
+
+def _at_middles(at: _Places, x: Float[Array, "m k S"]) -> Float[Array, "k S"]:
+    """Return of values by each node's matrix what the matrix at the middle of the step gives: their weighted sum."""
+    return (x * at.middles[:, None]).sum(0)
 
 
 class _Slow(NamedTuple):
@@ -244,6 +256,5 @@ def _transitions(
         rows.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * A2[i, j] * k for j in range(STAGES)])
         known.append([-k, -d - h * GAUSS[i] * k])
     left, right = (jnp.concatenate([jnp.concatenate(row, 1) for row in part], 0) for part in (rows, known))
-    unit = jnp.broadcast_to(identity(left.shape[0], left.ndim - 2), left.shape)
-    solved = jnp.moveaxis(solve_unpivoted(left, jnp.concatenate([right, unit], 1)), -1, 0)
-    return solved[:, :, : right.shape[1]], solved[:, :, right.shape[1] :]
+    yields, right = (jnp.moveaxis(X, -1, 0) for X in (inverse_unpivoted(left), right))
+    return yields @ right, yields

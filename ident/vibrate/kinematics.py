@@ -118,11 +118,12 @@ def end_point(machine: Machine, q: Joints, phi: Phi | None = None) -> Float[Arra
         q: (N, *batch) [rad] angles of all pins.
         phi: (3, N, *batch) [rad] rotations of all bushings; none when None.
     """
-    place = machine.position[:, -1]
+    place = tuple(machine.position[:, -1])
     for joint in range(machine.carrier[-1], -1, -1):
         place = turned(place, machine.axis[:, joint], q[joint])
-        place = (place if phi is None else rotated(place, phi[:, joint])) + machine.offset[:, joint]
-    return place
+        place = place if phi is None else rotated(place, phi[:, joint])
+        place = tuple(x + start for x, start in zip(place, machine.offset[:, joint], strict=True))
+    return jnp.stack(jnp.broadcast_arrays(*place))
 
 
 def _spread(driven: Array, machine: Machine) -> Joints:

@@ -134,6 +134,10 @@ def evaluate(polynomials: list[Polynomial], u: Array) -> Float[Array, "T polynom
     return jnp.stack([jnp.polyval(jnp.asarray(p.coef[::-1]), u) for p in polynomials], 1)
 
 
+POWERS = np.stack([p.coef for p in basis(NODE_PLACES)])
+"""Coefficients (nodes, powers) of the polynomials of a panel."""
+
+
 def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the weights (NODES, places) by which values at the nodes give value, slope and curvature elsewhere.
 
@@ -153,6 +157,9 @@ def between_nodes(
 ) -> tuple[Float[Array, "c T"], Float[Array, "c T"]]:
     """Return values at times within the panels by those at the nodes, and their rates."""
     k, s, place, h = grid.steps_of(time)
-    u = (s + place) / grid.steps
-    value, slope = (evaluate([p.deriv(d) for p in basis(NODE_PLACES)], u)[:, None] for d in range(2))
-    return (x[k] * value).sum(-1).T, ((x[k] * slope).sum(-1) / (h * grid.steps)[:, None]).T
+    u = ((s + place) / grid.steps)[:, None]
+    coefficients = jnp.moveaxis(jnp.tensordot(x, jnp.asarray(POWERS), 1), 2, 0)[:, k]
+    value, slope = coefficients[-1], jnp.zeros_like(coefficients[-1])
+    for lower in coefficients[-2::-1]:
+        value, slope = value * u + lower, slope * u + value
+    return value.T, (slope / (h * grid.steps)[:, None]).T

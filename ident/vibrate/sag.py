@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -13,6 +12,7 @@ from ident.arm.equilibrium import equilibrium
 from ident.arm.linalg import solve_positive
 from ident.arm.mechanics import flat
 from ident.arm.modes import in_shaft_axes
+from ident.jit import jit
 from ident.vibrate.dynamics import residual
 from ident.vibrate.kinematics import Command, command
 from ident.vibrate.machine import Machine, balanced
@@ -57,14 +57,14 @@ def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "k n *bat
     return jax.vmap(column, out_axes=1)(jnp.arange(at.shape[0]))
 
 
-@eqx.filter_jit
+@jit
 def sag_along(arm: Arm, machine: Machine, motion: Motion, loads: Loads | None, grid: Panels) -> Float[Array, "P n m"]:
     """Return the coordinates at rest at the nodes of the panels."""
     rest = sag(arm, machine, command(machine, motion, grid.nodes.ravel()).q, loads)
     return jnp.moveaxis(rest.reshape((rest.shape[0], *grid.nodes.shape)), 1, 0)
 
 
-@eqx.filter_jit
+@jit
 def settled(machine: Machine, motion: Motion, rest: Float[Array, "n"]) -> Float[Array, "n"]:
     """Return the coordinates at which the arm rests before a motion, the weight of the turning masses included.
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +15,7 @@ from scipy.stats import qmc
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
+from ident.jit import jit
 from ident.vibrate.motion import Motion
 from ident.vibrate.standing import standing
 from ident.vibrate.trial import Trial
@@ -252,7 +252,7 @@ class Search:
         return {}
 
 
-@eqx.filter_jit
+@jit
 def _standing_slopes(
     arm: Arm, variables: tuple[Variable, ...], motion: Motion, loads: Loads | None, changes: Float[Array, "V"]
 ) -> tuple[Float[Array, "2"], Float[Array, "2 V"]]:

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.errors import InputError, ModelError, Problem
+from ident.jit import jit
 from ident.vibrate import exact, fast
 from ident.vibrate.along import nominal
 from ident.vibrate.exact import Progress
@@ -144,24 +145,22 @@ def _over_sets(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) -
 
 
 def by_chunk(run: Callable[[Any], Any], flat: Any, chunk: int = CHUNK) -> Any:
-    """Run some sets at a time, which are on the first axis of all arrays.
+    """Run some sets at a time, which are on the first axis of all arrays, as many chunks at once as there are cores.
 
-    The first chunk alone, since it compiles the program for all, then as many as there are cores. Under `jit` or `grad`
-    all at once.
+    The first to come compiles the program, for which jax lets the others wait. Under `jit` or `grad` all sets at once.
     """
     leaves = jax.tree.leaves(flat)
-    count = len(leaves[0])
     if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
         return run(flat)
+    flat, count = jax.tree.map(np.asarray, flat), len(leaves[0])
     picked = [np.minimum(np.arange(start, start + chunk), count - 1) for start in range(0, count, chunk)]
     chunks = [jax.tree.map(lambda leaf, which=which: leaf[which], flat) for which in picked]
-    found = [jax.block_until_ready(run(chunks[0]))]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found += pool.map(lambda chunk: jax.block_until_ready(run(chunk)), chunks[1:])
+        found = list(pool.map(lambda one: jax.block_until_ready(run(one)), chunks))
     return jax.tree.map(lambda *parts: jnp.concatenate(parts)[:count], *found)
 
 
-@eqx.filter_jit
+@jit
 def _mapped(arm: Arm, values: dict[str, Array], solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
     return jax.lax.map(lambda one: keep(solve(arm.replace(one))), values)
 
@@ -176,7 +175,7 @@ class FastMethod(eqx.Module):
     elastic: bool = eqx.field(static=True)
     inexact: bool = eqx.field(static=True)
 
-    @eqx.filter_jit
+    @jit
     def __call__(self, arm: Arm) -> Solution:
         """Simulate an arm of one set."""
         gathered = machine(arm, self.loads, rank=1, elastic_belts=self.elastic, inexact=self.inexact)
@@ -248,12 +247,12 @@ def _refuse_collapse(motion: Motion, displacement: Array) -> None:
         )
 
 
-@eqx.filter_jit
+@jit
 def _gathered(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Machine:
     return machine(arm, loads, rank=rank, elastic_belts=elastic)
 
 
-@eqx.filter_jit
+@jit
 def _end_point(
     machine: Machine, motion: Motion, grid: Panels, time: Times, y: Array, rest: Float[Array, "P n m"]
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"], Float[Array, "3 T"]]:

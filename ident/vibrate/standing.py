@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -11,6 +10,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads, hold
 from ident.arm.equilibrium import deflection, rest
 from ident.arm.modes import lowest_eigenpairs, to_hertz
+from ident.jit import jit
 from ident.vibrate.motion import Motion
 
 
@@ -32,7 +32,7 @@ def standing(arm: Arm, motion: Motion, loads: Loads | None = None) -> Standing:
     return _standing(arm, motion(breaks[np.array([0, -1])])[0], loads)
 
 
-@eqx.filter_jit
+@jit
 def _standing(arm: Arm, posture: Float[Array, "driven ends"], loads: Loads | None) -> Standing:
     chain = hold(arm, posture.reshape((*posture.shape, *(1,) * len(arm.sets))), loads)
     at = rest(chain)

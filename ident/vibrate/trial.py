@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from jaxtyping import Array, Float
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
 from ident.errors import ModelError
+from ident.jit import jit
 from ident.vibrate.amplitude import Amplitude, amplitude
 from ident.vibrate.exact import Progress
 from ident.vibrate.fast import step_for
@@ -167,7 +167,7 @@ class Trial:
         return ""
 
 
-@eqx.filter_jit
+@jit
 def _pushed(
     arm: Arm, given: tuple[dict[str, Array], dict[str, Array]], solve: FastMethod, measured: Amplitude
 ) -> tuple[Float[Array, "S 3 W"], Float[Array, "S V 3 W"]]:
