@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ident.diagnose.task import Task
     from ident.measure import Campaign
     from ident.present.page import Section
+    from ident.vibrate.sensitivity import Sensitivities
 
 FORMAT = "ident-diagnose/1"
 ESS = 1000.0
@@ -31,6 +32,7 @@ FEW = 100
 """Draws for the bands of natural frequencies."""
 
 Found = tuple[dict[str, Any], "Section"]
+T = TypeVar("T")
 
 
 @app.command("diagnose")
@@ -140,12 +142,15 @@ class _Run:
 
     def all(self) -> None:
         """Carry out what is needed, and write the page."""
+        from ident.vibrate.sensitivity import sensitivities
+
         self.stage("stiffness", self._stiffness)
         task = self._task()
-        ahead = None if self.kept.read("sensitivities") else _ahead(lambda: self._sensitivities(task))
+        trial = task.trial()
+        ahead = None if self.kept.read("sensitivities") else _ahead(lambda: sensitivities(trial))
         self.stage("resonance", lambda: self._resonance(task))
         self.stage("vibration", lambda: self._vibration(task))
-        self.stage("sensitivities", lambda: ahead.result() if ahead else self._sensitivities(task))
+        self.stage("sensitivities", lambda: self._sensitivities(ahead.result() if ahead else sensitivities(trial)))
         if not self.facts["vibration"]["accepted"]:
             self.stage("remedies", lambda: self._remedies(task))
             self.stage("proof", lambda: self._proof(task))
@@ -232,11 +237,9 @@ class _Run:
         facts = {"accepted": found.accepted, "scatter": found.scatter, "keeps": asdict(found.keeps)}
         return facts | {"peak": found.peak.tolist()}, vibration_section(task, found)
 
-    def _sensitivities(self, task: "Task") -> Found:
+    def _sensitivities(self, found: "Sensitivities") -> Found:
         from ident.present.diagnose_sections import sensitivity_section
-        from ident.vibrate.sensitivity import sensitivities
 
-        found = sensitivities(task.trial())
         return {"paths": list(found.paths), "elasticity": found.elasticity.tolist()}, sensitivity_section(found)
 
     def _remedies(self, task: "Task") -> Found:
@@ -275,12 +278,12 @@ class _Run:
             typer.echo(f"wrote {name}.{end}")
 
 
-def _ahead(compute: Callable[[], Found]) -> "Future[Found]":
+def _ahead(compute: Callable[[], T]) -> "Future[T]":
     """Compute in the background: while one program is compiled, the other cores would have nothing to do."""
     from concurrent.futures import Future
     from threading import Thread
 
-    future: Future[Found] = Future()
+    future: Future[T] = Future()
 
     def run() -> None:
         try:

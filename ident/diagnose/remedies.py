@@ -1,6 +1,8 @@
 """Which change cures it: torsional stiffness first, mass centres second, both, or another speed."""
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,7 +15,6 @@ from ident.vibrate.chance import Chance, chance
 from ident.vibrate.exact import Progress
 from ident.vibrate.search import Requirements, Search
 from ident.vibrate.simulate import simulate
-from ident.vibrate.standing import standing
 from ident.vibrate.study import measures
 from ident.vibrate.sweep import SPEED, axis, sweep
 from ident.vibrate.variable import Variable
@@ -92,19 +93,25 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
         progress: shows how far it is, over the remedies.
     """
     jobs = list(_jobs(task, task.limit / max(scatter, 1.0)))
-    found = [remedy for k in progress(range(len(jobs))) if (remedy := jobs[k]()) is not None]
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        pending = [pool.submit(job) for job in jobs]
+        found = [pending[k].result() for k in progress(range(len(jobs)))]
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
     return tuple(sorted(found, key=_rank))
 
 
-def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy | None]]:
-    single = [(v, "torsion") for v in task.torsion] + [(v, "mass centre") for v in task.centres]
-    for variable, kind in single:
-        yield partial(_alone, task, variable, kind, aim)
+def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy]]:
+    """Yield what finds each remedy, the longest first."""
     groups = {"torsion": task.torsion, "mass centre": task.centres, "both": (*task.torsion, *task.centres)}
     for kind, variables in groups.items():
         if len(variables) > 1 and (kind != "both" or task.centres):
             yield partial(_together, task, variables, kind, aim)
     yield partial(_slower_or_faster, task)
+    single = [(v, "torsion") for v in task.torsion] + [(v, "mass centre") for v in task.centres]
+    for variable, kind in single:
+        yield partial(_alone, task, variable, kind, aim)
 
 
 def _rank(remedy: Remedy) -> tuple[bool, int, float]:
@@ -159,7 +166,7 @@ def _remedy(
     )
 
 
-def _slower_or_faster(task: Task) -> Remedy | None:
+def _slower_or_faster(task: Task) -> Remedy:
     """Return the speed nearest to the present one at which the limit is kept, else the quietest."""
     few = {path: values[:FEW] for path, values in task.seen.items()}
     tried = task.percent * SPEEDS
@@ -172,13 +179,14 @@ def _slower_or_faster(task: Task) -> Remedy | None:
     good = np.flatnonzero(other & (keeps >= CONFIDENT) & (found.amplitude.max(0) <= task.limit))
     quiet = np.where(other, found.amplitude.max(0), np.inf)
     best = int(good[np.argmin(np.abs(np.log(ratio[good])))] if len(good) else np.argmin(quiet))
-    stands = standing(task.arm, task.motion, task.loads)
-    amplitude, deflection, at = found.amplitude[:, best], float(stands.deflection), float(speeds.values[best])
+    stands = task.trial().standing(np.zeros((1, 0)))
+    amplitude, at = found.amplitude[:, best], float(speeds.values[best])
     judged = sweep(task.trial(draws=task.seen), [replace(speeds, values=speeds.values[best : best + 1])])
     assert judged.draws is not None
     kept = chance(judged.draws[:, 0].max(0) <= task.limit)
     change = abs(float(np.log(ratio[best])) / np.log(2))
-    return Remedy("speed", {}, {}, at, amplitude, kept, float(stands.frequency), deflection, change)
+    frequency, deflection = float(stands.frequency[0]), float(stands.deflection[0])
+    return Remedy("speed", {}, {}, at, amplitude, kept, frequency, deflection, change)
 
 
 def prove(task: Task, remedy: Remedy, progress: Progress = iter) -> Proof:

@@ -206,7 +206,7 @@ def solve(problem: InverseProblem, start: Float[Array, "P"]) -> End:
     return found.state.aux  # of the last accepted step; `found.aux` is one step behind in optimistix 0.1
 
 
-@eqx.filter_jit
+@jit
 def _with_jacobian(problem: InverseProblem, theta: Array) -> tuple[Array, Array]:
     """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
 

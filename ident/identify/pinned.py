@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -13,6 +12,7 @@ from ident.identify.fit import STATIONARY, End, Fit, solve
 from ident.identify.information import RANK_TOLERANCE
 from ident.identify.parameters import Parameter, Parameters
 from ident.identify.problem import InverseProblem
+from ident.jit import jit
 
 PIN = 1e-5
 """Width of the pin, in standard deviations of the parameter, or in theta where that is less."""
@@ -134,7 +134,7 @@ def _best(points: Sequence[Point]) -> Point:
     return min(points, key=lambda point: point.rise - GAIN * point.settled)
 
 
-@eqx.filter_jit
+@jit
 def _weighed(problem: InverseProblem, end: End) -> tuple[Array, Array]:
     return problem.weigh(end.predicted, end.jacobian, end.theta)
 

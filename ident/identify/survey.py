@@ -18,6 +18,7 @@ from ident.arm.labels import Label, is_ambiguous, mode_labels
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
 from ident.errors import InputError, ModelError, Problem
 from ident.identify.conditions import bind
+from ident.jit import jit
 from ident.measure import Campaign, Load, Measurement
 
 SLACK = 1e-9
@@ -105,7 +106,7 @@ class _Found(eqx.Module):
     moved: Float[Array, "3 P"]
 
 
-@eqx.filter_jit
+@jit
 def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> _Found:
     """Compute everything in one compiled function, whatever the number of modes that are asked for."""
     chain = hold(arm, posture, loads)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +15,7 @@ from ident.arm.labels import is_ambiguous, torsion_share, vertical_share
 from ident.arm.mechanics import Phi, place, point_positions, unflatten
 from ident.arm.modes import modes
 from ident.identify.survey import survey
+from ident.jit import jit
 from ident.measure import OWN_WEIGHT, Load
 from ident.present.style import BLUE, GREEN, ORANGE, PINK, Style, heading, plain
 from ident.present.words import cut, degrees
@@ -131,7 +131,7 @@ def _draw(axes: Axes, line: np.ndarray, *, color: str, size: float) -> None:
     axes.plot(*line[:, -1:], linestyle="", marker="|", color=color, markersize=10, markeredgewidth=size)
 
 
-@eqx.filter_jit
+@jit
 def _outline(
     arm: Arm, posture: Float[Array, "driven"], phi: Phi, shapes: Float[Array, "n m"]
 ) -> tuple[Float[Array, "3 k"], Float[Array, "3 k m"]]:
@@ -146,7 +146,7 @@ def _outline(
     return line(phi), moved
 
 
-@eqx.filter_jit
+@jit
 def _along(
     arm: Arm, postures: Float[Array, "driven S"]
 ) -> tuple[Float[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"]]:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -16,6 +15,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
+from ident.jit import jit
 from ident.present.style import BLUE, GREY, ORANGE, Style, heading, plain
 from ident.present.words import cut
 from ident.vibrate.kinematics import at_rest, bushings, command, deviations, kinematics, pins
@@ -168,7 +168,7 @@ def _arm(axes: Axes, line: Float[np.ndarray, "2 K"], style: Style) -> None:
     axes.plot(*line, solid_joinstyle="round", marker="o", markersize=5, **style)
 
 
-@jax.jit
+@jit
 def _lines(
     arm: Arm, machine: Machine, motion: Motion, times: Float[Array, "F"], y: Array, loads: Loads | None
 ) -> tuple[Float[Array, "3 K F"], Float[Array, "3 K F"]]:

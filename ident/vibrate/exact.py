@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from ident.arm.linalg import solve_positive
 from ident.errors import ModelError
+from ident.jit import jit
 from ident.vibrate.dynamics import residual
 from ident.vibrate.kinematics import Command
 from ident.vibrate.machine import Machine
@@ -109,11 +110,11 @@ def integrate(
         )
     method = "Dopri8" if _explicit_steps(machine, motion, start) < EXPLICIT_STEPS else "Kvaerno5"
     parts, steps = [(start[0][:, None], start[1][:, None])], 0
-    sections = _sections(times)
+    sections, tolerances = _sections(times), (jnp.asarray(rtol), jnp.asarray(atol))
     with suppress(KeyboardInterrupt):
         for k in progress(range(len(sections))):
             state = parts[-1][0][:, -1], parts[-1][1][:, -1]
-            reached, y, yd, took = _solve(machine, motion, state, sections[k], rtol, atol, method)
+            reached, y, yd, took = _solve(machine, motion, state, jnp.asarray(sections[k]), *tolerances, method)
             if not reached:
                 raise ModelError(
                     f"the simulation cannot meet its tolerance from {sections[k][0]:.4g} to {sections[k][-1]:.4g} s; "
@@ -135,25 +136,29 @@ def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:
 
 def _explicit_steps(machine: Machine, motion: Motion, start: tuple[Array, Array]) -> float:
     """Return how many steps an explicit method needs for a second, by the fastest rate at the start."""
+    return float(np.abs(np.linalg.eigvals(np.asarray(_linear(machine, motion, start)))).max() / REACH)
+
+
+@jit
+def _linear(machine: Machine, motion: Motion, start: tuple[Array, Array]) -> Float[Array, "2n 2n"]:
+    """Return the derivatives of the rates at the start by the state there."""
     command = Command(*motion(jnp.asarray(motion.breaks)[0]))
 
     def rates(state: Array) -> Array:
         y, yd = jnp.split(state, 2)
         return jnp.concatenate([yd, acceleration(machine, command, y, yd)])
 
-    A = jax.jacfwd(rates)(jnp.concatenate(start))
-    rate = np.abs(np.linalg.eigvals(np.asarray(A))).max()
-    return float(rate / REACH)
+    return jax.jacfwd(rates)(jnp.concatenate(start))
 
 
-@jax.jit(static_argnames="method")
+@jit
 def _solve(
     machine: Machine,
     motion: Motion,
     start: tuple[Array, Array],
     times: Array,
-    rtol: Array | float,
-    atol: Array | float,
+    rtol: Array,
+    atol: Array,
     method: str,
 ) -> tuple[Array, Array, Array, Array]:
     def rates(t: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:

@@ -95,11 +95,6 @@ class Search:
         return cls(trial, required, scale, low / scale, high / scale)
 
     @cached_property
-    def alone(self) -> Trial:
-        """The same trial of the arm itself, without draws."""
-        return replace(self.trial, draws={}, also=(*self.trial.also, *self.trial.draws))
-
-    @cached_property
     def weight(self) -> Point:
         """How dear each variable is."""
         return np.array([variable.weight for variable in self.trial.variables])
@@ -121,7 +116,7 @@ class Search:
         """Return the parts of which that is the largest [m], and their slopes."""
 
         def parts() -> tuple[np.ndarray, np.ndarray]:
-            values, slopes = self.alone.slopes(u * self.scale)
+            values, slopes = self.trial.alone.slopes(u * self.scale)
             return values.ravel(), slopes.reshape((len(u), -1)).T * self.scale
 
         return self._once("parts", u, parts)
@@ -188,7 +183,7 @@ class Search:
         chosen = [np.zeros(len(self.scale))]
         if count > 1:
             places = self.spread(seed)
-            amplitude = self.alone.amplitudes(places * self.scale)[:, :, 0].max(0)
+            amplitude = self.trial.alone.amplitudes(places * self.scale)[:, :, 0].max(0)
             for u in places[np.argsort(amplitude)]:
                 if len(chosen) < count and all(np.abs(u - other).max() > APART for other in chosen[1:]):
                     chosen.append(u)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ident.jit import jit
 from ident.vibrate.belts import stretch, tensions
 from ident.vibrate.dynamics import drive_torques
 from ident.vibrate.exact import acceleration
@@ -30,7 +31,7 @@ def belt_tension(response: Response) -> Float[Array, "2 B T"]:
     return of(machine, told, response.y, response.yd) if machine.belts.ends else jnp.zeros((2, 0, len(response.time)))
 
 
-@jax.jit
+@jit
 def _of_elastic_belts(machine: Machine, told: Command, y: Array, yd: Array) -> Float[Array, "2 B T"]:
     error = pins(machine, told, at_rest(deviations(machine, y))).error
 
@@ -40,7 +41,7 @@ def _of_elastic_belts(machine: Machine, told: Command, y: Array, yd: Array) -> F
     return tensions(machine, *jax.jvp(length, (y,), (yd,)))
 
 
-@jax.jit
+@jit
 def _of_rigid_belts(machine: Machine, told: Command, y: Array, yd: Array) -> Float[Array, "2 B T"]:
     by_time = Command(*(part.T for part in told)), y.T, yd.T
     ydd = jax.lax.map(lambda now: acceleration(machine, *now), by_time, batch_size=BATCH).T

@@ -1,7 +1,7 @@
 """An arm is changed and simulated: the same few numbers over and over, by one compiled program."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -64,6 +64,11 @@ class Trial:
     def size(self) -> int:
         """Number of sets at a place."""
         return 1 + (len(next(iter(self.draws.values()))) if self.draws else 0)
+
+    @property
+    def alone(self) -> "Trial":
+        """The same trial of the arm itself, without draws."""
+        return replace(self, draws={}, also=(*self.also, *self.draws))
 
     @property
     def amplitude(self) -> Amplitude:
@@ -148,8 +153,7 @@ class Trial:
 
     def standing(self, changes: Float[np.ndarray, "G V"]) -> Standing:
         """Return how the arm itself stands after changes."""
-        values = apply(self.arm.numbers(), self.variables, list(changes.T))
-        return standing(self.arm.replace(values), self.motion, self.loads)
+        return standing(self.alone.changed(changes), self.motion, self.loads)
 
     def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:
         """Return the numbers of the arm itself after changes, by path."""
