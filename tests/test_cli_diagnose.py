@@ -1,63 +1,52 @@
 """`ident diagnose` as a user meets it, at full speed, where a motion is short; with few draws."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
-import numpy as np
 import pytest
 from arms import DATA
 from commands import files
+from diagnose_small import SMALL
 
-from ident.cli import diagnose as command
-from ident.diagnose import kept, remedies, task
-from ident.vibrate import search
+from ident.diagnose import kept
 
+TESTS = Path(__file__).parent
 CAMPAIGN = DATA / "lcd_arm" / "campaign.csv"
 ASKED = ("diagnose", CAMPAIGN, "--speed", "100", "--dwell", "0.2", "--limit", "8")
 
 
 @pytest.fixture
 def small(monkeypatch):
-    """Few of everything: what is tested is the way through."""
-    few = {
-        (command, "ESS"): 100.0,
-        (command, "DRAWS"): 30,
-        (command, "FEW"): 4,
-        (task, "SEEN"): 10,
-        (remedies, "SPEEDS"): np.array([0.5, 1.25]),
-        (remedies, "FEW"): 4,
-        (remedies, "TRIED"): 5,
-        (search, "SCREENED"): 4,
-        (search, "ITERATIONS"): 4,
-    }
-    for (module, name), value in few.items():
+    for (module, name), value in SMALL.items():
         monkeypatch.setattr(module, name, value)
 
 
 @pytest.mark.timeout(900)
-def test_from_a_campaign_to_advice(small, run, monkeypatch, tmp_path, browser_page):
-    """Stopped before its last stage, it goes on there; the page opens in a browser."""
+def test_from_a_campaign_to_advice_with_three_kills_on_the_way(small, run, tmp_path, browser_page):
+    """Killed in several stages (kill -9), it goes on behind the last that was finished; the page opens in a browser."""
+    line = [sys.executable, str(TESTS / "diagnose_small.py"), *map(str, ASKED)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}
+    for finished in (1, 3, 5):
+        killed = subprocess.Popen(line, stdout=subprocess.PIPE, text=True, cwd=tmp_path, env=environment)
+        assert killed.stdout is not None
+        told = []
+        for text in killed.stdout:
+            told.append(text)
+            if text.startswith(f"{finished}. "):
+                break
+        killed.send_signal(signal.SIGKILL)
+        killed.wait()
+        assert "".join(told).count("(as found before)") >= max(finished - 2, 0), "".join(told)
+        assert not (tmp_path / "out" / "campaign.diagnose.html").exists()
 
-    def stopped(*_):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(remedies, "prove", stopped)
-        code, out, err = run(*ASKED)
-    assert code == 130
-    assert "goes on from there" in err
-    assert not (tmp_path / "out" / "campaign.diagnose.html").exists()
-    assert out.count("->") == 5
-
-    def again(*_, **__):
-        raise AssertionError("a finished stage is repeated")
-
-    with monkeypatch.context() as patch:
-        patch.setattr("ident.identify.campaign_sample.sample_campaign", again)
-        patch.setattr("ident.diagnose.shake.shake", again)
-        patch.setattr(remedies, "remedies", again)
-        code, out, err = run(*ASKED)
+    code, out, err = run(*ASKED)
     assert code == 0, err
     assert out.count("(as found before)") == 5
+    assert out.count("->") == 5
     assert "6. Does it hold?" in out
 
     assert files(tmp_path / "out") == ["campaign.diagnose.html", "campaign.diagnose.json", "campaign.diagnose.nc"]
@@ -74,6 +63,16 @@ def test_from_a_campaign_to_advice(small, run, monkeypatch, tmp_path, browser_pa
             assert not opened.complaints
             assert opened.overhang <= 0
             assert not opened.broken_images
+
+
+def test_an_interrupted_run_says_how_it_goes_on(run, monkeypatch, tmp_path):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ident.identify.campaign_sample.sample_campaign", stopped)
+    code, _, err = run(*ASKED)
+    assert code == 130
+    assert "goes on from there" in err
 
 
 def test_a_run_of_other_inputs_is_not_gone_on_with(run, tmp_path):

@@ -85,7 +85,7 @@ def design_command(
 
     arm_file = read_arm_file(arm)
     fitted, drawn, others, described = _values(arm_file.arm, fit, posterior, asked, set_by_user)
-    extents = getattr(arm_file, "extents", {})
+    extents = arm_file.extents
     variables = () if sensitivities else changing.variables(described, change or (), extents)
     hung = Load.parse(load)
     motion, log = moving.motion(described, asked, path)

@@ -1,7 +1,6 @@
 """`ident diagnose`."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -232,9 +231,10 @@ class _Run:
     def _vibration(self, task: "Task") -> Found:
         from ident.diagnose.shake import shake
         from ident.present.diagnose_sections import vibration_section
+        from ident.vibrate.chance import chance_to_json
 
         found: Shaken = shake(task, running.progress("draws"))
-        facts = {"accepted": found.accepted, "scatter": found.scatter, "keeps": asdict(found.keeps)}
+        facts = {"accepted": found.accepted, "scatter": found.scatter, "keeps": chance_to_json(found.keeps)}
         return facts | {"peak": found.peak.tolist()}, vibration_section(task, found)
 
     def _sensitivities(self, found: "Sensitivities") -> Found:
@@ -257,9 +257,10 @@ class _Run:
     def _proof(self, task: "Task") -> Found:
         from ident.diagnose.remedies import prove
         from ident.present.diagnose_sections import proof_section
+        from ident.vibrate.chance import chance_to_json
 
         proof: Proof = prove(task, self._best(), running.progress("fresh draws"))
-        facts = {"amplitude": proof.amplitude.tolist(), "keeps": asdict(proof.keeps)}
+        facts = {"amplitude": proof.amplitude.tolist(), "keeps": chance_to_json(proof.keeps)}
         return facts, proof_section(task, self._best(), proof)
 
     def _write(self, task: "Task") -> None:

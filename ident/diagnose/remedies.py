@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.diagnose.task import CONFIDENT, Task
-from ident.vibrate.chance import Chance, chance
+from ident.vibrate.chance import Chance, chance, chance_from_json, chance_to_json
 from ident.vibrate.exact import Progress
 from ident.vibrate.search import Requirements, Search
 from ident.vibrate.simulate import simulate
@@ -205,9 +205,10 @@ def prove(task: Task, remedy: Remedy, progress: Progress = iter) -> Proof:
 
 def remedy_to_json(remedy: Remedy) -> dict[str, Any]:
     """Return a remedy as JSON knows it."""
-    return asdict(remedy) | {"amplitude": remedy.amplitude.tolist()}
+    return asdict(remedy) | {"amplitude": remedy.amplitude.tolist(), "keeps": chance_to_json(remedy.keeps)}
 
 
 def remedy_from_json(found: Mapping[str, Any]) -> Remedy:
     """Return the remedy again."""
-    return Remedy(**{**found, "amplitude": np.array(found["amplitude"]), "keeps": Chance(**found["keeps"])})
+    told = {"amplitude": np.array(found["amplitude"]), "keeps": chance_from_json(found["keeps"])}
+    return Remedy(**{**found, **told})

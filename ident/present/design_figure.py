@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
 from ident.present.designing import Designing
-from ident.present.simulation import MM
 from ident.present.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, plain
+from ident.present.units import MM
 from ident.present.words import cut
 from ident.vibrate.design import Design, Place
 from ident.vibrate.study import DIRECTIONS

@@ -5,17 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.present.designing import (
-    NMM,
     Designing,
     bound_of,
     change_in_words,
-    in_words,
     keeps,
     same,
 )
 from ident.present.sensitivity_report import assumptions, heading, mm, present, table
-from ident.present.simulation import MM
-from ident.present.units import is_stiffness, nmm_per_deg, unit_of
+from ident.present.units import MM, NMM, is_stiffness, nmm_per_deg, unit_of, value_in_words
 from ident.present.words import cut, paragraphs
 from ident.vibrate.design import Design, Place
 from ident.vibrate.study import DIRECTIONS
@@ -181,5 +178,5 @@ def _told(design: Design, place: Place) -> str:
 def _both(path: str, value: float) -> str:
     """Write a value in SI, and in N mm/deg if it is a stiffness."""
     plain = f"{value:.4g} {unit_of(path)}".removesuffix(" -")
-    words = in_words(path, value)
+    words = value_in_words(path, value)
     return plain if words == plain else f"{plain} = {words}"

@@ -8,11 +8,13 @@ from ident.arm.arm import Arm
 from ident.arm.file import revise
 from ident.errors import InputError, Problem
 from ident.files import replace_file
+from ident.present.basis import assumed
 from ident.present.design_report import verdict
 from ident.present.designing import Designing, bound_of, same
 from ident.present.result import plain, provenance
 from ident.present.units import unit_of
 from ident.text import decode, one_line, read_bytes
+from ident.vibrate.chance import chance_to_json
 from ident.vibrate.design import Design, Place
 from ident.vibrate.sensitivity import Sensitivities
 from ident.vibrate.study import DIRECTIONS
@@ -41,7 +43,7 @@ def design_document(designing: Designing, options: Mapping[str, Any]) -> dict[st
         "draws": designing.draws,
         "sensitivities": _sensitivities(designing.sensitivities),
         "set": dict(designing.changed or {}),
-        "assumed": designing.assumed[0],
+        "assumed": assumed(designing)[0],
         "left_out": [name for file in (designing.fit, designing.posterior) if file for name in file.left_out],
     }
     return plain(document | ({} if design is None else _design(designing, design)))
@@ -158,8 +160,5 @@ def _verification(found: Verification | None) -> dict[str, Any] | None:
 
 
 def _check(check: Check) -> dict[str, Any]:
-    one = check.exceeding
-    drawn = None
-    if one is not None:
-        drawn = {"count": one.count, "draws": one.draws, "share": one.share, "interval_95": list(one.interval)}
+    drawn = None if check.exceeding is None else chance_to_json(check.exceeding)
     return {"method": "exact", "amplitude": check.amplitude, "difference": check.difference, "fresh_draws": drawn}

@@ -9,15 +9,13 @@ from ident.arm.arm import Arm
 from ident.arm.file import ArmFile
 from ident.identify.results import Values
 from ident.measure import Load, Log
-from ident.present.assumed import assumed, guessed
-from ident.present.units import is_stiffness, nmm_per_deg, unit_of
+from ident.present.units import unit_of
 from ident.vibrate.design import Design, Place
 from ident.vibrate.sensitivity import Sensitivities
 from ident.vibrate.trial import Trial
 from ident.vibrate.variable import Variable
 from ident.vibrate.verify import Verification
 
-NMM = "N mm/deg"
 AT_BOUND = 1e-3
 """Distance from a bound, of the way between both, that is none."""
 SAME = 1e-3
@@ -77,16 +75,6 @@ class Designing:
         values = self.fit or self.posterior
         return (values.medians if values else {}) | dict(self.changed or {})
 
-    @property
-    def assumed(self) -> tuple[list[str], int]:
-        """See `assumed.assumed`."""
-        return assumed(self.arm, self.arm_file, self.changed or {}, stroke=not self.log)
-
-    @property
-    def guessed(self) -> tuple[int, int]:
-        """See `assumed.guessed`."""
-        return guessed(self.arm, self.arm_file)
-
 
 def same(design: Design) -> int:
     """Return how many starts have led to the quietest."""
@@ -108,17 +96,6 @@ def bound_of(arm: Arm, variable: Variable, change: float) -> str:
 def keeps(place: Place, limit: float) -> bool:
     """Tell whether a design keeps a limit, but for rounding."""
     return place.largest <= limit * (1 + SAME)
-
-
-def in_paper_unit(path: str, value: float) -> tuple[float, str]:
-    """Return a value in the unit that people read, and the unit: N mm/deg for a stiffness."""
-    return (nmm_per_deg(value), NMM) if is_stiffness(path) else (value, unit_of(path))
-
-
-def in_words(path: str, value: float) -> str:
-    """Write a value with its unit, as `6.28e+06 N mm/deg`."""
-    number, name = in_paper_unit(path, value)
-    return f"{number:.4g} {name}".removesuffix(" -")
 
 
 def change_in_words(variable: Variable, change: float) -> str:

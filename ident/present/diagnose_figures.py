@@ -9,14 +9,13 @@ from matplotlib.figure import Figure
 
 from ident.diagnose.remedies import Remedy
 from ident.present.style import plain, ratio_axis, rows
+from ident.present.units import MM
 from ident.present.words import cut
 from ident.vibrate.response import Response
 from ident.vibrate.sensitivity import Sensitivities
 
 BLUE, GREY, RED = "#0072B2", "#8A8F98", "#C1432B"
 """Colours: what is said, what is not reached, the limit."""
-MM = 1e3
-"""mm in a metre."""
 
 
 def stiffness_figure(

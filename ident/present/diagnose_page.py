@@ -9,10 +9,11 @@ from ident.arm.file import ArmFile
 from ident.diagnose.remedies import Remedy
 from ident.diagnose.task import CONFIDENT, Task
 from ident.measure import Campaign
-from ident.present.diagnose_sections import MM, chance_words, change_words
+from ident.present.diagnose_sections import chance_words, change_words
 from ident.present.page import Page, Section, Table, Verdict
+from ident.present.units import MM
 from ident.present.words import cut
-from ident.vibrate.chance import Chance
+from ident.vibrate.chance import chance_from_json
 
 
 def diagnose_page(
@@ -54,10 +55,10 @@ def diagnose_page(
 def _verdict(task: Task, facts: Mapping[str, Any], best: Remedy | None) -> Verdict:
     limit, now = f"{MM * task.limit:g} mm", f"{MM * max(facts['vibration']['peak']):.3g} mm"
     if best is None:
-        kept = chance_words(Chance(**facts["vibration"]["keeps"]))
+        kept = chance_words(chance_from_json(facts["vibration"]["keeps"]))
         return Verdict("accept", f"The end vibrates by up to {now}; the limit of {limit} is kept by {kept}.")
     proof = facts["proof"]
-    after, keeps = float(np.max(proof["amplitude"])), Chance(**proof["keeps"])
+    after, keeps = float(np.max(proof["amplitude"])), chance_from_json(proof["keeps"])
     how = f"{change_words(task, best)} brings it to {MM * after:.3g} mm"
     above = max(facts["vibration"]["peak"]) > task.limit
     beyond = f"more than {limit}" if above else f"within {limit}, but not surely"

@@ -14,7 +14,7 @@ from ident.present.page import Section, Table
 from ident.present.page_figure import picture
 from ident.present.resonance_figure import resonance_figure
 from ident.present.resonance_words import grouped, sources_words
-from ident.present.units import is_stiffness, nmm_per_deg, unit_of
+from ident.present.units import MM, is_stiffness, nmm_per_deg, unit_of
 from ident.present.words import cut
 from ident.vibrate.branches import Branches
 from ident.vibrate.chance import Chance
@@ -22,8 +22,6 @@ from ident.vibrate.excitation import Excitation
 from ident.vibrate.resonance import Encounter
 from ident.vibrate.sensitivity import Sensitivities
 
-MM = 1e3
-"""mm in a metre."""
 SMALL = 0.005
 """Relative change of a stiffness that is not worth a word."""
 SMALL_MOVE = 0.0005

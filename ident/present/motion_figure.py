@@ -17,6 +17,7 @@ from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
 from ident.jit import jit
 from ident.present.style import BLUE, GREY, ORANGE, Style, heading, plain
+from ident.present.units import MM
 from ident.present.words import cut
 from ident.vibrate.kinematics import at_rest, bushings, command, deviations, kinematics, pins
 from ident.vibrate.machine import Machine
@@ -26,8 +27,6 @@ from ident.vibrate.sag import sag
 
 VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
 """Views of the arm: name, horizontal and vertical axis of the base frame."""
-MM = 1e3
-"""mm in a metre."""
 WIDTH = 8.0
 """Width of a figure [inch]."""
 PALEST = "#C8C8C8"

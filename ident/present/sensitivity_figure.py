@@ -7,9 +7,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ident.present.designing import Designing, in_words
-from ident.present.simulation import MM
+from ident.present.designing import Designing
 from ident.present.style import BLUE, GREY, ORANGE, rows
+from ident.present.units import MM, value_in_words
 from ident.present.words import cut
 from ident.vibrate.study import DIRECTIONS
 
@@ -29,7 +29,7 @@ def sensitivity_figure(designing: Designing) -> Figure:
         f"{title}\n{cut(designing.trial.motion.name, 60)}", parse_math=False, fontsize=12, fontweight="bold"
     )
     grid = figure.subplots(1, len(DIRECTIONS), sharey=True)
-    names = [f"{cut(found.paths[i], 22)}, {in_words(found.paths[i], found.present[i])}" for i in shown]
+    names = [f"{cut(found.paths[i], 22)}, {value_in_words(found.paths[i], found.present[i])}" for i in shown]
     for d, axes in enumerate(grid):
         _direction(axes, designing, d, shown)
     rows(grid[0], names)

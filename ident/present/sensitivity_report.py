@@ -4,11 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.present.assumed import in_words as assumed_in_words
-from ident.present.assumed import values_in_words
-from ident.present.designing import Designing, in_words
-from ident.present.simulation import MM
-from ident.present.words import cut, degrees, paragraphs
+from ident.present.basis import assumed_in_words, basis_in_words, motion_in_words
+from ident.present.designing import Designing
+from ident.present.units import MM, value_in_words
+from ident.present.words import cut, paragraphs
 from ident.vibrate.amplitude import MEASURES
 from ident.vibrate.study import DIRECTIONS
 
@@ -24,23 +23,11 @@ def sensitivity_report(designing: Designing) -> str:
 
 def heading(designing: Designing) -> Iterator[str]:
     """Say what is moved, and by which numbers."""
-    trial, motion = designing.trial, designing.trial.motion
-    yield f"{cut(designing.arm.name, 40)}: {cut(motion.name, 60)}"
-    start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9).tolist()) for i in (0, -1))
-    held = float(motion.breaks[-1]) - motion.arrival
-    yield f"  from {start} to {end} in {motion.arrival:.4g} s" + (f", then held for {held:.4g} s" if held else "")
+    trial = designing.trial
+    yield from motion_in_words(designing.arm, trial.motion)
     belts = ("elastic" if trial.elastic_belts else "rigid") if designing.arm.belts else "none"
     yield f"  load: {designing.load}; belts: {belts}; {trial.rate:.4g} samples a second; fast method"
-    if not designing.arm.drives:
-        yield "  The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
-    for values, what in ((designing.fit, "fitted values"), (designing.posterior, "draws of the posterior")):
-        yield from values_in_words(values, what) if values else ()
-    if designing.posterior and not designing.fit:
-        yield "  the arm itself has the medians of these draws"
-    if designing.posterior:
-        yield "  every draw is changed by the factor, or the difference, by which the arm itself is"
-    for path, value in (designing.changed or {}).items():
-        yield f"  set: {path} = {value:g}"
+    yield from basis_in_words(designing, changed_draws=True)
 
 
 def present(designing: Designing) -> Iterator[str]:
@@ -64,7 +51,7 @@ def table(designing: Designing, most: int = MOST) -> Iterator[str]:
         f"{d:>9s}" + (" 5 to 95 %".rjust(16) if designing.draws else "") for d in DIRECTIONS
     )
     for i in found.order[:most]:
-        row = f"  {cut(found.paths[i], 22):22s}{in_words(found.paths[i], found.present[i]):>22s}"
+        row = f"  {cut(found.paths[i], 22):22s}{value_in_words(found.paths[i], found.present[i]):>22s}"
         for d in range(3):
             row += f"{found.elasticity[i, d]:+9.3f}"
             row += f"{'{:+.3f} {:+.3f}'.format(*found.band[:, i, d]):>16s}" if designing.draws else ""
@@ -76,7 +63,7 @@ def table(designing: Designing, most: int = MOST) -> Iterator[str]:
 
 def assumptions(designing: Designing) -> Iterator[str]:
     """Say what is assumed."""
-    return assumed_in_words(designing.arm, designing.assumed, designing.guessed)
+    return assumed_in_words(designing)
 
 
 def mm(value: float) -> str:

@@ -9,8 +9,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ident.present.simulation import MM, Simulation, alike
+from ident.present.simulation import Simulation, alike
 from ident.present.style import BLUE, GREEN, GREY, ORANGE, PALE_BLUE, PINK, Style, plain
+from ident.present.units import MM
 from ident.present.words import cut
 from ident.vibrate.study import DIRECTIONS
 

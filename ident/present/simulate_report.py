@@ -6,8 +6,9 @@ from collections.abc import Iterator
 import jax.numpy as jnp
 import numpy as np
 
-from ident.present.assumed import in_words, values_in_words
-from ident.present.simulation import MM, Simulation
+from ident.present.basis import assumed_in_words, basis_in_words, motion_in_words
+from ident.present.simulation import Simulation
+from ident.present.units import MM
 from ident.present.words import cut, degrees, paragraphs
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.tension import slack
@@ -31,17 +32,14 @@ def simulate_report(simulation: Simulation) -> str:
         _methods(simulation),
         _belts(simulation),
         _moments(simulation),
-        _assumed(simulation),
+        assumed_in_words(simulation),
     ]
     return paragraphs(sections)
 
 
 def _heading(simulation: Simulation) -> Iterator[str]:
-    response, motion = simulation.response, simulation.response.motion
-    yield f"{cut(simulation.arm.name, 40)}: {cut(motion.name, 60)}"
-    start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9).tolist()) for i in (0, -1))
-    held = float(motion.breaks[-1]) - motion.arrival
-    yield f"  from {start} to {end} in {motion.arrival:.4g} s" + (f", then held for {held:.4g} s" if held else "")
+    response = simulation.response
+    yield from motion_in_words(simulation.arm, response.motion)
     if simulation.pulleys:
         fastest = ", ".join(f"{name} {frequency.max():.3g} Hz" for name, (_, frequency) in simulation.pulleys.items())
         yield f"  pulleys turn up to: {fastest}"
@@ -49,14 +47,7 @@ def _heading(simulation: Simulation) -> Iterator[str]:
     rate = (len(simulation.time) - 1) / (simulation.time[-1] - simulation.time[0])
     yield f"  load: {simulation.load}; belts: {belts}; {rate:.4g} samples a second"
     yield f"  method: {METHODS[response.method]}"
-    if simulation.undriven:
-        yield "  The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
-    for values, what in ((simulation.fit, "fitted values"), (simulation.posterior, "draws of the posterior")):
-        yield from values_in_words(values, what) if values else ()
-    if simulation.posterior and not simulation.fit:
-        yield "  the arm itself has the medians of these draws"
-    for path, value in (simulation.changed or {}).items():
-        yield f"  set: {path} = {value:g}"
+    yield from basis_in_words(simulation)
     if simulation.study.interrupted is not None:
         yield f"  INTERRUPTED: the exact method came to {simulation.study.interrupted:.4g} s"
         if simulation.posterior:
@@ -177,10 +168,6 @@ def _moments(simulation: Simulation) -> Iterator[str]:
     for joint, b, t in zip(simulation.arm.joints, bending, np.abs(torsion), strict=True):
         when = (simulation.time[np.argmax(x)] for x in (b, t))
         yield f"  {cut(joint.name, 18):18s} {b.max():9.4g} {next(when):8.3f}   {t.max():9.4g} {next(when):8.3f}"
-
-
-def _assumed(simulation: Simulation) -> Iterator[str]:
-    return in_words(simulation.arm, simulation.assumed, simulation.guessed)
 
 
 def _mm(value: float) -> str:

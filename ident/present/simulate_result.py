@@ -11,8 +11,10 @@ import numpy as np
 
 from ident.files import replace_file, replace_path
 from ident.identify.results import Values
+from ident.present.basis import assumed
 from ident.present.result import plain, provenance
-from ident.present.simulation import MM, Simulation
+from ident.present.simulation import Simulation
+from ident.present.units import MM
 from ident.text import one_line
 from ident.vibrate.study import DIRECTIONS, Sizes
 from ident.vibrate.tension import slack
@@ -65,7 +67,7 @@ def simulate_document(simulation: Simulation, options: Mapping[str, Any]) -> dic
         "belts": list(_belts(simulation)),
         "bushings": list(_bushings(simulation)),
         "set": dict(simulation.changed or {}),
-        "assumed": simulation.assumed[0],
+        "assumed": assumed(simulation)[0],
         "left_out": _left_out(simulation.fit) + _left_out(simulation.posterior),
     }
     return plain(document)

@@ -11,14 +11,10 @@ from ident.arm.arm import Arm
 from ident.arm.file import ArmFile
 from ident.identify.results import Values
 from ident.measure import Load, Log, Trace
-from ident.present.assumed import assumed, guessed
 from ident.vibrate.compare import Comparison
 from ident.vibrate.response import Response
 from ident.vibrate.study import Draws, Sizes, Study, measures
 from ident.vibrate.tension import belt_tension
-
-MM = 1e3
-"""mm in a metre."""
 
 
 @dataclass(frozen=True)
@@ -111,21 +107,6 @@ class Simulation:
     def arrived(self) -> bool:
         """Whether the response comes as far as the arrival."""
         return bool(self.time[-1] >= self.response.motion.arrival - 1e-9)
-
-    @property
-    def assumed(self) -> tuple[list[str], int]:
-        """Names of the numbers of drives, belts and stroke that are assumed, and how many such numbers there are."""
-        return assumed(self.arm, self.arm_file, self.changed or {}, stroke=not self.log)
-
-    @property
-    def guessed(self) -> tuple[int, int]:
-        """How many of the arm's numbers but those are assumed or calibrated, and how many are given at all."""
-        return guessed(self.arm, self.arm_file)
-
-    @property
-    def undriven(self) -> bool:
-        """Whether the arm has no drive, so that only the motion itself shakes it."""
-        return not self.arm.drives
 
 
 def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from ident.present.simulation import MM
 from ident.present.style import BLUE, GREEN, GREY, ORANGE, Style, plain
-from ident.present.sweeping import Sweeping, in_paper_unit, is_factor, title
+from ident.present.sweeping import Sweeping, is_factor, title
+from ident.present.units import MM, in_paper_unit
 from ident.present.words import cut
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import Axis, Sweep
@@ -78,7 +78,7 @@ def _heading(figure: Figure, sweeping: Sweeping) -> None:
 def _curves(axes: Axes, sweeping: Sweeping, sweep: Sweep) -> None:
     (axis,) = sweep.axes
     values, amplitudes = curve(sweep)
-    factor = in_paper_unit(axis, 1.0)[0]
+    factor = in_paper_unit(axis.paths[0], 1.0)[0]
     for d, style in enumerate(WAYS):
         if sweep.draws is not None:
             low, high = MM * sweep.band[:, d]
@@ -97,7 +97,7 @@ def _curves(axes: Axes, sweeping: Sweeping, sweep: Sweep) -> None:
 
 def _multiples(axes: Axes, axis: Axis) -> None:
     """Show above the panel by which factor the number is changed."""
-    factor = in_paper_unit(axis, axis.present)[0]
+    factor = in_paper_unit(axis.paths[0], axis.present)[0]
     functions: Any = (lambda x: x / factor, lambda x: x * factor)
     above = axes.secondary_xaxis("top", functions=functions)
     low, high = axis.values[[0, -1]] / axis.present
@@ -111,7 +111,7 @@ def _multiples(axes: Axes, axis: Axis) -> None:
 
 def _scale(axes: Axes, axis: Axis, which: str) -> None:
     """Scale and label the x or the y axis: logarithmic for factors, powers of ten in the label."""
-    factor, unit = in_paper_unit(axis, 1.0)
+    factor, unit = in_paper_unit(axis.paths[0], 1.0)
     low, high = factor * axis.values[[0, -1]]
     power = 3 * math.floor(math.log10(max(abs(low), abs(high))) / 3)
     power = power if power > 3 or power < -3 else 0
@@ -182,7 +182,7 @@ def _map_figure(sweeping: Sweeping) -> Figure:
     _heading(figure, sweeping)
     axes = figure.subplots()
     plain(axes)
-    first, second = (in_paper_unit(axis, 1.0)[0] * axis.values for axis in sweep.axes)
+    first, second = (in_paper_unit(axis.paths[0], 1.0)[0] * axis.values for axis in sweep.axes)
     largest = MM * sweep.amplitude.max(0)
     filled = axes.contourf(first, second, largest.T, levels=_levels(largest), cmap="viridis")
     bar = figure.colorbar(filled, ax=axes, pad=0.02)
@@ -204,7 +204,7 @@ def _levels(values: np.ndarray) -> np.ndarray:
 def _marks(axes: Axes, sweeping: Sweeping, sweep: Sweep) -> Iterator[Line2D]:
     """Mark present design, best point and limit, and yield what stands for them in the key."""
     largest = sweep.amplitude.max(0)
-    scales = [in_paper_unit(axis, 1.0)[0] for axis in sweep.axes]
+    scales = [in_paper_unit(axis.paths[0], 1.0)[0] for axis in sweep.axes]
     best = np.unravel_index(largest.argmin(), largest.shape)
     marks = []
     if all(has_present(axis) for axis in sweep.axes):

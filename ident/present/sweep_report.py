@@ -5,13 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.present.assumed import in_words as assumed_in_words
-from ident.present.assumed import values_in_words
-from ident.present.simulation import MM
+from ident.present.basis import assumed_in_words, basis_in_words, motion_in_words
 from ident.present.sweep_words import LINES, kept_in_words, trends_in_words
-from ident.present.sweeping import NMM, Sweeping, in_paper_unit, in_words, is_factor, title, unit
-from ident.present.units import nmm_per_deg
-from ident.present.words import cut, degrees, paragraphs
+from ident.present.sweeping import Sweeping, in_words, is_factor, title
+from ident.present.units import MM, NMM, in_paper_unit, nmm_per_deg, unit_of
+from ident.present.words import paragraphs
 from ident.vibrate.amplitude import MEASURES
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import Axis, Sweep
@@ -21,29 +19,17 @@ def sweep_report(sweeping: Sweeping) -> str:
     """Return the report: motion, the present amplitude, a table and the trend of each parameter, what is assumed."""
     one = _map if len(sweeping.sweeps[0].axes) == 2 else _parameter
     sections = [_heading(sweeping), _present(sweeping), *(one(sweeping, sweep) for sweep in sweeping.sweeps)]
-    return paragraphs([*sections, assumed_in_words(sweeping.arm, sweeping.assumed, sweeping.guessed)])
+    return paragraphs([*sections, assumed_in_words(sweeping)])
 
 
 def _heading(sweeping: Sweeping) -> Iterator[str]:
-    motion, trial = sweeping.motion, sweeping.trial
-    yield f"{cut(sweeping.arm.name, 40)}: {cut(motion.name, 60)}"
-    start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9).tolist()) for i in (0, -1))
-    held = float(motion.breaks[-1]) - motion.arrival
-    yield f"  from {start} to {end} in {motion.arrival:.4g} s" + (f", then held for {held:.4g} s" if held else "")
+    trial = sweeping.trial
+    yield from motion_in_words(sweeping.arm, sweeping.motion)
     belts = ("elastic" if trial.elastic_belts else "rigid") if sweeping.arm.belts else "none"
     yield f"  load: {sweeping.load}; belts: {belts}; {trial.rate:.4g} samples a second; fast method"
     if any(axis.is_speed for sweep in sweeping.sweeps for axis in sweep.axes):
         yield "  at another speed the same path is passed on another clock, pauses included"
-    if not sweeping.arm.drives:
-        yield "  The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
-    for values, what in ((sweeping.fit, "fitted values"), (sweeping.posterior, "draws of the posterior")):
-        yield from values_in_words(values, what) if values else ()
-    if sweeping.posterior and not sweeping.fit:
-        yield "  the arm itself has the medians of these draws"
-    if sweeping.posterior:
-        yield "  every draw is changed by the factor, or the difference, by which the arm itself is"
-    for path, value in (sweeping.changed or {}).items():
-        yield f"  set: {path} = {value:g}"
+    yield from basis_in_words(sweeping, changed_draws=True)
 
 
 def _present(sweeping: Sweeping) -> Iterator[str]:
@@ -98,14 +84,14 @@ def _map(sweeping: Sweeping, sweep: Sweep) -> Iterator[str]:
         yield f"  at present {_both(axis, axis.present)}; {_values(axis)}"
     largest = sweep.amplitude.max(0)
     yield f"  For each {first.name}: least and largest of what is the largest over x, y and z [mm], and where"
-    names = [f"{axis.name} [{in_paper_unit(axis, 1.0)[1]}]" for axis in (first, second, second)]
+    names = [f"{axis.name} [{in_paper_unit(axis.paths[0], 1.0)[1]}]" for axis in (first, second, second)]
     widths = [max(len(name), 12) for name in names]
     heads = (f"{name:>{width}s}" for name, width in zip(names, widths, strict=True))
     yield f"  {next(heads)}      least at {next(heads)}    largest at {next(heads)}"
     for value, row in zip(first.values, largest, strict=True):
-        number = f"{in_paper_unit(first, value)[0]:.5g}"
+        number = f"{in_paper_unit(first.paths[0], value)[0]:.5g}"
         parts = [
-            f"{_mm(row[k]):>11s} at {f'{in_paper_unit(second, second.values[k])[0]:.5g}':>{width}s}"
+            f"{_mm(row[k]):>11s} at {f'{in_paper_unit(second.paths[0], second.values[k])[0]:.5g}':>{width}s}"
             for k, width in zip((row.argmin(), row.argmax()), widths[1:], strict=True)
         ]
         yield f"  {number:>{widths[0]}s}{parts[0]}{parts[1]}{_mark(first, value)}"
@@ -148,12 +134,12 @@ def _values(axis: Axis) -> str:
 
 def _both(axis: Axis, value: float) -> str:
     """Write a value in SI, and in N mm/deg if it is a stiffness."""
-    plain = f"{value:.4g} {unit(axis)}".removesuffix(" -")
+    plain = f"{value:.4g} {unit_of(axis.paths[0])}".removesuffix(" -")
     return f"{plain} = {in_words(axis, value)}" if len(_units(axis)) > 1 else plain
 
 
 def _units(axis: Axis) -> list[str]:
-    return [unit(axis), NMM] if in_paper_unit(axis, 1.0)[1] == NMM else [unit(axis)]
+    return [unit_of(axis.paths[0]), NMM] if in_paper_unit(axis.paths[0], 1.0)[1] == NMM else [unit_of(axis.paths[0])]
 
 
 def _mark(axis: Axis, value: float) -> str:

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from ident.files import replace_file
+from ident.present.basis import assumed
 from ident.present.result import plain, provenance
-from ident.present.simulation import MM
 from ident.present.sweep_words import trends
-from ident.present.sweeping import Sweeping, unit
+from ident.present.sweeping import Sweeping
+from ident.present.units import MM, unit_of
 from ident.text import one_line
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import Axis, Sweep
@@ -50,7 +51,7 @@ def sweep_document(sweeping: Sweeping, options: Mapping[str, Any]) -> dict[str, 
         "draws": sweeping.draws,
         "sweeps": [_sweep(sweep, sweeping.limit) for sweep in sweeping.sweeps],
         "set": dict(sweeping.changed or {}),
-        "assumed": sweeping.assumed[0],
+        "assumed": assumed(sweeping)[0],
         "left_out": [name for file in (sweeping.fit, sweeping.posterior) if file for name in file.left_out],
     }
     return plain(document)
@@ -86,7 +87,7 @@ def _rows(sweep: Sweep) -> Iterator[list[str]]:
         told = [
             text
             for axis, k in zip(sweep.axes, place, strict=True)
-            for text in (axis.name, f"{axis.values[k]:{DIGITS}}", unit(axis))
+            for text in (axis.name, f"{axis.values[k]:{DIGITS}}", unit_of(axis.paths[0]))
         ]
         for d, direction in enumerate(DIRECTIONS):
             sizes = parts[:, d].reshape((len(parts), -1))[:, number]
@@ -119,4 +120,4 @@ def _sweep(sweep: Sweep, limit: float | None) -> dict[str, Any]:
 
 
 def _axis(axis: Axis) -> dict[str, Any]:
-    return {"paths": list(axis.paths), "unit": unit(axis), "present": axis.present, "values": axis.values}
+    return {"paths": list(axis.paths), "unit": unit_of(axis.paths[0]), "present": axis.present, "values": axis.values}

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.present.simulation import MM
 from ident.present.sweeping import in_words, is_factor
+from ident.present.units import MM
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import Axis, Sweep
 from ident.vibrate.trend import NOTABLE, Trend, below, curve, near, trend

@@ -10,13 +10,11 @@ from ident.arm.arm import Arm
 from ident.arm.file import ArmFile
 from ident.identify.results import Values
 from ident.measure import Load, Log
-from ident.present.assumed import assumed, guessed
-from ident.present.units import is_stiffness, nmm_per_deg, unit_of
+from ident.present.units import value_in_words
 from ident.vibrate.motion import Motion
 from ident.vibrate.sweep import Axis, Sweep
 from ident.vibrate.trial import Trial
 
-NMM = "N mm/deg"
 FIELD_WORDS = {
     "k_bend": "bending stiffness of {}",
     "k_tors": "torsional stiffness of {}",
@@ -82,31 +80,10 @@ class Sweeping:
         """Number of draws."""
         return self.trial.size - 1
 
-    @property
-    def assumed(self) -> tuple[list[str], int]:
-        """See `assumed.assumed`."""
-        return assumed(self.arm, self.arm_file, self.changed or {}, stroke=not self.log)
-
-    @property
-    def guessed(self) -> tuple[int, int]:
-        """See `assumed.guessed`."""
-        return guessed(self.arm, self.arm_file)
-
-
-def unit(axis: Axis) -> str:
-    """Return the SI unit of what is swept, or %."""
-    return unit_of(axis.paths[0])
-
-
-def in_paper_unit(axis: Axis, value: float) -> tuple[float, str]:
-    """Return a value in the unit that people read, and the unit: N mm/deg for a stiffness."""
-    return (nmm_per_deg(value), NMM) if is_stiffness(axis.paths[0]) else (value, unit(axis))
-
 
 def in_words(axis: Axis, value: float) -> str:
-    """Write a value with its unit, as `6.28e+06 N mm/deg`."""
-    number, name = in_paper_unit(axis, value)
-    return f"{number:.4g} {name}".removesuffix(" -")
+    """Write a value of what is swept with its unit."""
+    return value_in_words(axis.paths[0], value)
 
 
 def is_factor(axis: Axis) -> bool:

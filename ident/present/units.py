@@ -3,6 +3,9 @@
 from ident.measure import stiffness_to_nmm_per_deg
 
 KINDS = {"frequency": (1.0, "Hz"), "deflection": (1e3, "mm"), "deflection_difference": (1e3, "mm")}
+MM = 1e3
+"""mm in a metre."""
+NMM = "N mm/deg"
 FIELDS = {
     "k_bend": "N m/rad",
     "k_tors": "N m/rad",
@@ -54,3 +57,14 @@ def is_stiffness(path: str) -> bool:
 def nmm_per_deg(value: float) -> float:
     """Return a stiffness [N m/rad] in N mm/deg, the paper's unit."""
     return float(stiffness_to_nmm_per_deg(value))
+
+
+def in_paper_unit(path: str, value: float) -> tuple[float, str]:
+    """Return a value in the unit that people read, and the unit: N mm/deg for a stiffness."""
+    return (nmm_per_deg(value), NMM) if is_stiffness(path) else (value, unit_of(path))
+
+
+def value_in_words(path: str, value: float) -> str:
+    """Write a value with its unit, as `6.28e+06 N mm/deg`."""
+    number, name = in_paper_unit(path, value)
+    return f"{number:.4g} {name}".removesuffix(" -")

@@ -1,6 +1,8 @@
 """A probability that is counted out of draws."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
@@ -41,3 +43,13 @@ class Chance:
 def chance(done: np.ndarray) -> Chance:
     """Return the probability of what some draws do."""
     return Chance(int(np.sum(done)), int(np.size(done)))
+
+
+def chance_to_json(found: Chance) -> dict[str, Any]:
+    """Return a probability as JSON knows it, its interval with it."""
+    return {"count": found.count, "draws": found.draws, "share": found.share, "interval_95": list(found.interval)}
+
+
+def chance_from_json(found: Mapping[str, Any]) -> Chance:
+    """Return the probability again."""
+    return Chance(found["count"], found["draws"])

@@ -140,7 +140,7 @@ def _explicit_steps(machine: Machine, motion: Motion, start: tuple[Array, Array]
 
 
 @jit
-def _linear(machine: Machine, motion: Motion, start: tuple[Array, Array]) -> Float[Array, "2n 2n"]:
+def _linear(machine: Machine, motion: Motion, start: tuple[Array, Array]) -> Float[Array, "state state"]:
     """Return the derivatives of the rates at the start by the state there."""
     command = Command(*motion(jnp.asarray(motion.breaks)[0]))
 

@@ -22,7 +22,7 @@ JUMP = 1e-6
 FINER = 8
 """Panels are at most this much shorter than they must be, where that makes them more alike."""
 PANEL_COST = 90
-"""What a panel costs apart from its steps, in steps."""
+"""What a panel costs apart from its steps, in steps: measured on the paper's arm, by runs of different panels."""
 MOST_STEPS = 200
 """Steps of a panel at most: beyond, its intermediate values leave the cache."""
 SHORTEST = 1e-9
