@@ -3,6 +3,7 @@
 import os
 import sys
 import tempfile
+from pathlib import Path
 
 import pytest
 from browser import browser, browser_page  # noqa: F401
@@ -10,6 +11,8 @@ from jaxtyping import install_import_hook
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+# what `ident.jit` asks of its programs, for those of the tests too: a quarter less to compile
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true")
 
 # all but ident.cli: typer hands None to an eager flag that is annotated bool
 ROOMS = ("arm", "diagnose", "identify", "measure", "present", "vibrate")
@@ -20,6 +23,18 @@ import jax  # noqa: E402
 from ident import cli  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
+
+
+MAPS = Path("/proc/self/maps")
+MOST_MAPS = 15_000
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_programs():
+    """Forget compiled programs when they are many: each has memory maps of its own, and Linux admits 65530 in all."""
+    yield
+    if MAPS.exists() and MAPS.read_text().count("\n") > MOST_MAPS:
+        jax.clear_caches()
 
 
 @pytest.fixture

@@ -99,6 +99,7 @@ def design_command(
         _write(Designing(arm_file, trial, hung, found, **given), asked, out / moving.name(arm, asked, path), no_figure)
         return
     _check_written(described, trial, drawn, fitted, set_by_user, arm_file.path)
+    trial = _shared(trial)
     done = _design(trial, asked, _required(asked), extents)
     found = _sensitivities(trial)
     unseen = moving.drawn(others, set_by_user) if others else None
@@ -106,6 +107,18 @@ def design_command(
     given |= {"starts": starts, "fresh": len(next(iter(unseen.values()))) if unseen else 0}
     designing = Designing(arm_file, trial, hung, found, done, verified, **given)
     _write(designing, asked, out / moving.name(arm, asked, path), no_figure)
+
+
+def _shared(trial: "Trial") -> "Trial":
+    """Return the trial with one step and all numbers, so that search, sensitivities and verification share programs."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from ident.vibrate.sensitivity import changeable
+
+    bounds = np.array([variable.span(trial.arm) for variable in trial.variables]).T
+    return replace(trial, step=trial.step_for(bounds), also=changeable(trial.arm))
 
 
 def _values(

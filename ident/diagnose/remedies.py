@@ -27,8 +27,10 @@ KINDS = ("torsion", "mass centre", "both", "speed")
 """Kinds of remedies in the paper's order; what it does not speak of comes last."""
 FULL = 100.0
 """Speed [%] above which none is advised."""
-TRIED = 17
-"""Values of a single number that are tried."""
+TRIED = 41
+"""Values of a single number that are tried: to twice as much in steps of 3.5 %."""
+JUDGED = 10
+"""Of these, those that are judged by draws, at most."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,8 @@ class Proof:
 def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Remedy, ...]:
     """Return what can be done, the best first: what cures with the least change, then what helps most.
 
-    Each aims at the limit divided by the scatter of the draws, so that most of them keep it; where that is out of
-    reach, at the least amplitude.
+    A single number takes the least change that cures most draws. Several together aim at the limit divided by the
+    scatter of the draws, so that most of them keep it. Where that is out of reach, it is the least amplitude.
 
     Args:
         task: what is asked.
@@ -111,7 +113,7 @@ def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy]]:
     yield partial(_slower_or_faster, task)
     single = [(v, "torsion") for v in task.torsion] + [(v, "mass centre") for v in task.centres]
     for variable, kind in single:
-        yield partial(_alone, task, variable, kind, aim)
+        yield partial(_alone, task, variable, kind)
 
 
 def _rank(remedy: Remedy) -> tuple[bool, int, float]:
@@ -121,15 +123,18 @@ def _rank(remedy: Remedy) -> tuple[bool, int, float]:
     return True, 0, remedy.largest
 
 
-def _alone(task: Task, variable: Variable, kind: str, aim: float) -> Remedy:
-    """Try values of one number, and take the least change that reaches the aim, or the quietest."""
-    trial = task.trial(variable)
+def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
+    """Try values of one number: return the least change that most draws are cured by, else the quietest."""
     changes = np.linspace(*variable.span(task.arm), TRIED)[:, None]
-    amplitude = trial.amplitudes(changes)[:, :, 0].max(0)
-    good = np.flatnonzero(amplitude <= aim)
-    best = good[np.argmin(np.abs(changes[good, 0]))] if len(good) else np.argmin(amplitude)
-    amount = float(np.abs(changes[best, 0]) / np.abs(changes).max())
-    return _remedy(task, (variable,), kind, changes[best], amount)
+    amplitude = task.trial(variable).amplitudes(changes)[:, :, 0].max(0)
+    size = np.abs(changes[:, 0]) / np.abs(changes).max()
+    good = np.flatnonzero(amplitude <= task.limit)
+    for place in good[np.argsort(size[good])][:JUDGED]:
+        found = _remedy(task, (variable,), kind, changes[place], float(size[place]))
+        if found.cures:
+            return found
+    best = np.argmin(amplitude)
+    return _remedy(task, (variable,), kind, changes[best], float(size[best]))
 
 
 def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:

@@ -61,12 +61,12 @@ def stiffness_section(sampled: CampaignSample) -> Section:
     note = "The chains are shorter than they should be: the intervals are rough." if short else ""
     table = Table("Identified numbers, from the posterior", head, rows, note)
     onward = "With these numbers and their spread the natural frequencies along the motion follow."
-    drawn = picture(
-        stiffness_figure([item.name for item in items], low, middle, high),
-        "Each identified number with its interval, relative to its median",
-        "95 % interval of each number, relative to its median: the narrower, the surer.",
-    )
-    return Section("How stiff are the joints?", tuple(found), onward, (table,), (drawn,))
+    above = np.flatnonzero(low > 0)  # coordinates, which may be about zero, have no ratio
+    alt = "Each identified number with its interval, relative to its median"
+    caption = "95 % interval of each number, relative to its median: the narrower, the surer."
+    shown = [items[i].name for i in above], low[above], middle[above], high[above]
+    pictures = (picture(stiffness_figure(*shown), alt, caption),) if len(above) else ()
+    return Section("How stiff are the joints?", tuple(found), onward, (table,), pictures)
 
 
 def _paper(name: str, value: float) -> str:

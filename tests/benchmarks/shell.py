@@ -17,7 +17,7 @@ from pathlib import Path
 from ident.arm.file import read_arm; from ident.measure import read_campaign
 from ident.identify import fit as stage; from ident.identify.conditions import bind
 from ident.identify.parameters import stiffness_parameters; from ident.identify.predict import ArmModel
-from ident.identify.problem import InverseProblem
+from ident.identify.problem import InverseProblem; from ident.jit import SMALL_KERNELS
 t.append(time.perf_counter())
 import jax.numpy as jnp
 arm, campaign = read_arm("ARM"), read_campaign("CAMPAIGN")
@@ -27,7 +27,7 @@ kinds = tuple(m.kind for m in campaign)
 problem = InverseProblem(ArmModel(arm, bind(arm, campaign)), column("value"), column("sigma"), p, kinds)
 start = p.theta(p.column("start"))
 t.append(time.perf_counter())
-lowered = stage.solve.lower(problem, start)
+lowered = eqx.filter_jit(stage.solve.__wrapped__, **SMALL_KERNELS).lower(problem, start)
 t.append(time.perf_counter())
 program = lowered.compile()
 t.append(time.perf_counter())
