@@ -45,7 +45,7 @@ def test_from_a_campaign_to_advice_killed_on_the_way(small, run, tmp_path, brows
 
     code, out, err = run(*ASKED)
     assert code == 0, err
-    assert out.count("(as found before)") == 5
+    assert out.count("(as found before)") == 4
     assert out.count("->") == 5
     assert "6. Does it hold?" in out
 
