@@ -113,12 +113,9 @@ def _shared(trial: "Trial") -> "Trial":
     """Return the trial with one step and all numbers, so that search, sensitivities and verification share programs."""
     from dataclasses import replace
 
-    import numpy as np
-
     from ident.vibrate.sensitivity import changeable
 
-    bounds = np.array([variable.span(trial.arm) for variable in trial.variables]).T
-    return replace(trial, step=trial.step_for(bounds), also=changeable(trial.arm))
+    return replace(trial, step=trial.step_for(trial.bounds), also=changeable(trial.arm))
 
 
 def _values(

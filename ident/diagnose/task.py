@@ -81,7 +81,7 @@ class Task:
     def step(self) -> float:
         """Time step [s] for the stiffest arm that is tried; one for all, so that they share their programs."""
         tried = Trial(self.arm, self.motion, (*self.torsion, *self.centres), loads=self.loads)
-        return tried.step_for(np.array([variable.span(self.arm) for variable in tried.variables]).T)
+        return tried.step_for(tried.bounds)
 
     def trial(self, *variables: Variable, draws: Mapping[str, np.ndarray] | None = None) -> Trial:
         """Return what is simulated again and again; all of a task are one program."""

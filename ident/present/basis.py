@@ -13,6 +13,7 @@ from ident.measure import Log
 from ident.present.words import cut, degrees
 from ident.vibrate.motion import Motion
 
+UNDRIVEN = "The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
 PARTS = {"Drive": "drives", "Belt": "belts", "Stroke": "stroke"}
 
 
@@ -50,7 +51,7 @@ def basis_in_words(found: Basis, *, changed_draws: bool = False) -> Iterator[str
         changed_draws: whether the numbers are changed, those of the draws with them.
     """
     if not found.arm.drives:
-        yield "  The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
+        yield f"  {UNDRIVEN}"
     for values, what in ((found.fit, "fitted values"), (found.posterior, "draws of the posterior")):
         yield from _values_in_words(values, what) if values else ()
     if found.posterior and not found.fit:

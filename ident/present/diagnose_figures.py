@@ -8,14 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.diagnose.remedies import Remedy
-from ident.present.style import plain, ratio_axis, rows
+from ident.present.style import BLUE, plain, ratio_axis, rows
 from ident.present.units import MM
 from ident.present.words import cut
 from ident.vibrate.response import Response
 from ident.vibrate.sensitivity import Sensitivities
 
-BLUE, GREY, RED = "#0072B2", "#8A8F98", "#C1432B"
-"""Colours: what is said, what is not reached, the limit."""
+RED = "#C1432B"
+"""Colour of the limit."""
 
 
 def stiffness_figure(

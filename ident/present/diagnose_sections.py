@@ -9,6 +9,7 @@ from ident.diagnose.remedies import Proof, Remedy
 from ident.diagnose.shake import Shaken
 from ident.diagnose.task import CONFIDENT, MOVED, STIFFER, Task
 from ident.identify.campaign_sample import CampaignSample
+from ident.present.basis import UNDRIVEN
 from ident.present.diagnose_figures import remedies_figure, sensitivities_figure, stiffness_figure, vibration_figure
 from ident.present.page import Section, Table
 from ident.present.page_figure import picture
@@ -106,9 +107,8 @@ def resonance_section(followed: Branches, shaken: Excitation, met: Sequence[Enco
 
 def undriven_section() -> Section:
     """Say that nothing turns."""
-    said = "The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
     onward = "How far the arm vibrates by its motion alone is simulated."
-    return Section("Does the drive meet a natural frequency?", (said,), onward)
+    return Section("Does the drive meet a natural frequency?", (UNDRIVEN,), onward)
 
 
 def _met(group: Sequence[Encounter]) -> str:

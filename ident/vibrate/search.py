@@ -89,9 +89,9 @@ class Search:
     @classmethod
     def of(cls, trial: Trial, required: Requirements) -> "Search":
         """Scale a trial's variables."""
-        low, high = np.array([variable.span(trial.arm) for variable in trial.variables]).T
+        low, high = trial.bounds
         scale = np.maximum(np.abs(low), np.abs(high))
-        trial = trial if trial.step else replace(trial, step=trial.step_for(np.array([low, high])))
+        trial = trial if trial.step else replace(trial, step=trial.step_for(trial.bounds))
         return cls(trial, required, scale, low / scale, high / scale)
 
     @cached_property

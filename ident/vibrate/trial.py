@@ -71,6 +71,11 @@ class Trial:
         return replace(self, draws={}, also=(*self.also, *self.draws))
 
     @property
+    def bounds(self) -> Float[np.ndarray, "2 V"]:
+        """The changes of the variables at their lower and at their upper bounds."""
+        return np.array([variable.span(self.arm) for variable in self.variables]).T
+
+    @property
     def amplitude(self) -> Amplitude:
         """The measure for the motion as it is sampled.
 
