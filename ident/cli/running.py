@@ -1,5 +1,6 @@
 """What every command does first: set up jax, read the inputs, show progress."""
 
+import atexit
 import gc
 import os
 import sys
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 
 def start() -> None:
     """Set up jax: double precision, and compiled programs kept from one run to the next."""
-    gc.set_threshold(200_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
+    gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
+    atexit.register(gc.freeze)  # and 0.6 s less to stop: what is left goes with the process
     import jax
 
     folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

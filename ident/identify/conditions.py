@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -78,7 +78,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     reads = [(i, m) for i, m in enumerate(campaign) if m.kind not in BY_MODE]
     names = [point.name for point in arm.points]
     return Conditions(
-        posture=jnp.asarray([posture for posture, _ in states], float).T,
+        posture=jax.device_put(np.array([posture for posture, _ in states], float).T),
         loads=_loads(arm, [load for _, load in states]),
         frequency=_modal(campaign, "frequency", states),
         damping=_modal(campaign, "damping_ratio", states),
@@ -88,7 +88,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
             states[m.posture, m.reference_load] if m.kind == "deflection_difference" else -1 for _, m in reads
         ),
         point=tuple(names.index(m.point or "") for _, m in reads),
-        direction=jnp.asarray([m.direction for _, m in reads], float).reshape(-1, 3).T,
+        direction=jax.device_put(np.array([m.direction for _, m in reads], float).reshape(-1, 3).T),
     )
 
 
@@ -129,7 +129,7 @@ def _loads(arm: Arm, cases: list[Load]) -> Loads:
             mass[points.index(name), state] += kilograms
         for vector, name in case.forces:
             force[:, points.index(name), state] += vector
-    return Loads(jnp.asarray(share), jnp.asarray(mass), jnp.asarray(force))
+    return Loads(*map(jax.device_put, (share, mass, force)))
 
 
 def _misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
-from scipy.special import chdtrc, ndtri
 
 from ident.errors import ModelError
 from ident.identify.information import RANK_TOLERANCE, Information, information
+from ident.identify.parameters import AnyArray
 from ident.identify.problem import InverseProblem
 from ident.jit import jit
 
@@ -78,7 +79,7 @@ class Fit:
     @property
     def parameters(self) -> dict[str, float]:
         """The fitted numbers [SI] by path, ties spelled out."""
-        return {k: float(v) for k, v in self.problem.parameters.by_path(jnp.asarray(self.best.values)).items()}
+        return {k: float(v) for k, v in self.problem.parameters.by_path(self.best.values).items()}
 
     @property
     def residuals(self) -> Float[np.ndarray, "D"]:
@@ -98,13 +99,17 @@ class Fit:
     @property
     def p_value(self) -> float:
         """Chance of a larger chi-squared if model and sigmas are right; NaN without degrees of freedom."""
-        return float(chdtrc(self.degrees_of_freedom, self.chi_squared)) if self.degrees_of_freedom > 0 else np.nan
+        if not self.degrees_of_freedom > 0:
+            return np.nan
+        from scipy.special import chdtrc  # takes a tenth of a second, which fits without degrees of freedom can spare
+
+        return float(chdtrc(self.degrees_of_freedom, self.chi_squared))
 
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
         """Return intervals of the parameters [SI] by data and prior, normal in theta."""
-        half = ndtri(0.5 + level / 2) * self.information.sd
+        half = NormalDist().inv_cdf(0.5 + level / 2) * self.information.sd
         ends = np.stack([self.best.theta - half, self.best.theta + half], 1)
-        return np.asarray(self.problem.parameters.values(jnp.asarray(ends)))
+        return np.asarray(self.problem.parameters.values(ends))
 
     @property
     def predicted_sd(self) -> Float[np.ndarray, "D"]:
@@ -142,7 +147,7 @@ def fit(
     optima: tuple[Optimum, ...] = ()
     tried = 0
     for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
-        end = solve(problem, first + jnp.asarray(noise[tried - 1]))
+        end = solve(problem, first + noise[tried - 1])
         if np.isfinite(end.cost):
             reached.append(End(*(np.asarray(part) for part in end)))
             optima = _distinct(problem, reached)
@@ -157,15 +162,15 @@ def fit(
     return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known)
 
 
-def evaluate(problem: InverseProblem, theta: Float[Array, "P"] | None = None) -> "End":
+def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None) -> "End":
     """Return predictions and their Jacobian at theta, or else at the parameters' starting values.
 
     It is a fit without data and prior, so that what was compiled for the fit serves here as well.
     """
-    blank = eqx.tree_at(lambda p: p.sigma, problem, jnp.full_like(problem.sigma, jnp.inf))
+    blank = eqx.tree_at(lambda p: p.sigma, problem, np.full_like(problem.sigma, np.inf))
     start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
     free = tuple(
-        eqx.tree_at(lambda q: q.prior_sd, item, jnp.full_like(item.prior_sd, jnp.inf))
+        eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
         for item in problem.parameters.items
     )
     return solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
@@ -187,7 +192,7 @@ class End(NamedTuple):
 
 
 @jit
-def solve(problem: InverseProblem, start: Float[Array, "P"]) -> End:
+def solve(problem: InverseProblem, start: Float[AnyArray, "P"]) -> End:
     """Run Levenberg-Marquardt from one start; the cost is NaN where the model has no answer.
 
     The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
@@ -222,10 +227,10 @@ def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
     Ends with a gradient are dropped, unless the best one has it.
     """
     groups: list[list[End]] = []
-    sigma = np.asarray(problem.sigma)
+    sigma, prior_sd = np.asarray(problem.sigma), _prior_sd(problem)
     for end in sorted(ends, key=lambda e: float(e.cost)):
         for group in groups:
-            step, prior_sd = end.theta - group[0].theta, _prior_sd(problem)
+            step = end.theta - group[0].theta
             apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])
             near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
             level = abs(end.cost - group[0].cost) < SAME * SAME * (1 + end.cost)
@@ -235,10 +240,15 @@ def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
         else:
             groups.append([end])
     optima = [group for i, group in enumerate(groups) if i == 0 or any(end.converged for end in group)]
-    values = [np.asarray(problem.parameters.values(jnp.asarray(group[0].theta))) for group in optima]
     return tuple(
-        Optimum(v, g[0].theta, float(g[0].cost), len(g), any(end.converged for end in g))
-        for v, g in zip(values, optima, strict=True)
+        Optimum(
+            np.asarray(problem.parameters.values(group[0].theta)),
+            group[0].theta,
+            float(group[0].cost),
+            len(group),
+            any(end.converged for end in group),
+        )
+        for group in optima
     )
 
 

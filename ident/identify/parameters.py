@@ -15,6 +15,7 @@ from ident.errors import InputError, Problem
 from ident.identify.priors import Prior
 from ident.text import did_you_mean
 
+AnyArray = Array | np.ndarray
 POSITIVE = ("mass", *STIFFNESS, *DAMPING)
 """Fields that are fitted as logarithms."""
 WEAK_PRIOR = 1.0
@@ -41,11 +42,11 @@ class Parameter(eqx.Module):
 
     paths: tuple[str, ...] = eqx.field(static=True)
     positive: bool = eqx.field(static=True)
-    start: Float[Array, ""]
-    centre: Float[Array, ""]
-    prior_sd: Float[Array, ""]
-    scale: Float[Array, ""]
-    flat: Float[Array, ""]
+    start: Float[AnyArray, ""]
+    centre: Float[AnyArray, ""]
+    prior_sd: Float[AnyArray, ""]
+    scale: Float[AnyArray, ""]
+    flat: Float[AnyArray, ""]
 
     def __init__(
         self,
@@ -60,7 +61,7 @@ class Parameter(eqx.Module):
         self.paths, self.positive = paths, positive
         # arrays, so that other values need no new compilation
         self.start, self.centre, self.prior_sd, self.scale, self.flat = (
-            jnp.asarray(x, float) for x in (start, centre, prior_sd, scale, flat)
+            np.asarray(x, float) for x in (start, centre, prior_sd, scale, flat)
         )
 
     @property
@@ -79,24 +80,28 @@ class Parameters(eqx.Module):
         """The parameters' names, in order."""
         return tuple(item.name for item in self.items)
 
-    def column(self, field: str) -> Float[Array, "P"]:
+    def column(self, field: str) -> Float[AnyArray, "P"]:
         """Return one field of all parameters."""
-        return jnp.stack([getattr(item, field) for item in self.items])
+        values = [getattr(item, field) for item in self.items]
+        return _library(*values).stack(values)
 
     @property
     def positive(self) -> np.ndarray:
         """Which are fitted as logarithms."""
         return np.array([item.positive for item in self.items])
 
-    def theta(self, values: Float[Array, "P *batch"]) -> Float[Array, "P *batch"]:
+    def theta(self, values: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
         """Return the unconstrained coordinates of physical values."""
         positive, scale = self._aligned(values)
-        return jnp.where(positive, jnp.log(jnp.where(positive, values, 1.0)), values / scale)
+        xp = _library(values, scale)
+        return xp.where(positive, xp.log(xp.where(positive, values, 1.0)), values / scale)
 
-    def values(self, theta: Float[Array, "P *batch"]) -> Float[Array, "P *batch"]:
+    def values(self, theta: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
         """Return the physical values of unconstrained coordinates."""
         positive, scale = self._aligned(theta)
-        return jnp.where(positive, jnp.exp(jnp.where(positive, theta, 0.0)), theta * scale)
+        xp = _library(theta, scale)
+        with np.errstate(over="ignore"):
+            return xp.where(positive, xp.exp(xp.where(positive, theta, 0.0)), theta * scale)
 
     def prior_residuals(self, theta: Float[Array, "P *batch"]) -> tuple[Array, Array]:
         """Return the priors' residuals and their slopes by theta, `(P, *batch)` both.
@@ -115,7 +120,7 @@ class Parameters(eqx.Module):
         mass = jnp.where(jnp.isfinite(sd), 2 * flat + sd * math.sqrt(2 * math.pi), 1.0)
         return -(self.prior_residuals(theta)[0] ** 2).sum(0) / 2 - jnp.log(mass).sum()
 
-    def from_uniform(self, u: Float[Array, "P *batch"]) -> Float[Array, "P *batch"]:
+    def from_uniform(self, u: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
         """Return the theta at which the priors' distribution functions are u; infinite without a prior."""
         centre, sd, flat = self._prior(u.ndim)
         flank = sd * math.sqrt(math.pi / 2)
@@ -134,19 +139,24 @@ class Parameters(eqx.Module):
         """Which parameters have a prior."""
         return np.isfinite(np.asarray(self.column("prior_sd")))
 
-    def by_path(self, values: Float[Array, "P *batch"]) -> dict[str, Array]:
+    def by_path(self, values: Float[AnyArray, "P *batch"]) -> dict[str, Any]:
         """Return the physical values by path, ties spelled out."""
         return {path: value for item, value in zip(self.items, values, strict=True) for path in item.paths}
 
-    def _aligned(self, x: Array) -> tuple[np.ndarray, Array]:
+    def _aligned(self, x: AnyArray) -> tuple[np.ndarray, AnyArray]:
         shape = (-1,) + (1,) * (x.ndim - 1)
         return self.positive.reshape(shape), self.column("scale").reshape(shape)
 
-    def _prior(self, rank: int) -> tuple[Array, Array, Array]:
+    def _prior(self, rank: int) -> tuple[AnyArray, AnyArray, AnyArray]:
         """Return centre, standard deviation and flat half-length in theta, aligned with an array of this rank."""
         columns = self.theta(self.column("centre")), self.column("prior_sd"), self.column("flat")
         centre, sd, flat = (x.reshape((-1,) + (1,) * (rank - 1)) for x in columns)
         return centre, sd, flat
+
+
+def _library(*arrays: Any) -> Any:
+    """Return NumPy where all is NumPy's, for there each operation of jax would be a program of its own; else jax."""
+    return np if all(isinstance(x, np.ndarray) for x in arrays) else jnp
 
 
 def parameter(

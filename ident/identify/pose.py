@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable, Mapping
 
-import jax.numpy as jnp
+import jax
+import numpy as np
 
 from ident.arm.arm import Arm
 from ident.identify.conditions import bind
@@ -22,8 +23,8 @@ def arm_problem(arm: Arm, campaign: Campaign, parameters: Parameters) -> Inverse
     """
     return InverseProblem(
         ArmModel(arm, bind(arm, campaign)),
-        jnp.asarray([m.value for m in campaign]),
-        jnp.asarray([m.sigma for m in campaign]),
+        jax.device_put(np.array([m.value for m in campaign], float)),
+        jax.device_put(np.array([m.sigma for m in campaign], float)),
         parameters,
         tuple(m.kind for m in campaign),
     )

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -48,4 +49,4 @@ class InverseProblem(eqx.Module):
     def without(self, kind: str) -> "InverseProblem":
         """Return the problem in which values of one kind are predicted but not fitted."""
         sigma = np.where(np.array(self.kinds) == kind, np.inf, np.asarray(self.sigma))
-        return eqx.tree_at(lambda p: p.sigma, self, jnp.asarray(sigma))
+        return eqx.tree_at(lambda p: p.sigma, self, jax.device_put(sigma))

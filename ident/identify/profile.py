@@ -7,11 +7,11 @@ itself, and so sees what is curved, bounded or open.
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import ndtri
 
 from ident.errors import InputError, Problem
 from ident.identify.fit import Fit
@@ -125,7 +125,7 @@ class Profile:
 
 def half_width(level: float) -> float:
     """Return the half width of a normal distribution's central interval in standard deviations."""
-    return float(ndtri(0.5 + level / 2))
+    return NormalDist().inv_cdf(0.5 + level / 2)
 
 
 def threshold(level: float) -> float:

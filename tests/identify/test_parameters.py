@@ -20,7 +20,7 @@ def test_six_stiffnesses_by_default_and_there_and_back():
 
 def test_a_length_is_not_fitted_as_a_logarithm():
     parameters = stiffness_parameters(lcd_arm(), free={"joint2.offset.y": 0.01})
-    values = parameters.column("start").at[-1].set(-0.02)
+    values = jnp.asarray(parameters.column("start")).at[-1].set(-0.02)
     theta = parameters.theta(values)
     assert theta[-1] == pytest.approx(-2.0)
     np.testing.assert_allclose(parameters.values(theta), values, rtol=1e-14)
