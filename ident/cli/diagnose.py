@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,10 +11,8 @@ from ident.cli.app import app
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from concurrent.futures import Future
-
     from ident.arm.file import ArmFile
-    from ident.diagnose.remedies import Proof, Remedy
+    from ident.diagnose.remedies import Remedy
     from ident.diagnose.shake import Shaken
     from ident.diagnose.task import Task
     from ident.measure import Campaign
@@ -26,12 +24,10 @@ ESS = 1000.0
 """Effective samples of each unknown at which sampling stops: as many as the proof has draws."""
 DRAWS = 1100
 """Draws of the posterior, those of the proof among them."""
-
 FEW = 100
 """Draws for the bands of natural frequencies."""
 
 Found = tuple[dict[str, Any], "Section"]
-T = TypeVar("T")
 
 
 @app.command("diagnose")
@@ -141,15 +137,16 @@ class _Run:
 
     def all(self) -> None:
         """Carry out what is needed, and write the page."""
+        from ident.diagnose.ahead import ahead
         from ident.vibrate.sensitivity import sensitivities
 
         self.stage("stiffness", self._stiffness)
         task = self._task()
         trial = task.trial()
-        ahead = None if self.kept.read("sensitivities") else _ahead(lambda: sensitivities(trial))
+        coming = None if self.kept.read("sensitivities") else ahead(lambda: sensitivities(trial))
         self.stage("resonance", lambda: self._resonance(task))
         self.stage("vibration", lambda: self._vibration(task))
-        self.stage("sensitivities", lambda: self._sensitivities(ahead.result() if ahead else sensitivities(trial)))
+        self.stage("sensitivities", lambda: self._sensitivities(coming.result() if coming else sensitivities(trial)))
         if not self.facts["vibration"]["accepted"]:
             self.stage("remedies", lambda: self._remedies(task))
             self.stage("proof", lambda: self._proof(task))
@@ -249,26 +246,35 @@ class _Run:
         found = remedies(task, self.facts["vibration"]["scatter"], running.progress("remedies"))
         return {"remedies": [remedy_to_json(remedy) for remedy in found]}, remedies_section(task, found)
 
-    def _best(self) -> "Remedy":
+    def _found(self) -> "list[Remedy]":
         from ident.diagnose.remedies import remedy_from_json
 
-        return remedy_from_json(self.facts["remedies"]["remedies"][0])
+        return [remedy_from_json(remedy) for remedy in self.facts["remedies"]["remedies"]]
 
     def _proof(self, task: "Task") -> Found:
-        from ident.diagnose.remedies import prove
+        from ident.diagnose.remedies import chosen, prove_in_turn
         from ident.present.diagnose_sections import proof_section
         from ident.vibrate.chance import chance_to_json
 
-        proof: Proof = prove(task, self._best(), running.progress("fresh draws"))
-        facts = {"amplitude": proof.amplitude.tolist(), "keeps": chance_to_json(proof.keeps)}
-        return facts, proof_section(task, self._best(), proof)
+        found = self._found()
+        proofs = prove_in_turn(task, found, running.progress("fresh draws"))
+        advised = chosen(proofs)
+        proof = proofs[advised]
+        facts = {
+            "remedy": advised,
+            "tried": len(proofs),
+            "amplitude": proof.amplitude.tolist(),
+            "keeps": chance_to_json(proof.keeps),
+            "holds": proof.holds,
+        }
+        return facts, proof_section(task, found, proofs)
 
     def _write(self, task: "Task") -> None:
         from ident.present.diagnose_page import diagnose_page
         from ident.present.page import write_page
         from ident.present.result import plain, provenance, write_json
 
-        best = self._best() if "remedies" in self.facts else None
+        best = self._found()[self.facts["proof"]["remedy"]] if "proof" in self.facts else None
         head = provenance(FORMAT, self.arm_file, self.measured, self.asked)
         page = diagnose_page(task, self.arm_file, self.measured, self.sections, self.facts, best, head)
         name = self.out / f"{self.measured.name}.diagnose"
@@ -277,20 +283,3 @@ class _Run:
         typer.echo(f"{page.verdict.text}")
         for end in ("html", "json"):
             typer.echo(f"wrote {name}.{end}")
-
-
-def _ahead(compute: Callable[[], T]) -> "Future[T]":
-    """Compute in the background: while one program is compiled, the other cores would have nothing to do."""
-    from concurrent.futures import Future
-    from threading import Thread
-
-    future: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(compute())
-        except BaseException as error:  # handed to whoever asks for the result
-            future.set_exception(error)
-
-    Thread(target=run, daemon=True).start()
-    return future

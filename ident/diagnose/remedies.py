@@ -31,6 +31,8 @@ TRIED = 41
 """Values of a single number that are tried: to twice as much in steps of 3.5 %."""
 JUDGED = 10
 """Of these, those that are judged by draws, at most."""
+PROVED = 3
+"""Cures that are tried again at most, until one holds."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +79,12 @@ class Proof:
     Attributes:
         amplitude: (3,) [m] by the exact equations.
         keeps: probability of keeping the limit by fresh draws.
+        holds: whether the limit is kept by both, with confidence.
     """
 
     amplitude: Float[np.ndarray, "3"]
     keeps: Chance
+    holds: bool
 
 
 def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Remedy, ...]:
@@ -194,6 +198,21 @@ def _slower_or_faster(task: Task) -> Remedy:
     return Remedy("speed", {}, {}, at, amplitude, kept, frequency, deflection, change)
 
 
+def prove_in_turn(task: Task, found: Sequence[Remedy], progress: Progress = iter) -> tuple[Proof, ...]:
+    """Prove the first remedy, and those that follow as long as they are said to cure and none has held."""
+    proofs: list[Proof] = []
+    for remedy in found[:PROVED]:
+        if proofs and (proofs[-1].holds or not remedy.cures):
+            break
+        proofs.append(prove(task, remedy, progress))
+    return tuple(proofs)
+
+
+def chosen(proofs: Sequence[Proof]) -> int:
+    """Return the place of the remedy to be advised: the one that holds, or else the first."""
+    return len(proofs) - 1 if proofs[-1].holds else 0
+
+
 def prove(task: Task, remedy: Remedy, progress: Progress = iter) -> Proof:
     """Simulate a remedy exactly, and with draws that it was not chosen by."""
     ratio = remedy.percent / task.percent
@@ -204,8 +223,8 @@ def prove(task: Task, remedy: Remedy, progress: Progress = iter) -> Proof:
     changes = np.array([float(variable.change(task.arm, variable.low)) for variable in variables])
     step = task.step / max(ratio, 1.0)
     largest = replace(trial, motion=moved, step=step).amplitudes(changes[None], progress)[:, 0, 1:].max(0)
-    size = measures(exact, task.limit)
-    return Proof(size.peak, chance(largest <= task.limit))
+    peak, keeps = measures(exact, task.limit).peak, chance(largest <= task.limit)
+    return Proof(peak, keeps, bool(peak.max() <= task.limit) and keeps.share >= CONFIDENT)
 
 
 def remedy_to_json(remedy: Remedy) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ident.arm.file import ArmFile
 from ident.diagnose.remedies import Remedy
-from ident.diagnose.task import CONFIDENT, Task
+from ident.diagnose.task import Task
 from ident.measure import Campaign
 from ident.present.diagnose_sections import chance_words, change_words
 from ident.present.page import Page, Section, Table, Verdict
@@ -33,7 +33,7 @@ def diagnose_page(
         campaign: the measurements.
         sections: the stages.
         facts: numbers of each stage, by its name.
-        best: the first of the remedies; None where none is needed.
+        best: the remedy that is advised; None where none is needed.
         head: provenance, as in the result file.
     """
     return Page(
@@ -62,10 +62,11 @@ def _verdict(task: Task, facts: Mapping[str, Any], best: Remedy | None) -> Verdi
     how = f"{change_words(task, best)} brings it to {MM * after:.3g} mm"
     above = max(facts["vibration"]["peak"]) > task.limit
     beyond = f"more than {limit}" if above else f"within {limit}, but not surely"
-    if best.cures and after <= task.limit and keeps.share >= CONFIDENT:
+    if proof["holds"]:
         text = f"The end vibrates by up to {now}, {beyond}. {how}; the limit is then kept by"
         return Verdict("warn", f"{text} {chance_words(keeps)}.")
-    why = "the first of the cures did not hold when it was tried again" if best.cures else "no change tried cures it"
+    again = "the one cure" if proof["tried"] == 1 else f"none of the {proof['tried']} cures that were tried again"
+    why = f"{again} did not hold" if best.cures else "no change tried cures it"
     text = f"The end vibrates by up to {now}, {beyond}, and {why}."
     return Verdict("reject", f"{text} {how}, within the limit for {chance_words(keeps)}.")
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from ident.diagnose.remedies import Proof, Remedy
+from ident.diagnose.remedies import PROVED, Proof, Remedy, chosen
 from ident.diagnose.shake import Shaken
 from ident.diagnose.task import CONFIDENT, MOVED, STIFFER, Task
 from ident.identify.campaign_sample import CampaignSample
@@ -228,24 +228,31 @@ def remedies_section(task: Task, found: Sequence[Remedy]) -> Section:
         f"Expected largest vibration after each remedy; dashed: limit of {MM * task.limit:g} mm. Filled: cures.",
     )
     onward = "The first of them is simulated by the exact equations, and with draws that it was not chosen by."
+    if len(cures) > 1:
+        onward += f" If it does not hold, so is the next, {PROVED} at most."
     strong = tuple(i for i, remedy in enumerate(found) if remedy.cures)
     return Section("What cures it?", tuple(said), onward, (Table("Remedies", head, rows, note, strong),), (drawn,))
 
 
-def proof_section(task: Task, remedy: Remedy, proof: Proof) -> Section:
-    """Say whether the best remedy holds."""
-    largest = MM * float(np.max(proof.amplitude))
-    kept = "keeps" if largest <= MM * task.limit else "does NOT keep"
-    said = (
-        f"{change_words(task, remedy)}: {largest:.3g} mm by the exact equations, which {kept} the limit.",
-        f"With draws that it was not chosen by, the limit is kept by {chance_words(proof.keeps)}.",
+def proof_section(task: Task, found: Sequence[Remedy], proofs: Sequence[Proof]) -> Section:
+    """Say which of the remedies that were tried again holds."""
+    said = tuple(
+        line for remedy, proof in zip(found, proofs, strict=False) for line in _proof_in_words(task, remedy, proof)
     )
+    remedy = found[chosen(proofs)]
     rows = tuple(
         (path, f"{remedy.before[path]:.4g}", f"{value:.4g}", _change(path, remedy.before[path], value), unit_of(path))
         for path, value in remedy.values.items()
     )
     head = ("number", "now", "after", "change", "unit")
     return Section("Does it hold?", said, "", (Table("What to change", head, rows),) if rows else ())
+
+
+def _proof_in_words(task: Task, remedy: Remedy, proof: Proof) -> Iterator[str]:
+    largest = float(proof.amplitude.max())
+    kept = "keeps" if largest <= task.limit else "does NOT keep"
+    yield f"{change_words(task, remedy)}: {MM * largest:.3g} mm by the exact equations, which {kept} the limit."
+    yield f"With draws that it was not chosen by, the limit is kept by {chance_words(proof.keeps)}."
 
 
 def _change(path: str, before: float, after: float) -> str:

@@ -51,20 +51,6 @@ class Excitation:
     rate: Float[np.ndarray, "sources T"]
 
 
-def pulley_frequencies(arm: Arm, motion: Motion, times: Any = None) -> Float[np.ndarray, "pulleys T"]:
-    """Return the turning frequency |ratio qd| / 2 pi [Hz] of each drive's pulley.
-
-    Args:
-        arm: the arm.
-        motion: of its driven joints.
-        times: (T,) [s] ascending; 1001 over the motion when None.
-
-    Raises:
-        InputError: the arm has no drive, or motion and times can't be.
-    """
-    return excitation(arm, motion, times=times, orders=(1,)).frequency
-
-
 def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[int] | None = None) -> Excitation:
     """Return the frequencies that the pulleys of an arm excite along a motion.
 

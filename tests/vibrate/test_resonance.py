@@ -14,7 +14,7 @@ from ident.arm.modes import damped_eigenvalues, linearize, natural_frequencies
 from ident.arm.parts import Body, Joint, Point
 from ident.errors import InputError, ModelError
 from ident.vibrate.branches import Branches, branches
-from ident.vibrate.excitation import Excitation, Source, excitation, pulley_frequencies
+from ident.vibrate.excitation import Excitation, Source, excitation
 from ident.vibrate.motion import Motion, hold_still
 from ident.vibrate.passage import magnification, sweep_number
 from ident.vibrate.resonance import encounters
@@ -153,7 +153,7 @@ def test_sets_are_followed_by_their_own_shapes():
 
 def test_pulley_frequencies_in_closed_form():
     time = np.linspace(0, 4, 9)
-    found = pulley_frequencies(one_joint_arm(), speeding_up(0.5), time)
+    found = excitation(one_joint_arm(), speeding_up(0.5), times=time, orders=(1,)).frequency
     expected = RATIO * 0.5 * time / (2 * np.pi)
     assert found[0, :-1] == pytest.approx(expected[:-1], rel=1e-12)
     assert found[0, -1] == 0.0  # the end is rest
