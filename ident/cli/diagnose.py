@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ident.present.page import Section
     from ident.vibrate.sensitivity import Sensitivities
 
-FORMAT = "ident-diagnose/1"
+FORMAT = "ident-diagnose/2"
 ESS = 1000.0
 """Effective samples of each unknown at which sampling stops: as many as the proof has draws."""
 DRAWS = 1100
@@ -109,6 +109,7 @@ def _identity(arm_file: "ArmFile", measured: "Campaign", asked: Mapping[str, Any
     from importlib.metadata import version
 
     return {
+        "format": FORMAT,
         "campaign": measured.sha256,
         "arm file": arm_file.sha256,
         "path": hashlib.sha256(path.read_bytes()).hexdigest() if path else "",

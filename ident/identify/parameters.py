@@ -94,7 +94,8 @@ class Parameters(eqx.Module):
         """Return the unconstrained coordinates of physical values."""
         positive, scale = self._aligned(values)
         xp = _library(values, scale)
-        return xp.where(positive, xp.log(xp.where(positive, values, 1.0)), values / scale)
+        with np.errstate(divide="ignore", invalid="ignore"):  # as in jax: a value that can't be has no theta
+            return xp.where(positive, xp.log(xp.where(positive, values, 1.0)), values / scale)
 
     def values(self, theta: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
         """Return the physical values of unconstrained coordinates."""
@@ -120,8 +121,8 @@ class Parameters(eqx.Module):
         mass = jnp.where(jnp.isfinite(sd), 2 * flat + sd * math.sqrt(2 * math.pi), 1.0)
         return -(self.prior_residuals(theta)[0] ** 2).sum(0) / 2 - jnp.log(mass).sum()
 
-    def from_uniform(self, u: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
-        """Return the theta at which the priors' distribution functions are u; infinite without a prior."""
+    def from_uniform(self, u: Float[Array, "P *batch"]) -> Float[AnyArray, "P *batch"]:
+        """Return the theta at which the priors' distribution functions are u; NaN without a prior."""
         centre, sd, flat = self._prior(u.ndim)
         flank = sd * math.sqrt(math.pi / 2)
         whole = 2 * (flat + flank)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -92,7 +93,8 @@ def posterior(problem: InverseProblem, noise: Sequence[str] = ()) -> Posterior:
             remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
             raise InputError(Problem("", f"the noise of {kind}", "a kind that was measured", remedy))
     scales = tuple(Parameter((PREFIX + kind,), True, 1.0, 1.0, NOISE_SD) for kind in dict.fromkeys(noise))
-    return Posterior(problem, Parameters(scales))
+    whole = Posterior(problem, Parameters(scales))
+    return jax.tree.map(lambda x: jax.device_put(x) if eqx.is_array(x) else x, whole)  # once, not at each evaluation
 
 
 _evaluate = jit(Posterior.evaluate)

@@ -64,7 +64,7 @@ def _perturbed(problem: InverseProblem, rng: np.random.Generator) -> InverseProb
     centres = parameters.values(parameters.theta(parameters.column("centre")) + shift)
     items = tuple(
         eqx.tree_at(
-            lambda item: (item.centre, item.prior_sd, item.flat), item, (centre, jnp.asarray(s), jnp.array(0.0))
+            lambda item: (item.centre, item.prior_sd, item.flat), item, tuple(map(np.asarray, (centre, s, 0.0)))
         )
         for item, centre, s in zip(parameters.items, centres, sd, strict=True)
     )

@@ -62,11 +62,13 @@ def _verdict(task: Task, facts: Mapping[str, Any], best: Remedy | None) -> Verdi
     how = f"{change_words(task, best)} brings it to {MM * after:.3g} mm"
     above = max(facts["vibration"]["peak"]) > task.limit
     beyond = f"more than {limit}" if above else f"within {limit}, but not surely"
-    if proof["holds"]:
+    if best.cures and proof["holds"]:
         text = f"The end vibrates by up to {now}, {beyond}. {how}; the limit is then kept by"
         return Verdict("warn", f"{text} {chance_words(keeps)}.")
-    again = "the one cure" if proof["tried"] == 1 else f"none of the {proof['tried']} cures that were tried again"
-    why = f"{again} did not hold" if best.cures else "no change tried cures it"
+    failed = "the one cure did not hold when it was tried again"
+    if proof["tried"] > 1:
+        failed = f"none of the {proof['tried']} cures that were tried again held"
+    why = failed if best.cures else "no change tried cures it"
     text = f"The end vibrates by up to {now}, {beyond}, and {why}."
     return Verdict("reject", f"{text} {how}, within the limit for {chance_words(keeps)}.")
 

@@ -236,23 +236,25 @@ def remedies_section(task: Task, found: Sequence[Remedy]) -> Section:
 
 def proof_section(task: Task, found: Sequence[Remedy], proofs: Sequence[Proof]) -> Section:
     """Say which of the remedies that were tried again holds."""
-    said = tuple(
-        line for remedy, proof in zip(found, proofs, strict=False) for line in _proof_in_words(task, remedy, proof)
-    )
-    remedy = found[chosen(proofs)]
+    said = [line for remedy, proof in zip(found, proofs, strict=False) for line in _proof_in_words(task, remedy, proof)]
+    if len(proofs) > 1:
+        said.append("All were tried with the same draws, which thereby chose among them.")
+    remedy, held = found[chosen(proofs)], proofs[-1].holds
     rows = tuple(
         (path, f"{remedy.before[path]:.4g}", f"{value:.4g}", _change(path, remedy.before[path], value), unit_of(path))
         for path, value in remedy.values.items()
     )
     head = ("number", "now", "after", "change", "unit")
-    return Section("Does it hold?", said, "", (Table("What to change", head, rows),) if rows else ())
+    title = "What to change" if held else "What the first of them changes"
+    return Section("Does it hold?", tuple(said), "", (Table(title, head, rows),) if rows else ())
 
 
 def _proof_in_words(task: Task, remedy: Remedy, proof: Proof) -> Iterator[str]:
     largest = float(proof.amplitude.max())
     kept = "keeps" if largest <= task.limit else "does NOT keep"
     yield f"{change_words(task, remedy)}: {MM * largest:.3g} mm by the exact equations, which {kept} the limit."
-    yield f"With draws that it was not chosen by, the limit is kept by {chance_words(proof.keeps)}."
+    asked = "" if proof.keeps.share >= CONFIDENT else f"; {100 * CONFIDENT:g} % are asked for"
+    yield f"With draws that it was not chosen by, the limit is kept by {chance_words(proof.keeps)}{asked}."
 
 
 def _change(path: str, before: float, after: float) -> str:
