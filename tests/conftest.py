@@ -11,8 +11,10 @@ from jaxtyping import install_import_hook
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-# what `ident.jit` asks of its programs, for those of the tests too: a quarter less to compile
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true")
+# as `ident.jit` for its programs, and less still: of the thousands of single operations here none runs for long
+QUICKLY = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
+QUICKLY += " --xla_cpu_use_fusion_emitters=false"
+os.environ.setdefault("XLA_FLAGS", QUICKLY)
 
 # all but ident.cli: typer hands None to an eager flag that is annotated bool
 ROOMS = ("arm", "diagnose", "identify", "measure", "present", "vibrate")
