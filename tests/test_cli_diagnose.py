@@ -26,11 +26,11 @@ def small(monkeypatch):
 
 
 @pytest.mark.timeout(900)
-def test_from_a_campaign_to_advice_killed_on_the_way(small, run, tmp_path, browser_page):
+def test_from_a_campaign_to_advice_with_three_kills_on_the_way(small, run, tmp_path, browser_page):
     """Killed in several stages (kill -9), it goes on behind the last that was finished; the page opens in a browser."""
     line = [sys.executable, str(TESTS / "diagnose_small.py"), *map(str, ASKED)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}
-    for finished in (1, 4):
+    for finished in (1, 3, 5):
         killed = subprocess.Popen(line, stdout=subprocess.PIPE, text=True, cwd=tmp_path, env=environment)
         assert killed.stdout is not None
         told = []
@@ -40,12 +40,12 @@ def test_from_a_campaign_to_advice_killed_on_the_way(small, run, tmp_path, brows
                 break
         killed.send_signal(signal.SIGKILL)
         killed.wait()
-        assert "".join(told).count("(as found before)") >= (finished > 1), "".join(told)
+        assert "".join(told).count("(as found before)") >= max(finished - 2, 0), "".join(told)
         assert not (tmp_path / "out" / "campaign.diagnose.html").exists()
 
     code, out, err = run(*ASKED)
     assert code == 0, err
-    assert out.count("(as found before)") == 4
+    assert out.count("(as found before)") == 5
     assert out.count("->") == 5
     assert "6. Does it hold?" in out
 

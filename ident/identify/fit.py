@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,7 +12,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from ident.errors import ModelError
-from ident.identify.information import RANK_TOLERANCE, Information, information
+from ident.identify.information import RANK_TOLERANCE, Information, half_width, information
 from ident.identify.parameters import AnyArray
 from ident.identify.problem import InverseProblem
 from ident.jit import jit
@@ -107,7 +106,7 @@ class Fit:
 
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
         """Return intervals of the parameters [SI] by data and prior, normal in theta."""
-        half = NormalDist().inv_cdf(0.5 + level / 2) * self.information.sd
+        half = half_width(level) * self.information.sd
         ends = np.stack([self.best.theta - half, self.best.theta + half], 1)
         return np.asarray(self.problem.parameters.values(ends))
 

@@ -1,6 +1,7 @@
 """What data can tell about parameters, from the Jacobian at one point: directions, ranks, standard deviations."""
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from jaxtyping import Float
@@ -95,6 +96,11 @@ class TradeOff:
 
     name: str
     change: Float[np.ndarray, "P"]
+
+
+def half_width(level: float) -> float:
+    """Return the half width of a normal distribution's central interval in standard deviations."""
+    return NormalDist().inv_cdf(0.5 + level / 2)
 
 
 def information(

@@ -7,7 +7,6 @@ itself, and so sees what is curved, bounded or open.
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from ident.errors import InputError, Problem
 from ident.identify.fit import Fit
+from ident.identify.information import half_width
 from ident.identify.parameters import Parameter, Parameters
 from ident.identify.pinned import Pinned
 from ident.identify.walk import Ending, Side, walk
@@ -121,11 +121,6 @@ class Profile:
     def values(self, theta: Sequence[float] | Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
         """Return the parameter's physical values at these theta; zero and infinity where a positive one is open."""
         return np.asarray(Parameters((self.item,)).values(jnp.asarray(theta, float)[None])[0])
-
-
-def half_width(level: float) -> float:
-    """Return the half width of a normal distribution's central interval in standard deviations."""
-    return NormalDist().inv_cdf(0.5 + level / 2)
 
 
 def threshold(level: float) -> float:

@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterator, Sequence
 
 from ident.identify.campaign_fit import CampaignFit
-from ident.identify.profile import FLAT, Interval, Profile, half_width, threshold
+from ident.identify.information import half_width
+from ident.identify.profile import FLAT, Interval, Profile, threshold
 from ident.identify.walk import Ending
 from ident.present.units import unit_of
 from ident.present.words import known_from, paragraphs, priors_in_words

@@ -13,11 +13,12 @@ from scipy.optimize import brentq, minimize
 
 from ident.errors import InputError
 from ident.identify.fit import Fit, fit
+from ident.identify.information import half_width
 from ident.identify.parameters import Parameter, Parameters, stiffness_parameters
 from ident.identify.pinned import Pinned, Point
 from ident.identify.pose import arm_problem
 from ident.identify.problem import InverseProblem
-from ident.identify.profile import LEVELS, Profile, half_width, profile, threshold
+from ident.identify.profile import LEVELS, Profile, profile, threshold
 from ident.identify.walk import EDGE, Ending
 from ident.measure import read_campaign
 
