@@ -30,14 +30,14 @@ jax.config.update("jax_enable_x64", True)
 
 # %matplotlib inline
 
-from ident.arm.file import read_arm_file
-from ident.identify.campaign_fit import fit_campaign
-from ident.identify.survey import survey
+from ident.description.file import read_arm_file
+from ident.identify.fit import fit_campaign
+from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load, read_campaign
-from ident.present.figures import fit_figure
-from ident.present.mode_figures import mode_figure, posture_figure
-from ident.present.report import fit_report
-from ident.present.survey_report import survey_report
+from ident.present.figures.fit import fit_figure
+from ident.present.figures.modes import mode_figure, posture_figure
+from ident.present.text.fit import fit_report
+from ident.present.text.predict import predict_report
 
 data = Path("..") / "data" / "lcd_arm"
 arm_file = read_arm_file(data / "arm.toml")
@@ -63,8 +63,8 @@ for origin in ("paper", "calibrated", "assumed"):
 # Table 1 computes 4.80 Hz in bending, 4.12 Hz in torsion, and 26.3 mm at the finger end. So does the model:
 
 # %%
-unfolded = survey(arm, (0.0, 0.0, 0.0), Load(), 6)
-print(survey_report(unfolded))
+unfolded = modal_analysis(arm, (0.0, 0.0, 0.0), Load(), 6)
+print(predict_report(unfolded))
 
 # %%
 mode_figure(arm, (0.0, 0.0, 0.0))
@@ -107,7 +107,7 @@ low, high = 0.3, 1.0
 for _ in range(30):
     middle = (low + high) / 2
     trial = {**softer, "joint1.k_tors": softer["joint1.k_tors"] * middle}
-    lowest = survey(arm.replace(trial), (0.0, 0.0, 0.0), Load(), 3)
+    lowest = modal_analysis(arm.replace(trial), (0.0, 0.0, 0.0), Load(), 3)
     torsion = lowest.modes.frequency[[str(label) for label in lowest.labels].index("lateral torsion 1")]
     low, high = (middle, high) if torsion < table_1.fit.predicted[1] else (low, middle)
 
@@ -121,7 +121,7 @@ print(f"for small changes, as the report has it: joint 2 by +10 %, joint 1 by {a
 # Leave the deflection out: the two frequencies alone then predict it.
 
 # %%
-for tension in table_1.tensions:
+for tension in table_1.cross_predictions:
     if tension.kind == "deflection":
         print(f"the frequencies predict {1e3 * tension.predicted[0]:.1f} mm +- {1e3 * tension.sd[0]:.1f} mm")
         print(f"measured                {1e3 * tension.measured[0]:.1f} mm, {abs(tension.z[0]):.0f} sd away")

@@ -35,18 +35,18 @@ jax.config.update("jax_enable_x64", True)
 
 # %matplotlib inline
 
-from ident.arm.file import read_arm
-from ident.identify.campaign_check import check_campaign
-from ident.identify.campaign_fit import fit_campaign
-from ident.identify.campaign_plan import plan_campaign
-from ident.identify.fit import evaluate
-from ident.identify.pose import pose
+from ident.description.file import read_arm
+from ident.identify.build_problem import build_problem
+from ident.identify.check import check_campaign
+from ident.identify.fit import fit_campaign
+from ident.identify.plan import plan_campaign
+from ident.inference.fit import evaluate
 from ident.measure import Campaign, Measurement
-from ident.present.check_report import check_report
-from ident.present.figures import fit_figure
-from ident.present.plan_figure import plan_figure
-from ident.present.plan_report import plan_report
-from ident.present.report import fit_report, percent
+from ident.present.figures.fit import fit_figure
+from ident.present.figures.plan import plan_figure
+from ident.present.text.check import check_report
+from ident.present.text.fit import fit_report, percent
+from ident.present.text.plan import plan_report
 
 true_arm = read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml")
 
@@ -70,7 +70,7 @@ SIGMA = {"frequency": 0.005, "deflection": 0.02}
 
 def measure(asked: Campaign, seed: int) -> Campaign:
     """Return the campaign with the values that the true arm gives, noise included."""
-    exact = np.asarray(evaluate(pose(true_arm, asked)).predicted).tolist()
+    exact = np.asarray(evaluate(build_problem(true_arm, asked)).predicted).tolist()
     noise = np.random.default_rng(seed).standard_normal(len(asked)).tolist()
     rows = []
     for row, value, z in zip(asked, exact, noise, strict=True):

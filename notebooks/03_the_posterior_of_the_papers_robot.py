@@ -39,14 +39,14 @@ jax.config.update("jax_enable_x64", True)
 
 from matplotlib.figure import Figure
 
-from ident.arm.file import read_arm
-from ident.identify.campaign_fit import fit_campaign
-from ident.identify.campaign_sample import sample_campaign
-from ident.identify.sample import Settings
+from ident.description.file import read_arm
+from ident.identify.fit import fit_campaign
+from ident.identify.sample import sample_campaign
+from ident.inference.sample import Settings
 from ident.measure import read_campaign
-from ident.present.sample_figures import corner_figure, posterior_figure
-from ident.present.sample_report import sample_report
-from ident.present.style import BLUE, GREY, ORANGE, heading, plain
+from ident.present.figures.sample import corner_figure, posterior_figure
+from ident.present.figures.style import BLUE, GREY, ORANGE, heading, plain
+from ident.present.text.sample import sample_report
 
 data = Path("..") / "data" / "lcd_arm"
 arm, table_1 = read_arm(data / "arm.toml"), read_campaign(data / "table1.csv")

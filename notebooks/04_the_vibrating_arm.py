@@ -40,21 +40,21 @@ jax.config.update("jax_enable_x64", True)
 
 # %matplotlib inline
 
-from ident.arm.file import read_arm
-from ident.identify.campaign_fit import fit_campaign
+from ident.description.file import read_arm
+from ident.identify.fit import fit_campaign
 from ident.measure import read_campaign
-from ident.present.motion_figure import motion_animation, outline, path_figure
-from ident.present.resonance_figure import resonance_figure
-from ident.present.spectrum_figure import spectrogram_figure, spectrum_figure
-from ident.present.style import BLUE, GREEN, GREY, ORANGE, heading, plain
-from ident.vibrate.branches import branches
-from ident.vibrate.excitation import excitation
-from ident.vibrate.resonance import encounters
-from ident.vibrate.response import peak, rms, settling_time
-from ident.vibrate.simulate import simulate
-from ident.vibrate.spectrogram import spectrogram
-from ident.vibrate.spectrum import amplitude_spectrum, band_rms, peaks
-from ident.vibrate.stroke import stroke
+from ident.present.figures.motion import motion_animation, outline, path_figure
+from ident.present.figures.resonance import resonance_figure
+from ident.present.figures.spectrum import spectrogram_figure, spectrum_figure
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, heading, plain
+from ident.vibrate.modal.branches import branches
+from ident.vibrate.modal.excitation import excitation
+from ident.vibrate.modal.resonance import resonance_crossings
+from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.response.response import peak, rms, settling_time
+from ident.vibrate.response.simulate import simulate
+from ident.vibrate.signal.spectrogram import spectrogram
+from ident.vibrate.signal.spectrum import amplitude_spectrum, band_rms, peaks
 
 data = Path("..") / "data" / "lcd_arm"
 arm = read_arm(data / "arm.toml")
@@ -98,7 +98,7 @@ print(f"10 %: arrival after {low.motion.arrival:.2f} s, {time[-1]:.0f} s at {1 /
 # %%
 motion = stroke(arm.stroke, percent=10)
 natural, turning = branches(arm, motion), excitation(arm, motion)
-met = encounters(natural, turning)
+met = resonance_crossings(natural, turning)
 resonance_figure(natural, turning, met, title="Extension at 10 %: natural and pulley frequencies")
 
 # %%
@@ -171,7 +171,7 @@ assert peak(vibration)[1] > 3 * peak(vibration)[2] > 3 * peak(vibration)[0]
 # just after pulley 2 has passed the bending mode, and a larger horizontal one across the way of the hand. Along the
 # way of the hand there is almost none, ten times less than across it. So if the paper's X shows a vibration worth a
 # figure, then its X is likely the direction across the arm, our Y, or its arm is not ours. A measured trace would be
-# put beside this one with `ident.vibrate.compare`.
+# put beside this one with `ident.vibrate.signal.compare`.
 
 # %% [markdown]
 # ### The arm in motion

@@ -41,16 +41,16 @@ jax.config.update("jax_enable_x64", True)
 # %matplotlib inline
 
 from ident.arm.arm import Arm
-from ident.arm.file import read_arm
 from ident.arm.parts import Body, Joint, Point
-from ident.identify.survey import survey
+from ident.description.file import read_arm
+from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load
-from ident.present.spectrum_figure import spectrogram_figure, spectrum_figure
-from ident.vibrate.response import peak
-from ident.vibrate.simulate import simulate
-from ident.vibrate.spectrogram import spectrogram
-from ident.vibrate.spectrum import amplitude_spectrum, band_rms, peaks
-from ident.vibrate.stroke import stroke
+from ident.present.figures.spectrum import spectrogram_figure, spectrum_figure
+from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.response.response import peak
+from ident.vibrate.response.simulate import simulate
+from ident.vibrate.signal.spectrogram import spectrogram
+from ident.vibrate.signal.spectrum import amplitude_spectrum, band_rms, peaks
 
 arm = read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml")
 AXES, SPEEDS, PEAK = ("X", "Y", "Z"), (8, 10, 12), 9.5
@@ -85,7 +85,7 @@ HEAD = (
 
 def survey_at(arm, posture=UNFOLDED):
     """Return the frequencies [Hz] of torsion 1 and of the vertical bending modes, and the sag [mm]."""
-    seen = survey(arm, posture, Load(), 8)
+    seen = modal_analysis(arm, posture, Load(), 8)
     names = [str(label) for label in seen.labels]
     vertical = [float(f) for f, name in zip(seen.modes.frequency, names, strict=True) if "vertical" in name]
     torsion = float(seen.modes.frequency[names.index("lateral torsion 1")])
@@ -97,7 +97,7 @@ def survey_at(arm, posture=UNFOLDED):
 
 # %%
 for name, posture in (("folded", FOLDED), ("unfolded", UNFOLDED)):
-    seen = survey(arm, posture, Load(), 4)
+    seen = modal_analysis(arm, posture, Load(), 4)
     listed = zip(seen.modes.frequency, seen.labels, strict=True)
     print(f"{name:9s}" + ", ".join(f"{f:.2f} Hz {label}" for f, label in listed))
     assert not ((seen.modes.frequency > 7.5) & (seen.modes.frequency < 12)).any()
@@ -382,7 +382,7 @@ assert at_6[1] > 100 * at_6[0]
 # Vertical motion of the finger end by that of the bracket's front, in the lowest vertical mode and in the finger's:
 
 # %%
-seen = survey(flexible, UNFOLDED, Load(), 4)
+seen = modal_analysis(flexible, UNFOLDED, Load(), 4)
 shares = {}
 for i in (0, 1, 2):
     label, (at_bracket, at_tip) = str(seen.labels[i]), seen.modes.motion[2, :, i]

@@ -38,20 +38,20 @@ jax.config.update("jax_enable_x64", True)
 
 from matplotlib.figure import Figure
 
-from ident.arm.file import read_arm_file
-from ident.identify.campaign_fit import fit_campaign
-from ident.identify.survey import survey
+from ident.assess.sweep import SweepStudy
+from ident.description.file import read_arm_file
+from ident.identify.fit import fit_campaign
+from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load, read_campaign
-from ident.present.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain, rows
-from ident.present.sweep_figure import sweep_figure
-from ident.present.sweeping import Sweeping
-from ident.vibrate.design import design
-from ident.vibrate.simulate import vibrations
-from ident.vibrate.stroke import stroke
-from ident.vibrate.sweep import axis, sweeps
-from ident.vibrate.trend import curve, near, trend
-from ident.vibrate.trial import Trial
-from ident.vibrate.variable import Variable
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain, rows
+from ident.present.figures.sweep import sweep_figure
+from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.redesign.design import design
+from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.sweep import axis, sweeps
+from ident.vibrate.redesign.trend import curve, near, trend
+from ident.vibrate.redesign.variable import Variable
+from ident.vibrate.response.simulate import vibrations
 
 data = Path("..") / "data" / "lcd_arm"
 arm_file = read_arm_file(data / "arm.toml")
@@ -74,7 +74,7 @@ PATHS = (*TORSION, *CENTRES)
 axes = [axis(arm, [path], float(arm.get(path)) * np.geomspace(0.4, 2.5, 21), 10) for path in TORSION]
 axes += [axis(arm, [path], np.linspace(*ends, 21), 10) for path, ends in CENTRES.items()]
 variables = tuple(a.variable for a in axes)
-trial = Trial(arm, motion, variables, also=PATHS, rate=200)
+trial = Evaluator(arm, motion, variables, also=PATHS, rate=200)
 trial = replace(trial, step=trial.step_for(np.array([[*np.log([2.5] * 3), 0, 0]])))  # that of the stiffest
 
 swept = dict(zip(PATHS, sweeps(trial, axes), strict=True))
@@ -85,13 +85,13 @@ print("as it is: " + ", ".join(f"{d} {1e3 * a:.3f} mm" for d, a in zip("XYZ", pr
 # Figure 9, torsional stiffness:
 
 # %%
-sweep_figure(Sweeping(arm_file, trial, Load(), tuple(swept[path] for path in TORSION)))
+sweep_figure(SweepStudy(arm_file, trial, Load(), tuple(swept[path] for path in TORSION)))
 
 # %% [markdown]
 # Figure 10, mass centres:
 
 # %%
-sweep_figure(Sweeping(arm_file, trial, Load(), tuple(swept[path] for path in CENTRES)))
+sweep_figure(SweepStudy(arm_file, trial, Load(), tuple(swept[path] for path in CENTRES)))
 
 # %% [markdown]
 # What the paper says of its own figures: the largest amplitude becomes smaller with a stiffer joint 1, with softer
@@ -153,7 +153,7 @@ PULLEY = 4.0  # Hz, that pulleys 1 and 3 hold
 
 def lateral(arm):
     """Frequency of lateral torsion 1 [Hz] at that posture."""
-    seen = survey(arm, posture, Load(), 3)
+    seen = modal_analysis(arm, posture, Load(), 3)
     return next(float(f) for f, label in zip(seen.modes.frequency, seen.labels, strict=True) if "lateral" in str(label))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.arm.file import read_arm, read_arm_file
+from ident.description.file import read_arm, read_arm_file
 from ident.measure import read_campaign
 
 LCD = Path(__file__).parents[1] / "data" / "lcd_arm"

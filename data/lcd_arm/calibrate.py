@@ -15,11 +15,11 @@ import numpy as np
 from scipy.optimize import root
 
 from ident.arm.arm import Arm
-from ident.arm.chain import hold
+from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.file import parse_arm, revise
 from ident.arm.labels import mode_labels
 from ident.arm.modes import Modes, modes
+from ident.description.file import parse_arm, update_file
 
 ARM = Path(__file__).with_name("arm.toml")
 NOMINAL = {"joint2.offset.x": 1.03, "link2.mass": 32.0, "fingers.mass": 12.0}
@@ -33,7 +33,7 @@ DIGITS = 6
 
 @jax.jit
 def _unfolded(arm: Arm) -> tuple[Modes, jax.Array]:
-    chain = hold(arm, jnp.zeros(3))
+    chain = at_posture(arm, jnp.zeros(3))
     return modes(chain, 6), deflection(chain, equilibrium(chain))
 
 
@@ -64,7 +64,7 @@ def calibrate(text: str) -> str:
     def revised(scale: np.ndarray) -> str:
         values = {path: value * s for (path, value), s in zip(NOMINAL.items(), scale, strict=True)}
         rounded = {path: float(f"{value:.{digits}g}") for path, value in values.items()}
-        return revise(text, rounded, origin="calibrated")
+        return update_file(text, rounded, origin="calibrated")
 
     digits = 12
     solution = root(lambda scale: errors(revised(scale)), np.ones(3), tol=1e-10)

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.arm.chain import hold
+from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.file import read_arm
 from ident.arm.labels import mode_labels
 from ident.arm.modes import Modes, modes
+from ident.description.file import read_arm
 from ident.measure import KINDS, Campaign, Measurement, to_si, write_campaign
 
 HERE = Path(__file__).parent
@@ -52,7 +52,7 @@ def synthesize(arm: Arm) -> Campaign:
 @jax.jit
 def _exact(arm: Arm, posture: jax.Array) -> tuple[Modes, jax.Array]:
     """Return the lowest modes and the downward deflection [m]."""
-    chain = hold(arm, posture)
+    chain = at_posture(arm, posture)
     return modes(chain, FREQUENCIES), -deflection(chain, equilibrium(chain))[2, -1]
 
 

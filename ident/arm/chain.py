@@ -73,7 +73,7 @@ class Chain(eqx.Module):
         return self.bend + self.tors
 
 
-def hold(arm: Arm, posture: Float[Array, "driven *#batch"], loads: Loads | None = None) -> Chain:
+def at_posture(arm: Arm, posture: Float[Array, "driven *#batch"], loads: Loads | None = None) -> Chain:
     """Hold the arm's pins at a posture [rad] under its own weight and the given loads.
 
     Numbers of the arm may carry batch dimensions too (see `Arm.replace`), no more than the posture, against which they

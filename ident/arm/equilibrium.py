@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ident.arm.chain import Chain
-from ident.arm.linalg import whitener
+from ident.arm.linalg import inverse_cholesky_factor
 from ident.arm.mechanics import (
     Phi,
     point_positions,
@@ -26,7 +26,7 @@ LONGEST = 0.5
 """Longest step of one bushing coordinate [rad], so that a soft arm is not thrown over."""
 
 
-class Rest(NamedTuple):
+class StaticEquilibrium(NamedTuple):
     """Static equilibrium of a held chain.
 
     Attributes:
@@ -40,10 +40,10 @@ class Rest(NamedTuple):
 
 def equilibrium(chain: Chain) -> Phi:
     """Return the phi_s `(3, N, *batch)` [rad] at which the chain rests; see `rest`."""
-    return rest(chain).phi
+    return static_equilibrium(chain).phi
 
 
-def rest(chain: Chain) -> Rest:
+def static_equilibrium(chain: Chain) -> StaticEquilibrium:
     """Find where the bushings carry the weights and forces: grad V(phi_s) = 0, by Newton's method.
 
     NaN where there is no such place near phi = 0, that is, where the arm buckles. Once differentiable, forward and
@@ -52,8 +52,8 @@ def rest(chain: Chain) -> Rest:
     """
     still = jax.lax.stop_gradient(chain)
     phi = _newton(still)
-    W = whitener(potential_derivatives(still, phi)[1])
-    return Rest(phi - _solve(W, potential_gradient(chain, phi)), W)
+    W = inverse_cholesky_factor(potential_derivatives(still, phi)[1])
+    return StaticEquilibrium(phi - _solve(W, potential_gradient(chain, phi)), W)
 
 
 def _newton(chain: Chain) -> Phi:
@@ -64,7 +64,7 @@ def _newton(chain: Chain) -> Phi:
     def step(state: tuple[Phi, Array, Array, Array]) -> tuple[Phi, Array, Array, Array]:
         phi, before, _, count = state
         gradient, hessian = potential_derivatives(chain, phi)
-        move = _solve(whitener(hessian), gradient)
+        move = _solve(inverse_cholesky_factor(hessian), gradient)
         size = jnp.abs(move).max((0, 1))
         # convergence is quadratic: as this step is to the square of the one before, so the error is to its square
         error = size * (size / before) ** 2

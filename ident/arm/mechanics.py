@@ -18,14 +18,14 @@ from ident.arm.rotations import (
     axial,
     curvature,
     identity,
+    inertia_from_second_moment,
     left_jacobian,
+    left_jacobian_rate,
     matmul,
     matvec,
     outer,
     rotation_by,
     skew,
-    slide,
-    spin,
     total,
     transpose,
 )
@@ -33,7 +33,7 @@ from ident.arm.rotations import (
 Phi = Float[Array, "3 N *#batch"]
 
 
-class Placement(eqx.Module):
+class ForwardKinematics(eqx.Module):
     """Where the bodies are.
 
     Attributes:
@@ -49,13 +49,13 @@ class Placement(eqx.Module):
     before: Float[Array, "3 3 N *#batch"]
 
 
-def place(chain: Chain, phi: Phi) -> Placement:
+def forward_kinematics(chain: Chain, phi: Phi) -> ForwardKinematics:
     """Place the bodies of the chain, from the base outwards."""
     J = left_jacobian(phi)
     axes = _axes(phi, J)
     before = _shift(axes)
     centre = total(_inboard(phi.shape[1]), matvec(before, chain.offset), 1)
-    return Placement(centre, axes, matmul(before, J), before)
+    return ForwardKinematics(centre, axes, matmul(before, J), before)
 
 
 @jax.custom_jvp
@@ -84,10 +84,10 @@ def _shift(axes: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#batch"]
 
 def point_positions(chain: Chain, phi: Phi) -> Float[Array, "3 P *#batch"]:
     """Return the named points' positions in the base frame [m]."""
-    return _points_of(chain, place(chain, phi))
+    return _points_of(chain, forward_kinematics(chain, phi))
 
 
-def _points_of(chain: Chain, at: Placement) -> Float[Array, "3 P *#batch"]:
+def _points_of(chain: Chain, at: ForwardKinematics) -> Float[Array, "3 P *#batch"]:
     body = np.asarray(chain.carrier, dtype=int)
     return at.centre[:, body] + matvec(at.axes[:, :, body], chain.position)
 
@@ -100,7 +100,7 @@ def straight_positions(chain: Chain) -> Float[Array, "3 P *#batch"]:
 
 def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
     """Return V = -sum_j m_j g.r_j - sum f.r + sum_j phi_j' K_j phi_j / 2 [J]."""
-    at = place(chain, phi)
+    at = forward_kinematics(chain, phi)
     gravity = chain.gravity.reshape((3,) + (1,) * (phi.ndim - 1))
     moment = chain.mass * at.centre + matvec(at.axes, chain.moment)
     weight = (gravity * moment).sum((0, 1))
@@ -110,7 +110,7 @@ def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
 
 def kinetic_energy(chain: Chain, phi: Phi, phi_dot: Phi) -> Float[Array, "*#batch"]:
     """Return T, half the integral of |dr/dt|^2 dm [J], from the bodies' velocities."""
-    _, v = jax.jvp(lambda p: place(chain, p), (phi,), (phi_dot,))
+    _, v = jax.jvp(lambda p: forward_kinematics(chain, p), (phi,), (phi_dot,))
     translation = chain.mass * (v.centre * v.centre).sum(0) + 2 * (v.centre * matvec(v.axes, chain.moment)).sum(0)
     turning = (matmul(v.axes, chain.second) * v.axes).sum((0, 1))
     return (translation + turning).sum(0) / 2
@@ -123,7 +123,7 @@ def mass_matrix(chain: Chain, phi: Phi) -> Float[Array, "n n *#batch"]:
     move: the angular momentum about p_j of the outboard bodies that turn about p_i is the integral of
     (r - p_j) x (w_i x (r - p_i)), and Lagrange's rule for the double cross product does the rest.
     """
-    at = place(chain, phi)
+    at = forward_kinematics(chain, phi)
     arm = matvec(at.axes, chain.moment)
     second = matmul(matmul(at.axes, chain.second), transpose(at.axes))
     second = second + outer(arm, at.centre) + outer(at.centre, arm) + chain.mass * outer(at.centre, at.centre)
@@ -132,12 +132,14 @@ def mass_matrix(chain: Chain, phi: Phi) -> Float[Array, "n n *#batch"]:
     moment = total(moved, chain.mass * at.centre + arm, 1)
     p_j, p_i = at.centre[:, :, None], at.centre[:, None]
     S = total(moved, second, 2) - outer(moment, p_j) - outer(p_i, moment) + mass * outer(p_i, p_j)
-    return flatten_blocks(matmul(matmul(transpose(at.rate)[:, :, :, None], spin(S)), at.rate[:, :, None]))
+    return flatten_blocks(
+        matmul(matmul(transpose(at.rate)[:, :, :, None], inertia_from_second_moment(S)), at.rate[:, :, None])
+    )
 
 
 def potential_gradient(chain: Chain, phi: Phi) -> Float[Array, "n *#batch"]:
     """Return the gradient of the potential energy [N m]; see `potential_derivatives`."""
-    at = place(chain, phi)
+    at = forward_kinematics(chain, phi)
     return _gradient(chain, phi, at, -axial(_virial(chain, at)))
 
 
@@ -149,12 +151,12 @@ def potential_derivatives(chain: Chain, phi: Phi) -> tuple[Float[Array, "n *#bat
     and leaves the bilinear form w_j' (tr T_j - T_j') w_i, symmetrised where i = j. The rest is the curvature of the
     map from phi_j to the rotation itself.
     """
-    at = place(chain, phi)
+    at = forward_kinematics(chain, phi)
     T = _virial(chain, at)
     moment = -axial(T)
     joints, rank = np.arange(phi.shape[1]), phi.ndim - 2
     j, i = (index.reshape(index.shape + (1,) * rank) for index in np.meshgrid(joints, joints, indexing="ij"))
-    D = spin(T)
+    D = inertia_from_second_moment(T)
     outer_j, outer_i = transpose(D)[:, :, :, None], D[:, :, None]
     D = jnp.where(j > i, outer_j, jnp.where(j < i, outer_i, (outer_j + outer_i) / 2))
     blocks = matmul(matmul(transpose(at.rate)[:, :, :, None], D), at.rate[:, :, None])
@@ -169,8 +171,8 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
     While phi runs along v at unit rate, points move with velocities dr and accelerations ddr. Then v' M v is the
     integral of |dr|^2 dm, twice the kinetic energy, and v' H v = v' K v - sum f.ddr over all weights and forces.
     """
-    at, outwards = place(chain, phi), _inboard(phi.shape[1])
-    along, change = slide(phi, v)
+    at, outwards = forward_kinematics(chain, phi), _inboard(phi.shape[1])
+    along, change = left_jacobian_rate(phi, v)
     u = matvec(at.before, along)
     w = total(outwards, u, 1)
     turn = skew(w)
@@ -191,14 +193,14 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
 
     local = matvec(transpose(at.axes), w)
     translation = (velocity * (chain.mass * velocity + 2 * matvec(turn, arm))).sum(0)
-    return potential, (translation + (local * matvec(spin(chain.second), local)).sum(0)).sum(0)
+    return potential, (translation + (local * matvec(inertia_from_second_moment(chain.second), local)).sum(0)).sum(0)
 
 
-def _gradient(chain: Chain, phi: Phi, at: Placement, moment: Phi) -> Float[Array, "n *#batch"]:
+def _gradient(chain: Chain, phi: Phi, at: ForwardKinematics, moment: Phi) -> Float[Array, "n *#batch"]:
     return flat(matvec(transpose(at.rate), moment) + matvec(chain.stiffness, phi))
 
 
-def _virial(chain: Chain, at: Placement) -> Float[Array, "3 3 N *#batch"]:
+def _virial(chain: Chain, at: ForwardKinematics) -> Float[Array, "3 3 N *#batch"]:
     gravity = chain.gravity.reshape((3, 1) + (1,) * (at.centre.ndim - 2))
     arm, points = chain.mass * at.centre + matvec(at.axes, chain.moment), _points_of(chain, at)
     weight, force = (jnp.broadcast_to(f, r.shape) for f, r in ((chain.mass * gravity, arm), (chain.force, points)))

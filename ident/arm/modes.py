@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Inexact
 
 from ident.arm.chain import Chain
-from ident.arm.equilibrium import Rest, rest
-from ident.arm.linalg import lowest_modes, lowest_modes_whitened, whitener
+from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
+from ident.arm.linalg import inverse_cholesky_factor, lowest_modes, lowest_modes_whitened
 from ident.arm.mechanics import (
     Phi,
     flatten_blocks,
@@ -38,9 +38,9 @@ class Linearized(NamedTuple):
     H: Float[Array, "n n *#batch"]
 
 
-def linearize(chain: Chain, at: Rest | None = None) -> Linearized:
+def linearize(chain: Chain, at: StaticEquilibrium | None = None) -> Linearized:
     """Linearize the exact equations about the static equilibrium, which may be known; differentiable."""
-    phi = (rest(chain) if at is None else at).phi
+    phi = (static_equilibrium(chain) if at is None else at).phi
     own_joint = identity(phi.shape[1], phi.ndim - 2)
     C = flatten_blocks(chain.damping[:, :, :, None] * own_joint)
     return Linearized(phi, mass_matrix(chain, phi), C, potential_derivatives(chain, phi)[1])
@@ -48,7 +48,7 @@ def linearize(chain: Chain, at: Rest | None = None) -> Linearized:
 
 @eqx.filter_custom_jvp
 def lowest_eigenpairs(
-    chain: Chain, at: Rest, *, count: int
+    chain: Chain, at: StaticEquilibrium, *, count: int
 ) -> tuple[Float[Array, "count *#batch"], Float[Array, "n count *#batch"]]:
     """Return the lowest eigenvalues of H v = lambda M v, ascending, and mass-normalised vectors.
 
@@ -64,7 +64,9 @@ def lowest_eigenpairs(
 
 
 @lowest_eigenpairs.def_jvp
-def _lowest_eigenpairs_jvp(primals: tuple[Chain, Rest], tangents: tuple[Chain, Rest], *, count: int) -> tuple:
+def _lowest_eigenpairs_jvp(
+    primals: tuple[Chain, StaticEquilibrium], tangents: tuple[Chain, StaticEquilibrium], *, count: int
+) -> tuple:
     (chain, at), (chain_dot, at_dot) = primals, tangents
     values, vectors = lowest_eigenpairs(chain, at, count=count)
 
@@ -86,7 +88,7 @@ def _lowest_eigenpairs_jvp(primals: tuple[Chain, Rest], tangents: tuple[Chain, R
 
 def natural_frequencies(chain: Chain, count: int) -> Float[Array, "count *#batch"]:
     """Return the lowest undamped natural frequencies [Hz], ascending; differentiable."""
-    return to_hertz(lowest_eigenpairs(chain, rest(chain), count=count)[0])
+    return to_hertz(lowest_eigenpairs(chain, static_equilibrium(chain), count=count)[0])
 
 
 def to_hertz(eigenvalues: Float[Array, "*#batch"]) -> Float[Array, "*#batch"]:
@@ -114,10 +116,10 @@ class Modes(eqx.Module):
 
 def modes(chain: Chain, count: int | None = None) -> Modes:
     """Return the lowest `count` modes (all when None); see `modes_about`."""
-    return modes_about(chain, rest(chain), count)
+    return modes_about(chain, static_equilibrium(chain), count)
 
 
-def modes_about(chain: Chain, at: Rest, count: int | None = None) -> Modes:
+def modes_about(chain: Chain, at: StaticEquilibrium, count: int | None = None) -> Modes:
     """Return the lowest `count` modes (all when None) about a known equilibrium.
 
     The frequencies are differentiable; shapes, shares and motions are constants to differentiation.
@@ -182,7 +184,7 @@ def _damped_eigenvalues_jvp(primals: tuple[Linearized], tangents: tuple[Lineariz
 def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
     """Return s, right and left eigenvectors (columns), found in coordinates in which the mass matrix is 1."""
     n, batch = system.M.shape[0], system.M.shape[2:]
-    W = whitener(system.M)
+    W = inverse_cholesky_factor(system.M)
     H, C = (matmul(matmul(W, X), transpose(W)) for X in (system.H, system.C))
     unit = jnp.broadcast_to(identity(n, len(batch)), (n, n, *batch))
     state = jnp.concatenate([jnp.concatenate([jnp.zeros_like(unit), unit], 1), jnp.concatenate([-H, -C], 1)], 0)

@@ -63,7 +63,7 @@ def axial(S: Matrix) -> Vector:
     return -(CROSS.reshape((3, 3, 3) + (1,) * (S.ndim - 2)) * S).sum((1, 2))
 
 
-def spin(S: Matrix) -> Matrix:
+def inertia_from_second_moment(S: Matrix) -> Matrix:
     """Return tr(S) 1 - S: the map w -> sum of b x (w x a) over the dyads a b' of S, by the rule of Lagrange."""
     return -S + (S[0, 0] + S[1, 1] + S[2, 2]) * identity(3, S.ndim - 2)
 
@@ -132,7 +132,7 @@ def left_jacobian(phi: Vector) -> Matrix:
     return b * across + c * matmul(across, across) + identity(3, phi.ndim - 1)
 
 
-def slide(phi: Vector, v: Vector) -> tuple[Vector, Vector]:
+def left_jacobian_rate(phi: Vector, v: Vector) -> tuple[Vector, Vector]:
     """Return J v, J the left Jacobian, and its rate as phi runs along v.
 
     J v = v + b phi x v + c phi x (phi x v), with b and c functions of phi'phi.

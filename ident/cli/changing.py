@@ -11,7 +11,7 @@ from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.vibrate.variable import Extents, Variable
+    from ident.vibrate.redesign.variable import Extents, Variable
 
 ChangeOption = Annotated[
     list[str] | None,
@@ -40,7 +40,7 @@ def variables(arm: "Arm", texts: Sequence[str], extents: "Extents") -> "tuple[Va
 
 
 def _variable(arm: "Arm", text: str, asked: Range, extents: "Extents") -> "Variable":
-    from ident.vibrate.variable import Variable, check, check_path
+    from ident.vibrate.redesign.variable import Variable, check, check_path
 
     try:
         if "speed" in asked.paths:
@@ -56,8 +56,8 @@ def _variable(arm: "Arm", text: str, asked: Range, extents: "Extents") -> "Varia
 
 
 def _ends(arm: "Arm", asked: Range, extents: "Extents") -> tuple[float, float]:
-    from ident.vibrate.ranges import about
-    from ident.vibrate.variable import is_shifted
+    from ident.vibrate.redesign.ranges import about
+    from ident.vibrate.redesign.variable import is_shifted
 
     path = asked.paths[0]
     present = float(arm.get(path))

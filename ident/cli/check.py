@@ -27,8 +27,8 @@ def check_command(
     """
     unknown = options.unknowns(options.asked(locals()))
     running.start()
-    from ident.identify.campaign_check import check_campaign
-    from ident.present.check_report import check_report
+    from ident.identify.check import check_campaign
+    from ident.present.text.check import check_report
 
     measured, arm_file = running.read(campaign, arm)
     result = check_campaign(arm_file.arm, measured, seed=seed, trust_values=trust_values, **unknown)

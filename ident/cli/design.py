@@ -11,11 +11,11 @@ from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.identify.results import Values
-    from ident.present.designing import Designing
-    from ident.vibrate.design import Design
-    from ident.vibrate.search import Requirements
-    from ident.vibrate.trial import Trial
+    from ident.assess.design import DesignStudy
+    from ident.identify.values import Values
+    from ident.vibrate.redesign.design import Design
+    from ident.vibrate.redesign.evaluator import Evaluator
+    from ident.vibrate.redesign.search import Requirements
 
 NAMED = moving.NAMED | {
     "measure": "--measure",
@@ -76,12 +76,12 @@ def design_command(
     _check(asked, path)
     set_by_user = options.assignments(assigned)
     running.start()
-    from ident.arm.file import read_arm_file
+    from ident.assess.design import DesignStudy
+    from ident.description.file import read_arm_file
     from ident.identify.conditions import loads_of
     from ident.measure import Load
-    from ident.present.designing import Designing
-    from ident.vibrate.amplitude import amplitude
-    from ident.vibrate.trial import Trial
+    from ident.vibrate.redesign.evaluator import Evaluator
+    from ident.vibrate.response.amplitude import amplitude
 
     arm_file = read_arm_file(arm)
     fitted, drawn, others, described = _values(arm_file.arm, fit, posterior, asked, set_by_user)
@@ -92,11 +92,13 @@ def design_command(
     options.renamed(NAMED, amplitude, measure, motion, rate)
     own = moving.drawn(drawn, set_by_user) if drawn else {}
     how: dict[str, Any] = {"loads": loads_of(described, hung), "elastic_belts": elastic_belts, "rate": rate}
-    trial = Trial(described, motion, variables, measure, own, **how)
+    trial = Evaluator(described, motion, variables, measure, own, **how)
     given: dict[str, Any] = {"log": log, "fit": fitted, "posterior": drawn, "changed": set_by_user}
     if sensitivities:
         found = _sensitivities(trial)
-        _write(Designing(arm_file, trial, hung, found, **given), asked, out / moving.name(arm, asked, path), no_figure)
+        _write(
+            DesignStudy(arm_file, trial, hung, found, **given), asked, out / moving.name(arm, asked, path), no_figure
+        )
         return
     _check_written(described, trial, drawn, fitted, set_by_user, arm_file.path)
     trial = _shared(trial)
@@ -105,15 +107,15 @@ def design_command(
     unseen = moving.drawn(others, set_by_user) if others else None
     verified = _verify(done, unseen)
     given |= {"starts": starts, "fresh": len(next(iter(unseen.values()))) if unseen else 0}
-    designing = Designing(arm_file, trial, hung, found, done, verified, **given)
+    designing = DesignStudy(arm_file, trial, hung, found, done, verified, **given)
     _write(designing, asked, out / moving.name(arm, asked, path), no_figure)
 
 
-def _shared(trial: "Trial") -> "Trial":
+def _shared(trial: "Evaluator") -> "Evaluator":
     """Return the trial with one step and all numbers, so that search, sensitivities and verification share programs."""
     from dataclasses import replace
 
-    from ident.vibrate.sensitivity import changeable
+    from ident.vibrate.redesign.sensitivity import changeable
 
     return replace(trial, step=trial.step_for(trial.bounds), also=changeable(trial.arm))
 
@@ -122,7 +124,7 @@ def _values(
     arm: "Arm", fit: Path | None, posterior: Path | None, asked: dict[str, Any], changed: dict[str, float]
 ) -> "tuple[Values | None, Values | None, Values | None, Arm]":
     """Read fitted values, draws of the search and others, and return them with the arm that takes over the values."""
-    from ident.identify.results import read_two_groups
+    from ident.identify.values import read_two_groups
 
     if posterior is None:
         fitted, _, described = moving.values(arm, fit, None, 1, None, changed)
@@ -135,7 +137,7 @@ def _values(
 def _required(asked: dict[str, Any]) -> "Requirements":
     from math import inf
 
-    from ident.vibrate.search import Requirements
+    from ident.vibrate.redesign.search import Requirements
 
     deflection, amount = asked["max_deflection"], asked["max_amount"]
     return Requirements(
@@ -145,8 +147,8 @@ def _required(asked: dict[str, Any]) -> "Requirements":
     )
 
 
-def _design(trial: "Trial", asked: dict[str, Any], required: "Requirements", extents: Any) -> "Design":
-    from ident.vibrate.design import design
+def _design(trial: "Evaluator", asked: dict[str, Any], required: "Requirements", extents: Any) -> "Design":
+    from ident.vibrate.redesign.design import design
 
     return options.renamed(
         NAMED,
@@ -162,24 +164,24 @@ def _design(trial: "Trial", asked: dict[str, Any], required: "Requirements", ext
     )
 
 
-def _sensitivities(trial: "Trial") -> Any:
-    from ident.vibrate.sensitivity import sensitivities
+def _sensitivities(trial: "Evaluator") -> Any:
+    from ident.vibrate.redesign.sensitivity import sensitivities
 
     return options.renamed(NAMED, sensitivities, trial, progress=running.progress("sensitivities"))
 
 
 def _verify(done: "Design", fresh: Any) -> Any:
-    from ident.vibrate.verify import verify
+    from ident.vibrate.redesign.verify import verify
 
     return verify(done.trial, done.best, done.limit, fresh, running.progress("verification"))
 
 
-def _write(designing: "Designing", asked: dict[str, Any], path: Path, no_figure: bool) -> None:
+def _write(designing: "DesignStudy", asked: dict[str, Any], path: Path, no_figure: bool) -> None:
     """Print the report, and write summary, arm file and figures."""
-    from ident.present.design_report import design_report
-    from ident.present.design_result import design_document, revised, write_arm
-    from ident.present.result import write_json
-    from ident.present.sensitivity_report import sensitivity_report
+    from ident.present.files.design import design_document, revised, write_arm
+    from ident.present.files.fit import write_json
+    from ident.present.text.design import design_report
+    from ident.present.text.sensitivity import sensitivity_report
 
     design = designing.design
     base = path.parent / f"{path.name}.{'design' if design else 'sensitivities'}"
@@ -197,9 +199,9 @@ def _write(designing: "Designing", asked: dict[str, Any], path: Path, no_figure:
     running.draw(figures)
 
 
-def _figures(designing: "Designing", base: Path) -> dict[Path, Any]:
-    from ident.present.design_figure import before_after_figure, trade_off_figure
-    from ident.present.sensitivity_figure import sensitivity_figure
+def _figures(designing: "DesignStudy", base: Path) -> dict[Path, Any]:
+    from ident.present.figures.design import before_after_figure, trade_off_figure
+    from ident.present.figures.sensitivity import sensitivity_figure
 
     if designing.design is None:
         return {_beside(base, "png"): sensitivity_figure(designing)}
@@ -224,14 +226,14 @@ def _check(asked: dict[str, Any], path: Path | None) -> None:
 
 def _check_written(
     arm: "Arm",
-    trial: "Trial",
+    trial: "Evaluator",
     drawn: "Values | None",
     fitted: "Values | None",
     changed: dict[str, float],
     path: str,
 ) -> None:
     """Refuse what could not be written into the arm file in the end."""
-    from ident.present.design_result import check_written
+    from ident.present.files.design import check_written
 
     taken = fitted or drawn
     names = [name for variable in trial.variables for name in variable.paths]

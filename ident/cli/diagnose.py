@@ -11,13 +11,13 @@ from ident.cli.app import app
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from ident.arm.file import ArmFile
-    from ident.diagnose.remedies import Remedy
-    from ident.diagnose.shake import Shaken
-    from ident.diagnose.task import Task
+    from ident.assess.remedies import Remedy
+    from ident.assess.task import Task
+    from ident.assess.vibration import VibrationAssessment
+    from ident.description.file import ArmFile
     from ident.measure import Campaign
-    from ident.present.page import Section
-    from ident.vibrate.sensitivity import Sensitivities
+    from ident.present.html.page import Section
+    from ident.vibrate.redesign.sensitivity import Sensitivities
 
 FORMAT = "ident-diagnose/2"
 ESS = 1000.0
@@ -67,10 +67,10 @@ def diagnose_command(
     options.check_positive(limit, "--limit")
     moving.check(asked, path)
     running.start()
-    from ident.diagnose.kept import Kept
     from ident.identify.conditions import loads_of
     from ident.measure import Load
-    from ident.vibrate.simulate import refuse_jumps
+    from ident.studies.stage_cache import StageCache
+    from ident.vibrate.response.simulate import refuse_jumps
 
     measured, arm_file = running.read(campaign, arm)
     motion, _ = moving.motion(arm_file.arm, asked, path)
@@ -80,7 +80,7 @@ def diagnose_command(
     if restart:
         _discard(folder)
     fresh = not folder.exists()
-    kept = Kept(folder, _identity(arm_file, measured, asked, path))
+    kept = StageCache(folder, _identity(arm_file, measured, asked, path))
     run = _Run(kept, arm_file, measured, asked, unknown, path, out)
     try:
         run.all()
@@ -95,11 +95,11 @@ def diagnose_command(
 
 
 def _discard(folder: Path) -> None:
-    from ident.diagnose.kept import Kept
-    from ident.identify.checkpoint import Checkpoints
+    from ident.inference.checkpoints import Checkpoints
+    from ident.studies.stage_cache import StageCache
 
     Checkpoints.discard(folder / "chains")
-    Kept.discard(folder)
+    StageCache.discard(folder)
 
 
 def _identity(arm_file: "ArmFile", measured: "Campaign", asked: Mapping[str, Any], path: Path | None) -> dict[str, str]:
@@ -138,13 +138,13 @@ class _Run:
 
     def all(self) -> None:
         """Carry out what is needed, and write the page."""
-        from ident.diagnose.ahead import ahead
-        from ident.vibrate.sensitivity import sensitivities
+        from ident.studies.background import in_background
+        from ident.vibrate.redesign.sensitivity import sensitivities
 
         self.stage("stiffness", self._stiffness)
         task = self._task()
         trial = task.trial()
-        coming = None if self.kept.read("sensitivities") else ahead(lambda: sensitivities(trial))
+        coming = None if self.kept.read("sensitivities") else in_background(lambda: sensitivities(trial))
         self.stage("resonance", lambda: self._resonance(task))
         self.stage("vibration", lambda: self._vibration(task))
         self.stage("sensitivities", lambda: self._sensitivities(coming.result() if coming else sensitivities(trial)))
@@ -155,7 +155,7 @@ class _Run:
 
     def stage(self, name: str, compute: Callable[[], Found]) -> None:
         """Carry out a stage, or take over what it found, and print that."""
-        from ident.present.page import section_from_json, section_to_json
+        from ident.present.html.page import section_from_json, section_to_json
 
         done = self.kept.read(name)
         if done is None:
@@ -172,11 +172,11 @@ class _Run:
             typer.echo(f"   -> {section.onward}")
 
     def _stiffness(self) -> Found:
-        from ident.identify.archive import inference_data, write_netcdf
-        from ident.identify.campaign_sample import sample_campaign
-        from ident.identify.sample import BLOCK, Settings
-        from ident.present.diagnose_sections import stiffness_section
-        from ident.present.result import plain, provenance, rows
+        from ident.identify.sample import sample_campaign
+        from ident.inference.sample import BLOCK, Settings
+        from ident.present.files.fit import plain, provenance, rows
+        from ident.present.files.sample import inference_data, write_netcdf
+        from ident.present.html.diagnose_sections import stiffness_section
 
         fitted = running.fit(self.arm_file.arm, self.measured, self.asked, self.unknown)
         settings = Settings(target_ess=ESS, seed=self.asked["seed"])
@@ -188,7 +188,9 @@ class _Run:
             progress=running.progress("blocks of steps", settings.max_steps // BLOCK),
         )
         origin = provenance(FORMAT, self.arm_file, self.measured, self.asked) | {"trust": plain(sampled.trust)}
-        write_netcdf(inference_data(sampled.sample, sampled.predictive, rows(self.measured), origin), self._posterior)
+        write_netcdf(
+            inference_data(sampled.sample, sampled.posterior_predictive, rows(self.measured), origin), self._posterior
+        )
         known = fitted.fit.information
         facts = {"doubts": list(fitted.doubts), "rank": known.rank, "count": len(known.names)}
         return facts, stiffness_section(sampled)
@@ -198,9 +200,9 @@ class _Run:
         return self.out / f"{self.measured.name}.diagnose.nc"
 
     def _task(self) -> "Task":
-        from ident.diagnose.task import Task
+        from ident.assess.task import Task
         from ident.identify.conditions import loads_of
-        from ident.identify.results import read_draws
+        from ident.identify.values import read_draws
         from ident.measure import Load
 
         found = read_draws(self._posterior, self.arm_file.arm, DRAWS, self.asked["seed"])
@@ -213,67 +215,67 @@ class _Run:
         return Task(described, motion, percent, found.shuffled(self.asked["seed"]), limit, loads, extents)
 
     def _resonance(self, task: "Task") -> Found:
-        from ident.present.diagnose_sections import resonance_section, undriven_section
-        from ident.vibrate.branches import branches
-        from ident.vibrate.excitation import excitation
-        from ident.vibrate.resonance import encounters
+        from ident.present.html.diagnose_sections import resonance_section, undriven_section
+        from ident.vibrate.modal.branches import branches
+        from ident.vibrate.modal.excitation import excitation
+        from ident.vibrate.modal.resonance import resonance_crossings
 
         if not task.arm.drives:
             return {"encounters": 0}, undriven_section()
         few = {path: values[:FEW] for path, values in task.draws.items()}
         followed = branches(task.arm.replace(few), task.motion, loads=task.loads)
         shaken = excitation(task.arm, task.motion)
-        met = encounters(followed, shaken)
+        met = resonance_crossings(followed, shaken)
         return {"encounters": len(met)}, resonance_section(followed, shaken, met, task.motion.name)
 
     def _vibration(self, task: "Task") -> Found:
-        from ident.diagnose.shake import shake
-        from ident.present.diagnose_sections import vibration_section
-        from ident.vibrate.chance import chance_to_json
+        from ident.assess.vibration import assess_vibration
+        from ident.present.html.diagnose_sections import vibration_section
+        from ident.vibrate.redesign.binomial import binomial_to_json
 
-        found: Shaken = shake(task, running.progress("draws"))
-        facts = {"accepted": found.accepted, "scatter": found.scatter, "keeps": chance_to_json(found.keeps)}
+        found: VibrationAssessment = assess_vibration(task, running.progress("draws"))
+        facts = {"accepted": found.accepted, "scatter": found.scatter, "keeps": binomial_to_json(found.keeps)}
         return facts | {"peak": found.peak.tolist()}, vibration_section(task, found)
 
     def _sensitivities(self, found: "Sensitivities") -> Found:
-        from ident.present.diagnose_sections import sensitivity_section
+        from ident.present.html.diagnose_sections import sensitivity_section
 
         return {"paths": list(found.paths), "elasticity": found.elasticity.tolist()}, sensitivity_section(found)
 
     def _remedies(self, task: "Task") -> Found:
-        from ident.diagnose.remedies import remedies, remedy_to_json
-        from ident.present.diagnose_sections import remedies_section
+        from ident.assess.remedies import remedies, remedy_to_json
+        from ident.present.html.diagnose_sections import remedies_section
 
         found = remedies(task, self.facts["vibration"]["scatter"], running.progress("remedies"))
         return {"remedies": [remedy_to_json(remedy) for remedy in found]}, remedies_section(task, found)
 
     def _found(self) -> "list[Remedy]":
-        from ident.diagnose.remedies import remedy_from_json
+        from ident.assess.remedies import remedy_from_json
 
         return [remedy_from_json(remedy) for remedy in self.facts["remedies"]["remedies"]]
 
     def _proof(self, task: "Task") -> Found:
-        from ident.diagnose.remedies import chosen, prove_in_turn
-        from ident.present.diagnose_sections import proof_section
-        from ident.vibrate.chance import chance_to_json
+        from ident.assess.remedies import chosen, verify_in_turn
+        from ident.present.html.diagnose_sections import proof_section
+        from ident.vibrate.redesign.binomial import binomial_to_json
 
         found = self._found()
-        proofs = prove_in_turn(task, found, running.progress("fresh draws"))
+        proofs = verify_in_turn(task, found, running.progress("fresh draws"))
         advised = chosen(proofs)
         proof = proofs[advised]
         facts = {
             "remedy": advised,
             "tried": len(proofs),
             "amplitude": proof.amplitude.tolist(),
-            "keeps": chance_to_json(proof.keeps),
+            "keeps": binomial_to_json(proof.keeps),
             "holds": proof.holds,
         }
         return facts, proof_section(task, found, proofs)
 
     def _write(self, task: "Task") -> None:
-        from ident.present.diagnose_page import diagnose_page
-        from ident.present.page import write_page
-        from ident.present.result import plain, provenance, write_json
+        from ident.present.files.fit import plain, provenance, write_json
+        from ident.present.html.diagnose import diagnose_page
+        from ident.present.html.page import write_page
 
         best = self._found()[self.facts["proof"]["remedy"]] if "proof" in self.facts else None
         head = provenance(FORMAT, self.arm_file, self.measured, self.asked)

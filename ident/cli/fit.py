@@ -33,8 +33,8 @@ def fit_command(
     asked = options.asked(locals())
     unknown = options.unknowns(asked)
     running.start()
-    from ident.present.report import fit_report
-    from ident.present.result import fit_document, write_json
+    from ident.present.files.fit import fit_document, write_json
+    from ident.present.text.fit import fit_report
 
     measured, arm_file = running.read(campaign, arm)
     result = running.fit(arm_file.arm, measured, asked, unknown)
@@ -43,6 +43,6 @@ def fit_command(
     write_json(fit_document(result, arm_file, asked), path)
     typer.echo(f"wrote {path}")
     if not no_figure:
-        from ident.present.figures import fit_figure
+        from ident.present.figures.fit import fit_figure
 
         running.draw({path.with_suffix(".png"): fit_figure(result)})

@@ -10,9 +10,9 @@ from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.identify.results import Values
+    from ident.identify.values import Values
     from ident.measure import Log
-    from ident.vibrate.motion import Motion
+    from ident.vibrate.motion.motion import Motion
 
 NAMED = {
     "percent": "--speed",
@@ -54,7 +54,7 @@ def values(
 ) -> "tuple[Values | None, Values | None, Arm]":
     """Read fitted values and draws, and return both with the arm that takes them over: of draws, the medians."""
     from ident.arm.drive_check import check_drives
-    from ident.identify.results import read_draws, read_fit
+    from ident.identify.values import read_draws, read_fit
 
     fitted = read_fit(fit, arm) if fit else None
     found = read_draws(posterior, arm, draws, seed) if posterior else None
@@ -86,9 +86,9 @@ def motion(arm: "Arm", asked: dict[str, Any], path: Path | None) -> "tuple[Motio
     from math import radians
 
     from ident.measure import read_log
-    from ident.vibrate.limits import beyond_limits
-    from ident.vibrate.replay import replay
-    from ident.vibrate.stroke import stroke
+    from ident.vibrate.motion.limits import beyond_limits
+    from ident.vibrate.motion.replay import replay
+    from ident.vibrate.motion.stroke import stroke
 
     if path is None:
         if arm.stroke is None:

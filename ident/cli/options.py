@@ -90,7 +90,7 @@ def recorded(given: Mapping[str, Any]) -> dict[str, Any]:
 
 def unknowns(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return the recorded options that pose the problem, as the arguments of `pose`."""
-    from ident.identify.priors import Prior
+    from ident.inference.priors import Prior
 
     priors = [_named(text, f"--prior {text}") for text in asked["prior"]]
     return {

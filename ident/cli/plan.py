@@ -68,12 +68,12 @@ def plan_command(
     shares = options.numbers(sigma, "--sigma")
     costs = options.numbers(cost, "--cost")
     running.start()
-    from ident.arm.file import read_arm_file
-    from ident.identify.campaign_plan import plan_campaign
+    from ident.description.file import read_arm_file
+    from ident.identify.plan import plan_campaign
     from ident.measure import OWN_WEIGHT, Load
-    from ident.present.plan_report import plan_report
-    from ident.present.plan_result import plan_document, write_form
-    from ident.present.result import write_json
+    from ident.present.files.fit import write_json
+    from ident.present.files.plan import plan_document, write_form
+    from ident.present.text.plan import plan_report
 
     if campaign is None:
         assert arm is not None
@@ -106,6 +106,6 @@ def plan_command(
         write_form(plan, path.with_suffix(".csv"))
         typer.echo(f"wrote {path.with_suffix('.csv')}")
     if not no_figure:
-        from ident.present.plan_figure import plan_figure
+        from ident.present.figures.plan import plan_figure
 
         running.draw({path.with_suffix(".png"): plan_figure(plan)})

@@ -21,12 +21,12 @@ def predict_command(
 ) -> None:
     """Predict natural frequencies, modes and static deflection of an arm."""
     running.start()
-    from ident.arm.file import read_arm
-    from ident.identify.survey import survey
+    from ident.description.file import read_arm
+    from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
-    from ident.present.survey_report import survey_report
+    from ident.present.text.predict import predict_report
 
     described = read_arm(arm).replace(options.assignments(change))
     postures = [options.posture(text) for text in posture or ()] or [(0.0,) * len(described.driven)]
     for held in postures:
-        typer.echo(survey_report(survey(described, held, Load.parse(load), modes)))
+        typer.echo(predict_report(modal_analysis(described, held, Load.parse(load), modes)))

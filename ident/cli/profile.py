@@ -40,14 +40,14 @@ def profile_command(
     asked = options.asked(locals())
     unknown = options.unknowns(asked)
     running.start()
-    from ident.identify.pose import pose
-    from ident.identify.profile import check, profile
-    from ident.present.profile_report import profile_report
-    from ident.present.profile_result import profile_document
-    from ident.present.result import write_json
+    from ident.identify.build_problem import build_problem
+    from ident.inference.profile import check, profile
+    from ident.present.files.fit import write_json
+    from ident.present.files.profile import profile_document
+    from ident.present.text.profile import profile_report
 
     measured, arm_file = running.read(campaign, arm)
-    check(pose(arm_file.arm, measured, **unknown).parameters, parameter, reach=reach)
+    check(build_problem(arm_file.arm, measured, **unknown).parameters, parameter, reach=reach)
     result = running.fit(arm_file.arm, measured, asked, unknown)
     profiles = profile(result.fit, parameter, reach=reach, progress=running.progress("profiles"))
     typer.echo(profile_report(result, profiles))
@@ -55,6 +55,6 @@ def profile_command(
     write_json(profile_document(result, profiles, arm_file, asked), path)
     typer.echo(f"wrote {path}")
     if not no_figure:
-        from ident.present.profile_figure import profile_figure
+        from ident.present.figures.profile import profile_figure
 
         running.draw({path.with_suffix(".png"): profile_figure(result, profiles)})

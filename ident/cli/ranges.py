@@ -6,7 +6,7 @@ from ident.cli import options
 from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from ident.vibrate.ranges import Bound
+    from ident.vibrate.redesign.ranges import Bound
 
 
 class Range(NamedTuple):
@@ -41,7 +41,7 @@ def read_range(text: str, option: str, third: str) -> Range:
 
 
 def _bound(text: str, where: str) -> "Bound":
-    from ident.vibrate.ranges import Bound
+    from ident.vibrate.redesign.ranges import Bound
 
     times = text.strip().endswith("x")
     return Bound(options.number(text.strip().removesuffix("x"), where), times)

@@ -44,14 +44,14 @@ def resonance_command(
     moving.check(asked, path)
     changed, multiples = options.assignments(change), _orders(orders)
     running.start()
-    from ident.arm.file import read_arm_file
+    from ident.description.file import read_arm_file
     from ident.identify.conditions import loads_of
     from ident.measure import Load
-    from ident.present.resonance_report import resonance_document, resonance_report
-    from ident.present.result import write_json
-    from ident.vibrate.branches import branches
-    from ident.vibrate.excitation import excitation
-    from ident.vibrate.resonance import encounters
+    from ident.present.files.fit import write_json
+    from ident.present.text.resonance import resonance_document, resonance_report
+    from ident.vibrate.modal.branches import branches
+    from ident.vibrate.modal.excitation import excitation
+    from ident.vibrate.modal.resonance import resonance_crossings
 
     arm_file = read_arm_file(arm)
     _, found, described = moving.values(arm_file.arm, fit, posterior, draws, seed, changed)
@@ -61,7 +61,7 @@ def resonance_command(
         NAMED, branches, of_draws, motion, count=count, loads=loads_of(described, Load.parse(load))
     )
     shaken = options.renamed(NAMED, excitation, described, motion, orders=multiples)
-    met = options.renamed(NAMED, encounters, followed, shaken, margin=margin / 100)
+    met = options.renamed(NAMED, resonance_crossings, followed, shaken, margin=margin / 100)
     title = f"{arm_file.arm.name}, {motion.name}"
     typer.echo(resonance_report(followed, shaken, met, title=title, margin=margin / 100))
     name = out / f"{moving.name(arm, asked, path)}.resonance"
@@ -69,7 +69,7 @@ def resonance_command(
     write_json(resonance_document(followed, shaken, met, arm_file, asked), result)
     typer.echo(f"wrote {result}")
     if not no_figure:
-        from ident.present.resonance_figure import resonance_figure
+        from ident.present.figures.resonance import resonance_figure
 
         running.draw({name.with_name(f"{name.name}.png"): resonance_figure(followed, shaken, met, title=title)})
 

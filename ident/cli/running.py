@@ -12,8 +12,8 @@ import typer
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.arm.file import ArmFile
-    from ident.identify.campaign_fit import CampaignFit
+    from ident.description.file import ArmFile
+    from ident.identify.fit import CampaignFit
     from ident.measure import Campaign
 
 
@@ -32,7 +32,7 @@ def start() -> None:
 
 def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
     """Read a campaign and its arm: arm.toml beside the campaign if no other is named."""
-    from ident.arm.file import read_arm_file
+    from ident.description.file import read_arm_file
     from ident.measure import read_campaign
 
     measured = read_campaign(campaign)
@@ -41,7 +41,7 @@ def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
 
 def fit(arm: "Arm", measured: "Campaign", asked: Mapping[str, Any], unknown: Mapping[str, Any]) -> "CampaignFit":
     """Fit an arm to a campaign by the options that a command was given, with a bar on a terminal."""
-    from ident.identify.campaign_fit import fit_campaign
+    from ident.identify.fit import fit_campaign
 
     return fit_campaign(
         arm,
@@ -56,7 +56,7 @@ def fit(arm: "Arm", measured: "Campaign", asked: Mapping[str, Any], unknown: Map
 
 def draw(figures: Mapping[Path, Any]) -> None:
     """Write matplotlib figures, each to its path, and say so."""
-    from ident.present.figures import save
+    from ident.present.figures.fit import save
 
     for path, figure in figures.items():
         save(figure, path)

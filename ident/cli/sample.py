@@ -52,12 +52,12 @@ def sample_command(
     asked = options.asked(locals())
     unknown = options.unknowns(asked)
     running.start()
-    from ident.identify.archive import inference_data, write_netcdf
-    from ident.identify.campaign_sample import sample_campaign
-    from ident.identify.checkpoint import Checkpoints
-    from ident.identify.sample import BLOCK, Settings
-    from ident.present.result import plain, provenance, rows
-    from ident.present.sample_report import sample_report
+    from ident.identify.sample import sample_campaign
+    from ident.inference.checkpoints import Checkpoints
+    from ident.inference.sample import BLOCK, Settings
+    from ident.present.files.fit import plain, provenance, rows
+    from ident.present.files.sample import inference_data, write_netcdf
+    from ident.present.text.sample import sample_report
 
     measured, arm_file = running.read(campaign, arm)
     fitted = running.fit(arm_file.arm, measured, asked, unknown)
@@ -84,7 +84,7 @@ def sample_command(
     typer.echo(sample_report(result))
     path = out / f"{measured.name}.sample.nc"
     origin = provenance(FORMAT, arm_file, measured, asked) | {"trust": plain(result.trust)}
-    written = inference_data(result.sample, result.predictive, rows(measured), origin)
+    written = inference_data(result.sample, result.posterior_predictive, rows(measured), origin)
     write_netcdf(written, path)
     typer.echo(f"wrote {path}")
     if all(found.enough(ess) for found in result.sample.diagnosis):
@@ -92,7 +92,7 @@ def sample_command(
     else:
         typer.echo(f"kept {folder}: the same command with more --steps goes on from there")
     if not no_figure:
-        from ident.present.sample_figures import sample_figures
+        from ident.present.figures.sample import sample_figures
 
         figures = sample_figures(result)
         running.draw({path.with_suffix(f".{name}.png"): figure for name, figure in figures.items()})

@@ -10,11 +10,11 @@ from ident.cli.app import app
 from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
+    from ident.assess.simulation import Simulation
     from ident.measure import Trace
-    from ident.present.simulation import Simulation
-    from ident.vibrate.compare import Comparison
-    from ident.vibrate.motion import Motion
-    from ident.vibrate.study import Study
+    from ident.vibrate.motion.motion import Motion
+    from ident.vibrate.response.study import SimulatedMotion
+    from ident.vibrate.signal.compare import Comparison
 
 
 @app.command("simulate")
@@ -56,11 +56,11 @@ def simulate_command(
     limits = options.frequency_band(band, "--band")
     changed = options.assignments(change)
     running.start()
-    from ident.arm.file import read_arm_file
+    from ident.assess.simulation import Simulation
+    from ident.description.file import read_arm_file
     from ident.identify.conditions import loads_of
     from ident.measure import Load, read_trace
-    from ident.present.simulation import Simulation
-    from ident.vibrate.study import draw, study
+    from ident.vibrate.response.study import draw, simulate_motion
 
     arm_file = read_arm_file(arm)
     fitted, drawn, described = moving.values(arm_file.arm, fit, posterior, draws, seed, changed)
@@ -72,7 +72,13 @@ def simulate_command(
     how: dict[str, Any] = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate}
     chosen = method or ("fast" if drawn else "both")
     done = options.renamed(
-        moving.NAMED, study, described, motion, method=chosen, progress=running.progress("exact method"), **how
+        moving.NAMED,
+        simulate_motion,
+        described,
+        motion,
+        method=chosen,
+        progress=running.progress("exact method"),
+        **how,
     )
     bands = None
     if drawn and done.interrupted is None:
@@ -100,9 +106,9 @@ def simulate_command(
         raise typer.Exit(130)
 
 
-def _compared(done: "Study", measured: "Trace", band: tuple[float, float]) -> "dict[str, Comparison] | None":
+def _compared(done: "SimulatedMotion", measured: "Trace", band: tuple[float, float]) -> "dict[str, Comparison] | None":
     """Compare with a trace; what an interruption has left may be too short for it."""
-    from ident.vibrate.study import against
+    from ident.vibrate.response.study import against
 
     try:
         return against(done.response, measured.time, measured.values, measured.kind, band)
@@ -114,9 +120,9 @@ def _compared(done: "Study", measured: "Trace", band: tuple[float, float]) -> "d
 
 def _write(simulation: "Simulation", asked: dict[str, Any], path: Path, no_figure: bool) -> None:
     """Print the report, and write series, summary and figures."""
-    from ident.present.result import write_json
-    from ident.present.simulate_report import simulate_report
-    from ident.present.simulate_result import dataset, simulate_document, write_csv, write_netcdf
+    from ident.present.files.fit import write_json
+    from ident.present.files.simulate import dataset, simulate_document, write_csv, write_netcdf
+    from ident.present.text.simulate import simulate_report
 
     report, document, data = (
         simulate_report(simulation),
@@ -125,7 +131,7 @@ def _write(simulation: "Simulation", asked: dict[str, Any], path: Path, no_figur
     )
     figures = {}
     if not no_figure:
-        from ident.present.simulate_figure import drives_figure, simulate_figure
+        from ident.present.figures.simulate import drives_figure, simulate_figure
 
         figures = {
             _beside(path, "png"): simulate_figure(simulation),

@@ -11,9 +11,9 @@ from ident.cli.app import app
 from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from ident.identify.survey import Survey
+    from ident.assess.spectra import Spectra
+    from ident.identify.modal_analysis import ModalAnalysis
     from ident.measure import Trace
-    from ident.present.spectra import Spectra
 
 NAMED = {
     "window": "--window",
@@ -68,9 +68,9 @@ def spectrum_command(
     if posture and arm is None:
         raise InputError(Problem("--posture", "it without --arm", "an arm", "name the arm's file (--arm)"))
     running.start()
+    from ident.assess.spectra import spectra_of
     from ident.measure import read_pulleys, read_trace
-    from ident.present.spectra import spectra_of
-    from ident.present.spectrum_report import spectrum_report
+    from ident.present.text.spectrum import spectrum_report
 
     trace = read_trace(file)
     pulleys = read_pulleys(file, trace)
@@ -107,9 +107,9 @@ def spectrum_command(
 
 
 def _figures(found: "Spectra", base: Path) -> Iterator[tuple[Path, Any]]:
-    from ident.present.orders_figure import orders_figure
-    from ident.present.spectrum_figure import spectrum_figure
-    from ident.present.words import degrees
+    from ident.present.figures.orders import orders_figure
+    from ident.present.figures.spectrum import spectrum_figure
+    from ident.present.text.words import degrees
 
     remarks = [found.remark] if found.remark else []
     if found.survey:
@@ -127,8 +127,8 @@ def _spectrograms(
     found: "Spectra", base: Path, window: str, segment: float | None, decibel: bool
 ) -> Iterator[tuple[Path, Any]]:
     """Yield a spectrogram of the first trace for each direction, with a line for each order of each pulley."""
-    from ident.present.spectrum_figure import spectrogram_figure
-    from ident.vibrate.spectrogram import spectrogram
+    from ident.present.figures.spectrum import spectrogram_figure
+    from ident.vibrate.signal.spectrogram import spectrogram
 
     name, trace = next(iter(found.traces.items()))
     seconds = segment or min(1.0, float(trace.time[-1] - trace.time[0]) / 4)
@@ -181,11 +181,11 @@ def _other_name(file: Path, other: Path) -> str:
     return other.stem if other.stem != file.stem else str(other)
 
 
-def _survey(arm: Path, posture: str | None, load: str) -> "Survey":
-    from ident.arm.file import read_arm
-    from ident.identify.survey import survey
+def _survey(arm: Path, posture: str | None, load: str) -> "ModalAnalysis":
+    from ident.description.file import read_arm
+    from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 
     described = read_arm(arm)
     held = options.posture(posture) if posture else (0.0,) * len(described.driven)
-    return survey(described, held, Load.parse(load), 6)
+    return modal_analysis(described, held, Load.parse(load), 6)

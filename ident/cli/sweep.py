@@ -9,9 +9,9 @@ from ident.cli import moving, options, running, varying
 from ident.cli.app import app
 
 if TYPE_CHECKING:
-    from ident.present.sweeping import Sweeping
-    from ident.vibrate.sweep import Axis, Sweep
-    from ident.vibrate.trial import Trial
+    from ident.assess.sweep import SweepStudy
+    from ident.vibrate.redesign.evaluator import Evaluator
+    from ident.vibrate.redesign.sweep import Axis, Sweep
 
 NAMED = moving.NAMED | {"measure": "--measure", "axes": "--vary"}
 """The option that gives each argument of the library."""
@@ -52,13 +52,13 @@ def sweep_command(
     moving.check(asked, path)
     changed = options.assignments(change)
     running.start()
-    from ident.arm.file import read_arm_file
+    from ident.assess.sweep import SweepStudy
+    from ident.description.file import read_arm_file
     from ident.identify.conditions import loads_of
     from ident.measure import Load
-    from ident.present.sweeping import Sweeping
-    from ident.vibrate.amplitude import amplitude
-    from ident.vibrate.ranges import COUNT, MAP_COUNT
-    from ident.vibrate.trial import Trial
+    from ident.vibrate.redesign.evaluator import Evaluator
+    from ident.vibrate.redesign.ranges import COUNT, MAP_COUNT
+    from ident.vibrate.response.amplitude import amplitude
 
     wanted = varying.ranges(vary)
     if grid:
@@ -74,32 +74,32 @@ def sweep_command(
         varying.check_points(axes)
     options.renamed(NAMED, amplitude, measure, motion, rate)
     own = moving.drawn(found, changed) if found else {}
-    trial = Trial(described, motion, (), measure, own, **how)
+    trial = Evaluator(described, motion, (), measure, own, **how)
     swept = options.renamed(NAMED, _swept, trial, axes, grid)
-    sweeping = Sweeping(
+    sweeping = SweepStudy(
         arm_file, trial, hung, swept, None if limit is None else limit / 1e3, log, fitted, found, changed
     )
     name = f"{moving.name(arm, asked, path)}.{varying.label(wanted, grid)}.sweep"
     _write(sweeping, asked, out / name, no_figure)
 
 
-def _swept(trial: "Trial", axes: "list[Axis]", grid: bool) -> "tuple[Sweep, ...]":
-    from ident.vibrate.sweep import sweep, sweeps
+def _swept(trial: "Evaluator", axes: "list[Axis]", grid: bool) -> "tuple[Sweep, ...]":
+    from ident.vibrate.redesign.sweep import sweep, sweeps
 
     progress = running.progress("simulations")
     return (sweep(trial, axes, progress),) if grid else sweeps(trial, axes, progress)
 
 
-def _write(sweeping: "Sweeping", asked: dict[str, Any], path: Path, no_figure: bool) -> None:
+def _write(sweeping: "SweepStudy", asked: dict[str, Any], path: Path, no_figure: bool) -> None:
     """Print the report, and write table, summary and figure."""
-    from ident.present.result import write_json
-    from ident.present.sweep_report import sweep_report
-    from ident.present.sweep_result import sweep_document, write_csv
+    from ident.present.files.fit import write_json
+    from ident.present.files.sweep import sweep_document, write_csv
+    from ident.present.text.sweep import sweep_report
 
     report, document = sweep_report(sweeping), sweep_document(sweeping, asked)
     figures = {}
     if not no_figure:
-        from ident.present.sweep_figure import sweep_figure
+        from ident.present.figures.sweep import sweep_figure
 
         figures = {_beside(path, "png"): sweep_figure(sweeping)}
     typer.echo(report)

@@ -11,9 +11,9 @@ from ident.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.vibrate.ranges import Range
-    from ident.vibrate.sweep import Axis
-    from ident.vibrate.variable import Extents
+    from ident.vibrate.redesign.ranges import Range
+    from ident.vibrate.redesign.sweep import Axis
+    from ident.vibrate.redesign.variable import Extents
 
 VaryOption = Annotated[
     list[str],
@@ -33,7 +33,7 @@ def ranges(texts: Sequence[str]) -> "list[Range]":
 
 
 def _range(text: str) -> "Range":
-    from ident.vibrate.ranges import Range
+    from ident.vibrate.redesign.ranges import Range
 
     paths, bounds, count = read_range(text, "--vary", "COUNT")
     if count is not None and count != int(count):
@@ -45,7 +45,7 @@ def axes(
     arm: "Arm", texts: Sequence[str], asked: "Sequence[Range]", percent: float, extents: "Extents", usual: int
 ) -> "list[Axis]":
     """Return the axes of the ranges; complaints tell the option."""
-    from ident.vibrate.ranges import axis_of
+    from ident.vibrate.redesign.ranges import axis_of
 
     found = []
     for text, one in zip(texts, asked, strict=True):
@@ -66,7 +66,7 @@ def check_map(asked: "Sequence[Range]") -> None:
 
 def check_points(found: "Sequence[Axis]") -> None:
     """Refuse a map of too many points."""
-    from ident.vibrate.ranges import MOST_ON_MAP
+    from ident.vibrate.redesign.ranges import MOST_ON_MAP
 
     first, second = (len(axis.values) for axis in found)
     if first * second > MOST_ON_MAP:

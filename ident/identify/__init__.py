@@ -1,1 +1,1 @@
-"""From measurements to parameters: predict, fit, and what the data can tell."""
+"""What is the arm's own in an identification: the observation operator, mode labels, data checks, experiments."""

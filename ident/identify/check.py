@@ -1,116 +1,75 @@
-"""What data can tell, before any solving: a verdict for each parameter of any model."""
+"""All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
 
-from ident.identify.fit import evaluate
-from ident.identify.influence import Influence, influence
-from ident.identify.information import Information, information
-from ident.identify.problem import InverseProblem
-
-Verdict = Literal["identifiable", "weak", "not seen", "unknown"]
-POINTS = 8
-"""Points tried beside the starting values."""
-SPREAD = 0.4
-"""Their standard deviation in theta, where the prior is not narrower: a factor of 1.5 for a stiffness."""
-INVISIBLE = 1e-6
-"""Columns of the Jacobian below this share of the largest one are rounding."""
+from ident.arm.arm import Arm
+from ident.errors import InputError, Problem
+from ident.identify.build_problem import build_problem
+from ident.identify.data_checks import check_values, contradictory_repeats
+from ident.identify.fit import SUSPICIOUS
+from ident.identify.label_checks import LabelDoubt, label_doubts
+from ident.identify.unknowns import WEAK_PRIOR
+from ident.inference.consistency import Consistency, consistency
+from ident.inference.identifiability import Check, check
+from ident.measure import Campaign
 
 
 @dataclass(frozen=True)
-class Check:
-    """What the data can tell about the parameters, if the truth is near the starting values.
+class CampaignCheck:
+    """What a campaign can tell about an arm, before any solving.
 
     Attributes:
-        problem: what was checked.
-        verdicts: (P,) see `check`.
-        information: what the data alone tell at the starting values; None where the model has no answer there.
-        influence: the part of each measurement in it; None likewise.
-        missing: (D,) which values the model has no answer for, or no derivative of, at the starting values.
-        data_sd: (points, P) standard deviation in theta by the data alone, the starting values first.
-        supported: (points, P) whether each parameter is identifiable there.
-        asked: number of points tried, the starting values among them; those without an answer are not in `data_sd`.
+        arm: with the numbers of its file.
+        campaign: what was measured.
+        check: verdicts, directions, and the part of each measurement.
+        consistency: the data among themselves; None where the model has no answer at the start.
+        labels: measurements whose mode is not sure.
+        repeats: pairs of rows that measured the same and contradict each other; refused unless values are trusted.
     """
 
-    problem: InverseProblem
-    verdicts: tuple[Verdict, ...]
-    information: Information | None
-    influence: Influence | None
-    missing: Bool[np.ndarray, "D"]
-    data_sd: Float[np.ndarray, "points P"]
-    supported: Bool[np.ndarray, "points P"]
-    asked: int
+    arm: Arm
+    campaign: Campaign
+    check: Check
+    consistency: Consistency | None
+    labels: tuple[LabelDoubt, ...]
+    repeats: tuple[tuple[int, int], ...]
 
     @property
-    def answered(self) -> int:
-        """Number of points at which the model has an answer."""
-        return len(self.data_sd)
-
-    @property
-    def blind(self) -> bool:
-        """Whether no parameter is seen at all."""
-        return all(verdict == "not seen" for verdict in self.verdicts)
+    def contradictory(self) -> bool:
+        """Whether one kind of measurement contradicts the others."""
+        found = self.consistency.cross_predictions if self.consistency else ()
+        return any(np.abs(tension.z).max() > SUSPICIOUS for tension in found)
 
 
-def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPREAD, seed: int = 0) -> Check:
-    """Judge from predictions and their Jacobian what the data can tell; nothing is fitted, no measured value used.
-
-    The Jacobian at one point may mislead: a derivative may vanish there by symmetry, or two modes trade places nearby.
-    So it is looked at in several, and the verdict holds for all of them, as the truth may be any:
-
-    - `identifiable`: at every point the data alone give theta a standard deviation below `information.WEAK_ABOVE`;
-    - `not seen`: at no point does any value depend on it;
-    - `unknown`: the model has no answer at the starting values, or at most of the points;
-    - `weak`: else. The data see it too little, together with others only, or not at every point.
+def check_campaign(
+    arm: Arm, campaign: Campaign, *, seed: int = 0, trust_values: bool = False, **unknowns: Any
+) -> CampaignCheck:
+    """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
 
     Args:
-        problem: model, data and unknowns; priors only narrow the points down.
-        points: number of points beside the starting values.
-        spread: standard deviation in theta of the points about the starting values, at most.
-        seed: of the points.
+        arm: its stiffnesses are where the model is linearised.
+        campaign: the measurements.
+        seed: of the further points that are looked at.
+        trust_values: take values that the arm file makes implausible, and repeats that contradict each other.
+        **unknowns: what is unknown, and its priors, as in `pose`.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
+            repeats; a campaign that says nothing of any unknown.
     """
-    known = problem.parameters
-    start = np.asarray(known.theta(known.column("start")))
-    width = np.minimum(known.normal_sd, spread)
-    noise = np.random.default_rng(seed).standard_normal((points, len(start))) * width
-    looks = [_look(problem, theta) for theta in (start, *(start + noise))]
-    answers = [J for J, missing in looks if not missing.any()]
-    found = [information(J, np.full(len(start), np.inf), known.names) for J in answers]
-    here, missing = looks[0]
-    blank = bool(missing.any())
-    sd = np.array([each.data_sd for each in found]).reshape(-1, len(start))
-    supported = np.array([each.supported for each in found], bool).reshape(-1, len(start))
-    unknown = blank or 2 * len(answers) < len(looks)
-    return Check(
-        problem,
-        tuple("unknown" for _ in start) if unknown else _verdicts(np.array(answers), supported),
-        None if blank else found[0],
-        None if blank else influence(here, known.names),
-        missing,
-        sd,
-        supported,
-        len(looks),
-    )
-
-
-def _look(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return d(predicted / sigma)/d(theta), and which values are fitted but have no answer."""
-    end, sigma = evaluate(problem, jnp.asarray(theta)), np.asarray(problem.sigma)
-    J, fitted = np.asarray(end.jacobian), np.isfinite(sigma)
-    missing = fitted & ~(np.isfinite(np.asarray(end.predicted)) & np.isfinite(J).all(1))
-    return np.where(fitted[:, None], J, 0.0) / sigma[:, None], missing
-
-
-def _verdicts(
-    jacobians: Float[np.ndarray, "points D P"], supported: Bool[np.ndarray, "points P"]
-) -> tuple[Verdict, ...]:
-    size = np.linalg.norm(jacobians, axis=1)
-    seen = (size > INVISIBLE * size.max(1, keepdims=True)).any(0)
-    everywhere = np.all(supported, axis=0)
-    return tuple(
-        "identifiable" if everywhere[i] else "weak" if seen[i] else "not seen" for i in range(supported.shape[1])
-    )
+    problem = build_problem(arm, campaign, **unknowns)
+    if not trust_values:
+        check_values(problem, campaign, arm)
+    found = check(problem, seed=seed)
+    if found.blind:
+        got = "no measurement that depends on any of the unknowns"
+        remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
+        raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
+    # one kind of data alone may leave directions open, so the comparison needs some prior
+    unknowns["prior_sd"] = min(unknowns.get("prior_sd", WEAK_PRIOR), WEAK_PRIOR)
+    agree = consistency(build_problem(arm, campaign, **unknowns))
+    repeats = tuple(contradictory_repeats(campaign))
+    return CampaignCheck(arm, campaign, found, agree, label_doubts(arm, campaign), repeats)

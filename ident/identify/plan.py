@@ -1,174 +1,269 @@
-"""What to measure next: the visits that tell most for their cost, for any model whose predictions have a Jacobian.
+"""Planning in one call: an arm, and what is measured already, in; the visits that tell most for their cost out."""
 
-The gains are those of the linear-Gaussian model. With C and C' the covariance of theta before and after,
-
-    d     ln det(C) / 2 - ln det(C') / 2 [nat]: the expected information gain, or mutual information
-    a     (tr C - tr C') / P: the mean variance that goes
-    NAME  ln sd - ln sd' of that parameter
-
-each averaged over the points of `Knowledge`.
-
-References:
-    Lindley, "On a measure of the information provided by an experiment", Ann. Math. Stat. 27(4), 1956.
-    Chaloner, Verdinelli, "Bayesian experimental design: a review", Statistical Science 10(3), 1995, sections 2 and 4.
-"""
-
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import combinations, islice
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from ident.errors import InputError, Problem
-from ident.identify.knowledge import Knowledge, fisher, sds
-from ident.text import did_you_mean, quoted
+from ident.arm.arm import Arm
+from ident.errors import InputError, ModelError, Problem
+from ident.identify.build_problem import build_problem
+from ident.identify.candidate_predictions import CandidatePredictions, candidate_predictions, equivalent_postures
+from ident.identify.experiments import (
+    Experiment,
+    Instruments,
+    candidates,
+    expected_rows,
+    modes_of,
+    relative_sigma,
+    row_information,
+)
+from ident.identify.fit import CampaignFit, fit_campaign
+from ident.identify.posture_grid import STEP, posture_grid
+from ident.inference.fit import STARTS
+from ident.inference.optimal_design import D_OPTIMAL, Experiments, Step, criterion, gains, greedy, information_gain
+from ident.inference.parameters import Parameters
+from ident.inference.prior_information import DRAWS, PriorInformation, fitted_knowledge, prior_knowledge
+from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 
-D_OPTIMAL, A_OPTIMAL = "d", "a"
-MOST = 2_000_000
-"""Sets that an exhaustive search looks at, at most."""
-TOGETHER = 20_000
-"""Matrices of one array in it."""
-
-Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]
-
-
-@dataclass(frozen=True)
-class Visits:
-    """What could be measured: each visit is a set of values that are taken together, and paid together.
-
-    Attributes:
-        information: (C, T, P, P) what each would add at each point of `Knowledge`.
-        cost: (C,) in any one unit.
-    """
-
-    information: Float[np.ndarray, "C T P P"]
-    cost: Float[np.ndarray, "C"]
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.cost).all() and (self.cost > 0).all()):
-            raise InputError(Problem("", f"a visit that costs {self.cost.min():g}", "a cost > 0", "raise its costs"))
-
-    def __len__(self) -> int:
-        return len(self.cost)
-
-
-def bundle(scaled: Float[np.ndarray, "T D P"], rows: Sequence[Sequence[int]], cost: Sequence[float]) -> Visits:
-    """Return the visits that take these rows of a scaled Jacobian (`scaled_jacobians`) together."""
-    return Visits(np.stack([fisher(scaled[:, list(own)]) for own in rows]), np.asarray(cost, float))
+COUNT = 4
 
 
 @dataclass(frozen=True)
-class Step:
-    """One visit of a batch, after those before it.
+class Grid:
+    """The postures that were looked at.
 
     Attributes:
-        visit: its place among the candidates.
-        cost: what it costs.
-        nats: () [nat] mean information gain, whatever the criterion.
-        gain: () what the criterion says.
-        sd: (T, P) standard deviation of each theta after it, at each point.
+        postures: (G, joints) [rad] within the limits.
+        seen: (G,) place in `CandidatePredictions` of the posture that shows the same; -1 where none.
+        sampled: whether they are a sample of a grid that would be too large.
     """
 
-    visit: int
-    cost: float
-    nats: float
-    gain: float
-    sd: Float[np.ndarray, "T P"]
+    postures: Float[np.ndarray, "G joints"]
+    seen: Int[np.ndarray, "G"]
+    sampled: bool
 
 
-def criterion(name: str, names: Sequence[str]) -> Gain:
-    """Return the gain of a criterion: `d`, `a`, or a parameter's name, as at the head of this module.
+@dataclass(frozen=True)
+class CampaignPlan:
+    """What to measure next, and what it will give.
 
-    Raises:
-        InputError: it is none of them.
+    Attributes:
+        arm: with the numbers of its file.
+        fit: of what is measured already; None for an empty campaign.
+        parameters: the unknowns.
+        known: what is known of them now.
+        left_out: draws of the parameters with which the arm would not stand in every posture.
+        means: what there is to measure with.
+        grid: the postures.
+        view: what they would show, those that show the same once.
+        measured: (V,) which of the view's postures the campaign has been in.
+        aim: `d`, `a` or the parameter that visits are chosen for.
+        visits: (C,) all that could be done.
+        offered: (C,) what each would tell, and its cost.
+        gain: (C,) gain of each as the next visit, by the criterion.
+        nats: (C,) its information gain.
+        steps: the batch, in the order of choice.
     """
-    if name.lower() in (D_OPTIMAL, A_OPTIMAL):
-        return {D_OPTIMAL: information_gain, A_OPTIMAL: variance_gain}[name.lower()]
-    if name not in names:
-        remedy = did_you_mean(name, names, "name one of the unknowns")
-        raise InputError(Problem("criterion", quoted(name), "d, a, or a parameter's name", remedy))
-    place = list(names).index(name)
-    return lambda before, after: np.log(sds(before)[..., place] / sds(after)[..., place])
+
+    arm: Arm
+    fit: CampaignFit | None
+    parameters: Parameters
+    known: PriorInformation
+    left_out: int
+    means: Instruments
+    grid: Grid
+    view: CandidatePredictions
+    measured: Bool[np.ndarray, "V"]
+    aim: str
+    visits: tuple[Experiment, ...]
+    offered: Experiments
+    gain: Float[np.ndarray, "C"]
+    nats: Float[np.ndarray, "C"]
+    steps: tuple[Step, ...]
+
+    @property
+    def name(self) -> str:
+        """The campaign's name, or else the arm's."""
+        return self.fit.campaign.name if self.fit else self.arm.name
+
+    @property
+    def per_cost(self) -> Float[np.ndarray, "C"]:
+        """Gain of each visit per unit cost, by which they are ranked."""
+        return self.gain / self.offered.cost
+
+    @property
+    def batch(self) -> tuple[Experiment, ...]:
+        """The chosen visits."""
+        return tuple(self.visits[step.visit] for step in self.steps)
+
+    @property
+    def sd(self) -> Float[np.ndarray, "steps P"]:
+        """Standard deviations of theta at the best estimate, now and after each step."""
+        return np.array([self.known.sd[0], *(step.sd[0] for step in self.steps)])
+
+    def ranked(self, count: int) -> list[int]:
+        """Return the best visit of each of the best postures, as the next one."""
+        order = np.argsort(-self.per_cost, kind="stable")
+        best: dict[int, int] = {}
+        for i in order:
+            best.setdefault(self.visits[i].place, int(i))
+        return list(best.values())[:count]
+
+    def sd_after(self, visit: int) -> Float[np.ndarray, "P"]:
+        """Return the standard deviations at the best estimate after one visit."""
+        return np.sqrt(np.diag(np.linalg.inv(self.known.information[0] + self.offered.information[visit, 0])))
+
+    def campaign(self) -> Campaign:
+        """Return the batch as a campaign of the values that are expected.
+
+        Visits to one posture under one load become one: a value that is taken n times is to be entered once, as a
+        mean, since rows without label in one state are different modes.
+        """
+        point = self.arm.points[-1].name
+        held = {(m.posture, m.load) for m in self.fit.campaign} if self.fit else set()
+        states: dict[tuple[int, int], list[Experiment]] = {}
+        for visit in self.batch:
+            states.setdefault((visit.place, visit.case), []).append(visit)
+        rows = []
+        for visits in states.values():
+            hammer, labelled, dial = (sum(getattr(v, part) for v in visits) for part in ("hammer", "labelled", "dial"))
+            whole = replace(visits[0], hammer=hammer > 0, labelled=labelled > 0, dial=dial > 0)
+            for row in expected_rows(self.view, self.means, whole, point):
+                n = hammer if row.kind == "frequency" else dial
+                note = f"mean of {n} readings. " * (n > 1)
+                if (row.posture, row.load) in held:
+                    note += "measured before: put the mean in place of the row that is there. "
+                rows.append(replace(row, sigma=row.sigma / math.sqrt(n), note=note.strip()))
+        return Campaign(f"{self.name}.plan", measurements=tuple(rows))
+
+    def values_told(self, step: int) -> list[tuple[str, float]]:
+        """Return each value of a step's visit that counts, with the nats it would give as the only one."""
+        visit = self.batch[step]
+        before = self.known.information + sum(self.offered.information[s.visit] for s in self.steps[:step])
+        rows = row_information(self.view, self.means)[:, visit.place, visit.case]
+        alone = information_gain(before, before + rows).mean(-1)
+        told = [
+            (str(label), float(nats))
+            for (label, counts), nats in zip(modes_of(self.view, visit), alone[:-1], strict=True)
+            if visit.hammer and counts
+        ]
+        return told + ([("deflection", float(alone[-1]))] if visit.dial else [])
 
 
-def information_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return ln det(after) / 2 - ln det(before) / 2 of inverse covariances."""
-    return (np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]) / 2
-
-
-def variance_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Return by how much the mean variance shrinks between two inverse covariances."""
-    return (sds(before) ** 2 - sds(after) ** 2).mean(-1)
-
-
-def gains(known: Knowledge, visits: Visits, gain: Gain) -> Float[np.ndarray, "C"]:
-    """Return what each visit alone would gain, averaged over the points."""
-    return _gains(known.information, visits, gain)
-
-
-def greedy(
-    known: Knowledge, visits: Visits, count: int, gain: Gain = information_gain, *, target: float = 0.0
-) -> tuple[Step, ...]:
-    """Choose visits one by one, each the one with most gain per cost after those before it; none is barred twice.
-
-    At equal costs the information gain of the batch is at least 1 - 1/e (63 %) of what the best one of its size has,
-    as ln det is submodular; in practice it is within a few percent.
+def plan_campaign(
+    arm: Arm,
+    campaign: Campaign | None = None,
+    *,
+    count: int = COUNT,
+    aim: str = D_OPTIMAL,
+    target: float = 0.0,
+    step: float = STEP,
+    modes: int = 4,
+    loads: tuple[Load, ...] = (OWN_WEIGHT,),
+    sigma: Mapping[str, float] | None = None,
+    costs: Mapping[str, float] | None = None,
+    draws: int = DRAWS,
+    starts: int = STARTS,
+    seed: int = 0,
+    trust_values: bool = False,
+    **unknowns: Any,
+) -> CampaignPlan:
+    """Choose what to measure next on an arm.
 
     Args:
-        known: what is known now.
-        visits: what could be measured.
-        count: visits at most.
-        gain: what they are chosen for, see `criterion`.
-        target: stop as soon as every standard deviation at the first point is below; 0 to take all.
-
-    References:
-        Nemhauser, Wolsey, Fisher, "An analysis of approximations for maximizing submodular set functions",
-        Mathematical Programming 14, 1978.
-    """
-    steps: list[Step] = []
-    information = known.information
-    while len(steps) < count and not (sds(information[0]) < target).all():
-        per_cost = _gains(information, visits, gain) / visits.cost
-        best = int(np.argmax(per_cost))
-        after = information + visits.information[best]
-        nats = float(information_gain(information, after).mean())
-        cost = float(visits.cost[best])
-        steps.append(Step(best, cost, nats, float(per_cost[best]) * cost, sds(after)))
-        information = after
-    return tuple(steps)
-
-
-def fewest(known: Knowledge, visits: Visits, target: float, most: int = 4) -> tuple[int, ...] | None:
-    """Search all sets of 1, 2, ... different visits for the smallest that brings all sds below a target.
-
-    The sds are those at the first point. Of the sets of that size it is the one whose largest sd is smallest; None if
-    `most` do not suffice.
+        arm: the arm; its limits say which postures can be held.
+        campaign: what is measured already; None for nothing, so that the priors alone are known.
+        count: visits in the batch, at most.
+        aim: `d` (information), `a` (mean variance) or the name of one parameter.
+        target: standard deviation of theta below which all are to be brought; the batch ends there. 0 for none.
+        step: [rad] of the grid over each driven joint.
+        modes: frequencies that a hammer test gives.
+        loads: load cases that can be had.
+        sigma: by kind, the standard deviation of a value as a share of it; as in the campaign where not given.
+        costs: of the parts of a visit, in place of `COSTS`.
+        draws: points of the parameters, beside the best estimate, over which gains are averaged.
+        starts: of the fit.
+        seed: of starts, draws and sampled postures.
+        trust_values: take values of the campaign that the arm file makes implausible.
+        **unknowns: what is unknown, and its priors, as in `pose`.
 
     Raises:
-        InputError: there are too many sets.
+        InputError: arm, campaign and options do not fit together.
+        ModelError: the campaign can't be fitted, or the arm stands in no posture.
     """
-    for size in range(1, most + 1):
-        worst, chosen = np.inf, None
-        for sets in _chunks(len(visits), size):
-            after = known.information[0] + visits.information[sets, 0].sum(1)
-            largest = sds(after).max(-1)
-            if largest.min() < worst:
-                worst, chosen = float(largest.min()), sets[int(np.argmin(largest))]
-        if chosen is not None and worst < target:
-            return tuple(map(int, chosen))
-    return None
+    if count < 1:
+        raise InputError(Problem("count", f"{count}", "at least one visit", "ask for more"))
+    if not arm.points:
+        remedy = "add a [[point]] at the arm's end: there deflection is read, and modes are named by how it moves"
+        raise InputError(Problem(arm.name, "no point", "at least one", remedy))
+    means = Instruments(modes, loads, relative_sigma(campaign or Campaign(), sigma), costs or {})
+    postures, sampled = posture_grid(arm, step, seed=seed)
+    found = None
+    if campaign:
+        found = fit_campaign(arm, campaign, starts=starts, seed=seed, trust_values=trust_values, **unknowns)
+    parameters = found.fit.problem.parameters if found else build_problem(arm, _anything(arm), **unknowns).parameters
+    gain = criterion(aim, parameters.names)
+    spread = {"draws": draws, "seed": seed}
+    known = fitted_knowledge(found.fit, **spread) if found else prior_knowledge(parameters, **spread)
+    held = np.array(campaign.postures) if campaign else postures[:0]
+    view, seen, measured = _different(arm, parameters, known.points, np.concatenate([postures, held]), held, means)
+    stands = np.asarray(view.stands.all(0))
+    known, view = known.at(stands), view.at(points=stands)
+    visits, offered = candidates(view, means)
+    return CampaignPlan(
+        arm=arm,
+        fit=found,
+        parameters=parameters,
+        known=known,
+        left_out=int((~stands).sum()),
+        means=means,
+        grid=Grid(postures, seen[: len(postures)], sampled),
+        view=view,
+        measured=measured,
+        aim=aim,
+        visits=visits,
+        offered=offered,
+        gain=gains(known, offered, gain),
+        nats=gains(known, offered, information_gain),
+        steps=greedy(known, offered, count, gain, target=target),
+    )
 
 
-def _gains(information: np.ndarray, visits: Visits, gain: Gain) -> np.ndarray:
-    return gain(information, information + visits.information).mean(-1)
+def _different(
+    arm: Arm, parameters: Parameters, points: np.ndarray, postures: np.ndarray, held: np.ndarray, means: Instruments
+) -> tuple[CandidatePredictions, np.ndarray, np.ndarray]:
+    """Look at the postures in which the arm stands, at one of each that show the same.
+
+    Returns:
+        What they show; for each posture its place there, -1 for none; which of them were held already.
+    """
+    first = candidate_predictions(arm, parameters, points[:2], postures, means.loads, means.modes)
+    stands = first.stands[:, 0]
+    if not stands.any():
+        raise ModelError(
+            f"{arm.name} has no stable equilibrium in any of {len(postures)} postures: its bushings are too soft for"
+            " what they carry; check stiffnesses, masses and their units"
+        )
+    standing = np.flatnonzero(stands)
+    fine = first.at(postures=standing, points=np.asarray(first.stands[standing].all(0)))
+    before = (postures[standing, None] == held[None]).all(-1).any(1)
+    # for their twins stand postures that were held, then those of little turning, to the left rather than the right
+    turning = np.abs(postures[standing]).sum(1) - 1e-6 * postures[standing].sum(1)
+    leader = equivalent_postures(fine, np.where(before, -1.0 / (1.0 + turning), turning))
+    leaders = np.unique(leader)
+    seen = np.full(len(postures), -1)
+    seen[standing] = np.searchsorted(leaders, leader)
+    view = candidate_predictions(arm, parameters, points, postures[standing[leaders]], means.loads, means.modes)
+    return view, seen, np.isin(np.arange(len(leaders)), seen[standing[before]])
 
 
-def _chunks(count: int, size: int) -> Iterator[np.ndarray]:
-    number = int(np.prod([(count - i) / (i + 1) for i in range(size)]))
-    if number > MOST:
-        remedy = "search among fewer visits, or choose greedily"
-        raise InputError(Problem("", f"{number} sets of {size} visits", f"{MOST} at most", remedy))
-    sets = combinations(range(count), size)
-    while chunk := list(islice(sets, TOGETHER)):
-        yield np.array(chunk)
+def _anything(arm: Arm) -> Campaign:
+    """Return a campaign of both kinds that can be planned, to pose a problem with before anything is measured."""
+    still = (0.0,) * len(arm.driven)
+    frequency = Measurement(kind="frequency", posture=still, value=1.0, sigma=1.0)
+    read = Measurement(kind="deflection", posture=still, value=1.0, sigma=1.0, point=arm.points[-1].name)
+    return Campaign(measurements=(frequency, read))

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Chain, Loads, hold
-from ident.arm.equilibrium import Rest, deflection, rest
+from ident.arm.chain import Chain, Loads, at_posture
+from ident.arm.equilibrium import StaticEquilibrium, deflection, static_equilibrium
 from ident.arm.labels import fits
 from ident.arm.modes import (
     Modes,
@@ -47,7 +47,7 @@ def predict(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> 
         has no stable equilibrium, or no mode that a label names.
     """
     chain = chains(arm, parameters, conditions)
-    at = rest(chain)
+    at = static_equilibrium(chain)
     rows: list[int] = []
     values: list[Array] = []
     if conditions.frequency.rows:
@@ -71,10 +71,10 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
 
     loads = conditions.loads
     loads = Loads(lift(loads.payload), lift(loads.mass), lift(loads.force))
-    return hold(arm.replace(parameters), lift(conditions.posture), loads)
+    return at_posture(arm.replace(parameters), lift(conditions.posture), loads)
 
 
-def _frequencies(chain: Chain, at: Rest, modal: Modal) -> Float[Array, "D *batch"]:
+def _frequencies(chain: Chain, at: StaticEquilibrium, modal: Modal) -> Float[Array, "D *batch"]:
     if not any(modal.labels):
         count = max(modal.ordinals)
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
@@ -83,7 +83,7 @@ def _frequencies(chain: Chain, at: Rest, modal: Modal) -> Float[Array, "D *batch
     return _pick(found.frequency, mode_choice(modal, found), modal)
 
 
-def _damping_ratios(chain: Chain, at: Rest, modal: Modal) -> Float[Array, "D *batch"]:
+def _damping_ratios(chain: Chain, at: StaticEquilibrium, modal: Modal) -> Float[Array, "D *batch"]:
     s = damped_eigenvalues(linearize(chain, at))
     ratio = -s.real / jnp.abs(s)
     return _pick(ratio, mode_choice(modal, modes_about(chain, at)), modal)
@@ -118,7 +118,7 @@ def _pick(values: Float[Array, "m S *batch"], choice: Array, modal: Modal) -> Fl
     return jnp.where(choice.sum(0) > 0, picked, jnp.nan)
 
 
-def _deflections(chain: Chain, at: Rest, conditions: Conditions) -> Float[Array, "D *batch"]:
+def _deflections(chain: Chain, at: StaticEquilibrium, conditions: Conditions) -> Float[Array, "D *batch"]:
     moved = deflection(chain, at.phi)
     point, reference = np.array(conditions.point), np.array(conditions.reference)
     rank = moved.ndim - 3

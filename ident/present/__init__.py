@@ -1,1 +1,1 @@
-"""Results for people: report, figures, and the result file."""
+"""Results for people: text, figures, files, pages. Computes nothing."""

@@ -1,1 +1,1 @@
-"""The arm at work: drives and motions, transient vibration, resonance, spectra. Knows no measurements."""
+"""The arm at work: motion, response, modes along the motion, signals, redesign. Knows no measurements."""

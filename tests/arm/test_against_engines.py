@@ -15,7 +15,7 @@ from scipy.linalg import eigh
 from scipy.optimize import root
 
 from ident.arm.arm import Arm
-from ident.arm.chain import hold
+from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.arm.mechanics import mass_matrix, potential_derivatives, unflatten
 from ident.arm.modes import natural_frequencies
@@ -27,7 +27,7 @@ ENGINES = (MujocoArm, PinocchioArm)
 
 def ours(arm: Arm, posture: Array, x: Array) -> dict[str, Array]:
     """All that is compared; gravity without the springs, which would hide an error of it."""
-    chain, phi = hold(arm, posture), unflatten(x)
+    chain, phi = at_posture(arm, posture), unflatten(x)
     slack = eqx.tree_at(lambda c: (c.bend, c.tors), chain, replace_fn=jnp.zeros_like)
     gradient, hessian = potential_derivatives(slack, phi)
     return {

@@ -12,7 +12,7 @@ from jaxtyping import Array
 from scipy.optimize import brentq
 
 from ident.arm.arm import Arm
-from ident.arm.chain import hold
+from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection
 from ident.arm.modes import damped_eigenvalues, linearize, modes, natural_frequencies
 
@@ -46,7 +46,7 @@ CASES = {"random": random_case, "lcd": lcd_case}
 def quantities(arm: Arm, posture: Array, paths: tuple[str, ...], scale: Array) -> dict[str, Array]:
     """What an arm shows, as a function of factors on its parameters."""
     old = jnp.stack([arm.get(path) for path in paths])
-    chain = hold(arm.replace(dict(zip(paths, old * scale, strict=True))), posture)
+    chain = at_posture(arm.replace(dict(zip(paths, old * scale, strict=True))), posture)
     system = linearize(chain)
     s = damped_eigenvalues(system)
     return {
@@ -101,7 +101,7 @@ def column_frequencies(scale: Array) -> Array:
     arm = two_equal_arm()
     old = jnp.stack([arm.get(path) for path in REPEATED_PATHS])
     arm = arm.replace(dict(zip(REPEATED_PATHS, old * scale, strict=True)))
-    return natural_frequencies(hold(arm, jnp.zeros(2)), 6)
+    return natural_frequencies(at_posture(arm, jnp.zeros(2)), 6)
 
 
 def pairs() -> list[tuple[int, int]]:
@@ -130,7 +130,7 @@ def test_deflection_gradient_is_finite_at_zero_deflection(mode: str) -> None:
     """The column stands straight: phi = 0, where careless rotation formulas divide by zero."""
 
     def sag(k: Array) -> Array:
-        chain = hold(two_equal_arm().replace({"lower.k_bend": k}), jnp.zeros(2))
+        chain = at_posture(two_equal_arm().replace({"lower.k_bend": k}), jnp.zeros(2))
         return deflection(chain, linearize(chain).phi)
 
     slope = {"fwd": jax.jacfwd, "rev": jax.jacrev}[mode](sag)(8e3)
@@ -141,7 +141,7 @@ def test_deflection_gradient_is_finite_at_zero_deflection(mode: str) -> None:
 
 
 def lcd_frequencies(k: Array) -> Array:
-    return natural_frequencies(hold(lcd_arm().replace({"joint1.k_tors": k}), jnp.zeros(3)), 2)
+    return natural_frequencies(at_posture(lcd_arm().replace({"joint1.k_tors": k}), jnp.zeros(3)), 2)
 
 
 @cache
@@ -150,7 +150,7 @@ def crossing() -> float:
 
     @jax.jit
     def gap(k: Array) -> Array:
-        found = modes(hold(lcd_arm().replace({"joint1.k_tors": k}), jnp.zeros(3)), 2)
+        found = modes(at_posture(lcd_arm().replace({"joint1.k_tors": k}), jnp.zeros(3)), 2)
         vertical = jnp.abs(found.motion[2, -1]) > jnp.abs(found.motion[1, -1])
         return jnp.where(vertical, found.frequency, -found.frequency).sum()
 

@@ -12,7 +12,7 @@ from arms import lcd_arm, posture_of, random_arm, random_body, without_gravity
 from jaxtyping import Array
 
 from ident.arm.arm import Arm, stiffness_paths
-from ident.arm.chain import Chain, Loads, hold, no_loads
+from ident.arm.chain import Chain, Loads, at_posture, no_loads
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.arm.labels import mode_labels
 from ident.arm.mechanics import (
@@ -29,7 +29,7 @@ from ident.arm.modes import Linearized, damped_eigenvalues, linearize, mac, mode
 from ident.arm.parts import Body, Joint, Payload, Point
 
 G = 9.80665
-held = jax.jit(hold)
+held = jax.jit(at_posture)
 all_modes = jax.jit(modes)
 settle = jax.jit(equilibrium)
 system_of = jax.jit(linearize)
@@ -92,7 +92,7 @@ def test_second_variations_are_those_of_the_matrices() -> None:
 
 def test_undamped_frequencies_do_not_depend_on_damping() -> None:
     arm, posture = sample()
-    slope = jax.jacfwd(lambda tau: natural_frequencies(hold(arm.replace({"j0.tau_bend": tau}), posture), 3))(0.01)
+    slope = jax.jacfwd(lambda tau: natural_frequencies(at_posture(arm.replace({"j0.tau_bend": tau}), posture), 3))(0.01)
     assert jnp.abs(slope).max() == 0
 
 
@@ -124,7 +124,7 @@ def test_frequency_slope_is_the_energy_share() -> None:
     @jax.jit
     @partial(jax.jacfwd)
     def slope(k: Array) -> Array:
-        return natural_frequencies(hold(arm.replace(dict(zip(paths, k, strict=True))), posture), 9)
+        return natural_frequencies(at_posture(arm.replace(dict(zip(paths, k, strict=True))), posture), 9)
 
     found = all_modes(chain)
     share = jnp.concatenate([found.bend, found.tors]).T
@@ -272,7 +272,7 @@ def test_vmap_equals_the_native_batch() -> None:
     k = jnp.linspace(3e4, 9e4, 4)
 
     def answers(k: Array, posture: Array) -> tuple[Array, Array, Array]:
-        chain = hold(arm.replace({"j1.k_bend": k}), posture)
+        chain = at_posture(arm.replace({"j1.k_bend": k}), posture)
         system = linearize(chain)
         return (
             natural_frequencies(chain, 4),

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import scipy.linalg as sl
 
-from ident.arm.linalg import largest_eigenpairs, lowest_modes, solve_positive, whitener
+from ident.arm.linalg import inverse_cholesky_factor, largest_eigenpairs, lowest_modes, solve_positive
 
 EPS = 2.2e-16
 SIZES = (3, 6, 9, 18, 36)
-factor = jax.jit(whitener)
+factor = jax.jit(inverse_cholesky_factor)
 pairs = jax.jit(largest_eigenpairs, static_argnums=1)
 low = jax.jit(lowest_modes, static_argnums=2)
 

@@ -23,13 +23,13 @@ from sizes import MODES, predictor, sizes  # noqa: E402
 from timing import machine, table, timed  # noqa: E402
 
 from ident.arm.arm import Arm, stiffness_paths  # noqa: E402
-from ident.arm.file import read_arm  # noqa: E402
-from ident.identify.batch import in_batches  # noqa: E402
+from ident.description.file import read_arm  # noqa: E402
 from ident.identify.conditions import bind  # noqa: E402
-from ident.identify.fit import fit  # noqa: E402
-from ident.identify.parameters import stiffness_parameters  # noqa: E402
 from ident.identify.predict import ArmModel  # noqa: E402
-from ident.identify.problem import InverseProblem  # noqa: E402
+from ident.inference.batches import in_batches  # noqa: E402
+from ident.inference.fit import fit  # noqa: E402
+from ident.inference.parameters import stiffness_parameters  # noqa: E402
+from ident.inference.problem import InverseProblem  # noqa: E402
 from ident.measure import Campaign, read_campaign  # noqa: E402
 
 

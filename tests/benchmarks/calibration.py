@@ -31,15 +31,15 @@ import numpy as np  # noqa: E402
 from shell import DATA, ROOT  # noqa: E402
 from timing import machine  # noqa: E402
 
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 from sbc import Recovery, recover, report  # noqa: E402
 
-from ident.arm.file import read_arm  # noqa: E402
-from ident.identify.fit import evaluate  # noqa: E402
-from ident.identify.pose import pose  # noqa: E402
-from ident.identify.problem import InverseProblem  # noqa: E402
-from ident.identify.sample import Settings  # noqa: E402
+from ident.description.file import read_arm  # noqa: E402
+from ident.identify.build_problem import build_problem  # noqa: E402
+from ident.inference.fit import evaluate  # noqa: E402
+from ident.inference.problem import InverseProblem  # noqa: E402
+from ident.inference.sample import Settings  # noqa: E402
 from ident.measure import Campaign, Measurement  # noqa: E402
 
 ALPHA = (0.0, 60.0)
@@ -64,7 +64,7 @@ def problem() -> InverseProblem:
         for place in range(FREQUENCIES):  # values that are replaced, but for their order
             rows.append(Measurement(kind="frequency", posture=posture, value=1.0 + place, sigma=1.0))
         rows.append(Measurement(kind="deflection", posture=posture, value=1.0, sigma=1.0, point="tip"))
-    posed = pose(arm, Campaign(measurements=tuple(rows)), prior_sd=WIDTH)
+    posed = build_problem(arm, Campaign(measurements=tuple(rows)), prior_sd=WIDTH)
     nominal = evaluate(posed).predicted
     sigma = jnp.array([SIGMA[kind] for kind in posed.kinds]) * nominal
     return eqx.tree_at(lambda p: (p.measured, p.sigma), posed, (nominal, sigma))

@@ -11,8 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[1] / "vibrate"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 import mujoco
 import numpy as np
@@ -292,11 +291,11 @@ def by_ident(arm: Arm, table: MotionTable, times: np.ndarray, start: np.ndarray,
     import jax
     import jax.numpy as jnp
 
-    from ident.vibrate.dynamics import residual
-    from ident.vibrate.kinematics import Command
-    from ident.vibrate.machine import machine
+    from ident.arm.multibody import multibody
+    from ident.arm.multibody_dynamics import residual
+    from ident.arm.multibody_kinematics import Command
 
-    of, n = machine(arm), len(start) // 2
+    of, n = multibody(arm), len(start) // 2
 
     @jax.jit
     def flow(command: jax.Array, s: jax.Array) -> jax.Array:

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import scipy.linalg as sl
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "arm"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from engines import MujocoArm
 

@@ -24,12 +24,12 @@ from peer import Peer  # noqa: E402
 from shell import DATA  # noqa: E402
 from timing import machine  # noqa: E402
 
-from ident.arm.file import read_arm  # noqa: E402
-from ident.identify.fit import Fit, fit  # noqa: E402
-from ident.identify.pose import pose  # noqa: E402
-from ident.identify.posterior import Posterior, evaluate, posterior  # noqa: E402
-from ident.identify.sample import DEFAULT, Sample, Settings, sample  # noqa: E402
-from ident.identify.starts import starting_points  # noqa: E402
+from ident.description.file import read_arm  # noqa: E402
+from ident.identify.build_problem import build_problem  # noqa: E402
+from ident.inference.fit import Fit, fit  # noqa: E402
+from ident.inference.initial_walkers import starting_points  # noqa: E402
+from ident.inference.posterior import Posterior, evaluate, posterior  # noqa: E402
+from ident.inference.sample import DEFAULT, Sample, Settings, sample  # noqa: E402
 from ident.measure import Campaign, read_campaign  # noqa: E402
 
 TIMES = 20
@@ -200,7 +200,7 @@ def main() -> None:
     quick = parser.parse_args().quick
     print(machine())
     campaign = read_campaign(DATA / "campaign.csv")
-    problem = pose(read_arm(DATA / "arm.toml"), campaign)
+    problem = build_problem(read_arm(DATA / "arm.toml"), campaign)
     found, target = fit(problem), posterior(problem)
     settings = replace(DEFAULT, max_steps=500) if quick else DEFAULT
     ours, drawn = ident(found, target, settings)

@@ -14,8 +14,8 @@ import time; t = [time.perf_counter()]
 from ident.cli import running; running.start()
 import jax, equinox as eqx
 from pathlib import Path
-from ident.arm.file import read_arm; from ident.measure import read_campaign
-from ident.identify import fit as stage; from ident.identify.pose import pose
+from ident.description.file import read_arm; from ident.measure import read_campaign
+from ident.inference import fit as stage; from ident.identify.build_problem import pose
 from ident.jit import SMALL_KERNELS
 t.append(time.perf_counter())
 problem = pose(read_arm("ARM"), read_campaign("CAMPAIGN"))
@@ -27,7 +27,7 @@ program = lowered.compile()
 t.append(time.perf_counter())
 jax.block_until_ready(program(problem, start))
 t.append(time.perf_counter())
-import ident.present.figures
+import ident.present.figures.fit
 t.append(time.perf_counter())
 names = "imports", "read and bind", "trace and lower", "compile or load", "one start", "import matplotlib"
 print(", ".join(f"{n} {b - a:.2f}" for n, a, b in zip(names, t, t[1:])))

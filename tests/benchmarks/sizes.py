@@ -10,8 +10,8 @@ import numpy as np
 from timing import timed
 
 from ident.arm.arm import Arm, stiffness_paths
-from ident.arm.chain import hold
-from ident.arm.equilibrium import deflection, rest
+from ident.arm.chain import at_posture
+from ident.arm.equilibrium import deflection, static_equilibrium
 from ident.arm.modes import lowest_eigenpairs, to_hertz
 from ident.arm.parts import Body, Joint, Point
 
@@ -24,8 +24,8 @@ def predictor(arm: Arm, posture: np.ndarray) -> Callable[[Any], Any]:
 
     def predict(k: Any) -> Any:
         q = jnp.asarray(posture).reshape(posture.shape + (1,) * (k.ndim - posture.ndim))
-        chain = hold(arm.replace(dict(zip(paths, k, strict=True))), q)
-        at = rest(chain)
+        chain = at_posture(arm.replace(dict(zip(paths, k, strict=True))), q)
+        at = static_equilibrium(chain)
         values = to_hertz(lowest_eigenpairs(chain, at, count=min(MODES, at.W.shape[0]))[0])
         return jnp.concatenate([values, -deflection(chain, at.phi)[2, -1:]])
 

@@ -14,7 +14,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 import jax
 import numpy as np
@@ -24,10 +24,10 @@ from timing import machine
 from transient import RATE, error, mujoco, ten_seconds
 
 from ident.arm.arm import Arm
-from ident.vibrate.motion import Motion
-from ident.vibrate.simulate import simulate
-from ident.vibrate.sweep import Axis, Sweep, axis, sweeps
-from ident.vibrate.trial import Trial
+from ident.vibrate.motion.motion import Motion
+from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.sweep import Axis, Sweep, axis, sweeps
+from ident.vibrate.response.simulate import simulate
 
 
 def figure_nine(arm: Arm, count: int) -> list[Axis]:
@@ -36,7 +36,7 @@ def figure_nine(arm: Arm, count: int) -> list[Axis]:
     return [axis(arm, [path], float(arm.get(path)) * np.geomspace(0.4, 2.5, count), 10.0) for path in paths]
 
 
-def ours(trial: Trial, axes: list[Axis], repeat: int) -> tuple[float, tuple[Sweep, ...]]:
+def ours(trial: Evaluator, axes: list[Axis], repeat: int) -> tuple[float, tuple[Sweep, ...]]:
     """Return the least time [s] of all sweeps, and what they find."""
     found, times = sweeps(trial, axes), []
     for _ in range(repeat):
@@ -74,7 +74,7 @@ def main() -> None:
     motion, axes = ten_seconds(arm), figure_nine(arm, 3 if quick else 21)
     runs = sum(len(one.values) for one in axes)
     variables = tuple(one.variable for one in axes)
-    trial = Trial(arm, motion, variables, rate=RATE)
+    trial = Evaluator(arm, motion, variables, rate=RATE)
     changes = [
         np.log(one.values / one.present)[:, None] * way for one, way in zip(axes, np.eye(len(axes)), strict=True)
     ]

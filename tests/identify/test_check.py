@@ -11,16 +11,18 @@ import pytest
 from arms import lcd_arm
 
 from ident.errors import InputError
-from ident.identify.campaign_check import check_campaign
-from ident.identify.check import check
-from ident.identify.consistency import consistency
-from ident.identify.fit import evaluate
-from ident.identify.influence import influence
-from ident.identify.judge import contradictory_repeats, tensions
-from ident.identify.label_check import label_doubts
-from ident.identify.parameters import Parameter, Parameters, parameter
-from ident.identify.pose import pose
-from ident.identify.problem import InverseProblem
+from ident.identify.build_problem import build_problem
+from ident.identify.check import check_campaign
+from ident.identify.data_checks import contradictory_repeats
+from ident.identify.label_checks import label_doubts
+from ident.identify.unknowns import parameter
+from ident.inference.consistency import consistency
+from ident.inference.cross_prediction import cross_predictions
+from ident.inference.fit import evaluate
+from ident.inference.identifiability import check
+from ident.inference.leverage import leverage_of
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
@@ -112,7 +114,7 @@ def test_no_answer_at_the_start_is_unknown_and_never_fine(end, verdict):
     found = check(problem)
     assert found.verdicts == (verdict,)
     assert found.missing.tolist() == [False, verdict == "unknown"]
-    assert (found.information is None) == (found.influence is None) == (verdict == "unknown")
+    assert (found.information is None) == (found.leverage is None) == (verdict == "unknown")
 
 
 def test_no_answer_at_most_of_the_points_is_unknown_too():
@@ -135,7 +137,7 @@ def test_the_same_seed_looks_at_the_same_points():
 
 def test_leverage_of_a_line_through_the_origin():
     x = np.array([1.0, 2.0, 3.0, 9.0])
-    part = influence(10 * x[:, None], ("a",))
+    part = leverage_of(10 * x[:, None], ("a",))
     np.testing.assert_allclose(part.leverage, x**2 / (x**2).sum())
     np.testing.assert_allclose(part.share.sum(), 1)
     assert part.sees == (0, 0, 0, 0)
@@ -145,7 +147,7 @@ def test_leverage_of_a_line_through_the_origin():
 
 def test_what_tells_nothing_and_what_alone_tells_something():
     J = np.array([[10, 0], [10, 0], [10, 0], [0, 10], [0, 0], [0.1, 0]])
-    part = influence(J, ("a", "b"))
+    part = leverage_of(J, ("a", "b"))
     assert part.empty.tolist() == [False, False, False, False, True, True]
     assert part.dominant.tolist() == [False, False, False, True, False, False]
     assert part.opened == (0, 0, 0, 1, 0, 0)
@@ -155,14 +157,14 @@ def test_what_tells_nothing_and_what_alone_tells_something():
 
 def test_a_measurement_that_is_needed_although_others_see_the_same():
     """Without the precise one, b is known to 1 / sqrt(2) only: weak."""
-    part = influence(np.array([[10, 0], [10, 0], [0, 9], [0, 1], [0, 1.0]]), ("a", "b"))
+    part = leverage_of(np.array([[10, 0], [10, 0], [0, 9], [0, 1], [0, 1.0]]), ("a", "b"))
     assert part.lost == ((), (), ("b",), (), ())
     assert part.opened == (0, 0, 0, 0, 0)
     assert part.leverage[2] == pytest.approx(81 / 83)
 
 
 def test_many_equal_measurements_each_carry_their_share():
-    part = influence(np.ones((1000, 1)), ("a",))
+    part = leverage_of(np.ones((1000, 1)), ("a",))
     assert not part.empty.any()
     assert not part.dominant.any()
 
@@ -173,7 +175,7 @@ def test_many_equal_measurements_each_carry_their_share():
 def test_contradicting_kinds_in_closed_form():
     problem = linear([[1], [1], [1]], measured=[3.0, 5.0, 10.0], sigma=0.5, kinds=("x", "x", "y"))
     found = consistency(problem)
-    x, y = found.tensions
+    x, y = found.cross_predictions
     assert (x.kind, x.rows, y.kind, y.rows) == ("x", (0, 1), "y", (2,))
     np.testing.assert_allclose(y.predicted, 4)
     np.testing.assert_allclose(y.z, (10 - 4) / (0.5 * math.sqrt(1 + 1 / 2)))
@@ -187,7 +189,7 @@ def test_a_prior_is_a_measurement_too():
     """x = a + b, y = a; prior N(0, 2) on each: y given x is N(x 4/9, 4 - 16/9) with sigma 1 on x."""
     problem = linear([[1, 1], [1, 0]], measured=[9.0, 0.0], kinds=("x", "y"), prior_sd=2.0)
     found = consistency(problem)
-    y = found.tensions[1]
+    y = found.cross_predictions[1]
     np.testing.assert_allclose(y.predicted, 4)
     np.testing.assert_allclose(y.sd, math.sqrt(1 + 4 - 16 / 9))
     assert found.degrees_of_freedom == 2
@@ -197,7 +199,7 @@ def test_a_prior_is_a_measurement_too():
 
 def test_what_the_others_leave_open_is_not_tested():
     found = consistency(linear([[1, 0], [0, 1]], measured=[3.0, 7.0], kinds=("x", "y")))
-    assert found.tensions == ()
+    assert found.cross_predictions == ()
     assert found.degrees_of_freedom == 0
     assert math.isnan(found.p_value)
 
@@ -207,7 +209,7 @@ def test_powers_are_straight_lines_however_far_the_start():
     model = lambda p: jnp.stack([p["a"], p["a"] ** -2])  # noqa: E731
     problem = problem_of(model, 1, [2.0, 0.27], sigma=0.01, kinds=("x", "y"), positive=True, start=200.0)
     found = consistency(problem)
-    y = found.tensions[1]
+    y = found.cross_predictions[1]
     np.testing.assert_allclose(y.predicted, 0.25)
     np.testing.assert_allclose(y.sd, math.hypot(0.01, 0.25 * 2 * 0.01 / 2))
     assert found.bend < 1e-6
@@ -219,7 +221,7 @@ def test_a_bent_model_makes_the_test_weaker_not_wrong():
     found = consistency(problem)
     straight = (math.e - 2) / (0.01 * math.sqrt(2))
     assert straight > 50
-    assert max(np.abs(t.z).max() for t in found.tensions) < 1.5
+    assert max(np.abs(t.z).max() for t in found.cross_predictions) < 1.5
     assert found.bend > 1
     assert math.isnan(found.p_value), "no chi-squared where the line is bent"
 
@@ -229,8 +231,8 @@ def test_a_value_near_zero_is_no_power():
     model = lambda p: jnp.stack([p["a"], p["a"] - 1])  # noqa: E731
     problem = problem_of(model, 1, [1.0, -0.01], sigma=0.02, kinds=("x", "y"), positive=True, start=1.05)
     found = consistency(problem)
-    assert all(np.isfinite(t.z).all() for t in found.tensions)
-    assert max(np.abs(t.z).max() for t in found.tensions) < 1
+    assert all(np.isfinite(t.z).all() for t in found.cross_predictions)
+    assert max(np.abs(t.z).max() for t in found.cross_predictions) < 1
 
 
 # the arm
@@ -241,15 +243,15 @@ def test_the_paper_fixes_three_of_six_directions_and_no_parameter(paper):
     assert paper.check.information.rank == 3
     assert np.isinf(paper.check.data_sd).all()
     assert paper.check.answered == 9
-    assert paper.check.influence.opened == (1, 1, 1)
-    np.testing.assert_allclose(paper.check.influence.leverage, 1)
+    assert paper.check.leverage.opened == (1, 1, 1)
+    np.testing.assert_allclose(paper.check.leverage.leverage, 1)
 
 
 def test_the_shipped_campaign_identifies_all_six(shipped):
     assert shipped.check.verdicts == ("identifiable",) * 6
     assert (shipped.check.data_sd < 0.05).all()
-    assert shipped.check.influence.leverage.sum() == pytest.approx(6)
-    assert not shipped.check.influence.dominant.any()
+    assert shipped.check.leverage.leverage.sum() == pytest.approx(6)
+    assert not shipped.check.leverage.dominant.any()
     assert not shipped.contradictory
     assert 0.01 < shipped.consistency.p_value < 0.999
     assert shipped.labels == ()
@@ -258,8 +260,8 @@ def test_the_shipped_campaign_identifies_all_six(shipped):
 def test_the_contradiction_of_the_paper_is_found_before_any_solving(paper):
     """The full answer is 31.6 +- 0.8 mm and -12.6 sd; the straight line gets the millimetres, and -10.5 sd."""
     assert paper.contradictory
-    linearised = {t.kind: t for t in paper.consistency.tensions}
-    full = {t.kind: t for t in tensions(paper.check.problem)}
+    linearised = {t.kind: t for t in paper.consistency.cross_predictions}
+    full = {t.kind: t for t in cross_predictions(paper.check.problem)}
     np.testing.assert_allclose(linearised["deflection"].predicted, full["deflection"].predicted, rtol=2e-3)
     assert full["deflection"].z[0] == pytest.approx(-12.6, abs=0.1)
     assert linearised["deflection"].z[0] == pytest.approx(-10.5, abs=0.1)
@@ -278,7 +280,7 @@ def test_wrong_stiffnesses_in_the_arm_file_are_no_contradiction(shipped):
         )
         off = InverseProblem(problem.model, problem.measured, problem.sigma, Parameters(items), problem.kinds)
         found = consistency(off)
-        alarms += any(np.abs(t.z).max() > 3 for t in found.tensions)
+        alarms += any(np.abs(t.z).max() > 3 for t in found.cross_predictions)
     assert alarms <= 1
 
 
@@ -361,5 +363,5 @@ def test_the_problem_that_check_and_fit_pose_is_the_same():
     campaign = read_campaign(DATA / "table1.csv")
     fixed = ("joint1.k_bend", "joint3.k_bend", "joint3.k_tors", "joint2.k_tors")
     found = check_campaign(lcd_arm(), campaign, fixed=fixed, prior_sd=0.5)
-    assert found.check.problem.parameters.names == pose(lcd_arm(), campaign, fixed=fixed).parameters.names
+    assert found.check.problem.parameters.names == build_problem(lcd_arm(), campaign, fixed=fixed).parameters.names
     assert found.check.verdicts == ("identifiable",) * 2

@@ -12,17 +12,18 @@ from scipy.stats import multivariate_normal
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, ModelError
-from ident.identify.campaign_plan import plan_campaign
-from ident.identify.fit import fit, solve
-from ident.identify.knowledge import Knowledge, fitted_knowledge, prior_knowledge, scaled_jacobians
-from ident.identify.outlook import look
-from ident.identify.parameters import Parameter, Parameters, stiffness_parameters
-from ident.identify.plan import Visits, bundle, criterion, fewest, gains, greedy, information_gain
-from ident.identify.pose import arm_problem
-from ident.identify.postures import MOST, posture_grid
-from ident.identify.priors import Prior
-from ident.identify.problem import InverseProblem
-from ident.identify.visits import COSTS, row_information
+from ident.identify.build_problem import arm_problem
+from ident.identify.candidate_predictions import candidate_predictions
+from ident.identify.experiments import COSTS, row_information
+from ident.identify.plan import plan_campaign
+from ident.identify.posture_grid import MOST, posture_grid
+from ident.identify.unknowns import stiffness_parameters
+from ident.inference.fit import fit, solve
+from ident.inference.optimal_design import Experiments, bundle, criterion, fewest, gains, greedy, information_gain
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.prior_information import PriorInformation, fitted_knowledge, prior_knowledge, scaled_jacobians
+from ident.inference.priors import Prior
+from ident.inference.problem import InverseProblem
 from ident.jit import jit
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 
@@ -30,7 +31,7 @@ from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 def known(information):
     information = np.asarray(information)
     names = tuple("abcdef"[: len(information)])
-    return Knowledge(names, np.zeros((1, len(information))), information[None])
+    return PriorInformation(names, np.zeros((1, len(information))), information[None])
 
 
 def visits_of(rows, cost=None):
@@ -82,8 +83,8 @@ def test_a_batch_stops_at_its_target():
 
 def test_a_gain_is_a_mean_over_the_points():
     information = np.stack([np.eye(1), 4 * np.eye(1)])
-    there = Knowledge(("a",), np.zeros((2, 1)), information)
-    one = Visits(np.full((1, 2, 1, 1), 3.0), np.ones(1))
+    there = PriorInformation(("a",), np.zeros((2, 1)), information)
+    one = Experiments(np.full((1, 2, 1, 1), 3.0), np.ones(1))
     assert gains(there, one, information_gain)[0] == pytest.approx((math.log(4) + math.log(7 / 4)) / 4)
 
 
@@ -106,7 +107,7 @@ def test_greedy_reaches_five_percent_in_as_few_visits_as_exhaustive_search():
     """From an empty campaign; a visit is four frequencies and the deflection."""
     plan = small_grid()
     rows = row_information(plan.view, plan.means)[:, :, 0]
-    whole = Visits(rows.sum(0), np.ones(rows.shape[1]))
+    whole = Experiments(rows.sum(0), np.ones(rows.shape[1]))
     chosen = greedy(plan.known, whole, 9, target=0.05)
     assert (chosen[-1].sd[0] < 0.05).all()
     assert len(chosen) == len(fewest(plan.known, whole, 0.05)) == 2
@@ -117,7 +118,7 @@ def test_greedy_reaches_five_percent_in_as_few_single_values_as_exhaustive_searc
     """From an empty campaign, each frequency and deflection by itself: six of 35, where no five of them suffice."""
     plan = small_grid()
     rows = row_information(plan.view, plan.means)[:, :, 0].reshape(-1, 1, 6, 6)
-    single = Visits(rows, np.ones(len(rows)))
+    single = Experiments(rows, np.ones(len(rows)))
     chosen = greedy(plan.known, single, 20, criterion(aim, plan.known.names), target=0.05)
     assert (chosen[-1].sd[0] < 0.05).all()
     assert fewest(plan.known, single, 0.05, most=5) is None
@@ -204,7 +205,7 @@ def test_the_outlook_is_what_predict_says():
     parameters, loads = stiffness_parameters(lcd_arm()), (OWN_WEIGHT, Load.parse("glass + 20 N -z @ tip"))
     points = prior_knowledge(parameters, draws=1).points
     postures = np.deg2rad([[10.0, 40.0, -70.0], [0.0, 0.0, 0.0], [-20.0, 110.0, 30.0]])
-    view = look(lcd_arm(), parameters, points, postures, loads, 4)
+    view = candidate_predictions(lcd_arm(), parameters, points, postures, loads, 4)
     rows = [
         Measurement(kind=kind, posture=tuple(postures[g]), load=loads[s], value=value, sigma=1.0, point=point)
         for g, s in ((0, 0), (2, 1))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from arms import lcd_arm
 
-from ident.arm.chain import hold
+from ident.arm.chain import at_posture
 from ident.arm.labels import mode_labels, parse_label
 from ident.arm.modes import damped_eigenvalues, linearize, modes
 from ident.errors import InputError
 from ident.identify.conditions import bind
-from ident.identify.parameters import stiffness_parameters
 from ident.identify.predict import predict
+from ident.identify.unknowns import stiffness_parameters
 from ident.measure import Campaign, Load, Measurement
 
 UNFOLDED, BENT = (0.0, 0.0, 0.0), tuple(np.deg2rad([80.0, -160.0, 80.0]))
@@ -31,7 +31,7 @@ def predicted(*measurements, parameters=None):
 
 
 def exact(posture):
-    chain = hold(lcd_arm(), jnp.asarray(posture))
+    chain = at_posture(lcd_arm(), jnp.asarray(posture))
     return chain, modes(chain)
 
 

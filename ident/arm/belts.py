@@ -1,0 +1,85 @@
+"""Elastic belts between pulleys: stretch, tension, and what they do to bushings and pins.
+
+    upper span  T_u = max(0, T0 + k (e_u + tau de_u/dt)),   lower span likewise
+    e_u = L(D) - L(D0) + s,   e_l = L(D) - L(D0) - s,   s = r1 (theta1 - gamma) - r2 (theta2 - gamma)
+
+D is the distance of the pulleys' centres across the axis and gamma the turn of the line between them; both change as
+the driven shaft tilts under the belt. L(D) = sqrt(D^2 - d^2) + d asin(d/D), d = r1 - r2, is the length of a span with
+its share of the arcs, so that dL/dD = cos(beta), sin(beta) = d/D. By virtual work, torque T_u - T_l times radius on
+each pulley, (T_u + T_l) cos(beta) along the line of centres and (T_u - T_l) sin(beta) across it follow. Angles are
+counted from the command, on which the belts run without stretch, and forces from the assembled arm: the bushings were
+aligned under pretension. Source: ours, after the paper's Figure 3; its printed equations are lost.
+"""
+
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.rotations import matvec, rotation
+
+if TYPE_CHECKING:
+    from ident.arm.multibody import Multibody
+
+Spans = Float[Array, "2 B *#batch"]
+
+
+def stretch(machine: "Multibody", phi: Array, xi: Array, error: Array) -> Spans:
+    """Return by how much upper and lower span of each belt are longer than at rest [m].
+
+    Args:
+        machine: the arm.
+        phi: (3, N, *batch) [rad] rotation vectors of the bushings.
+        xi: (N, *batch) [rad] deviation of each pin from its command.
+        error: (N, *batch) [rad] kinematic error of each drive.
+    """
+    belts = machine.belts
+    driver, driven = (np.asarray(ends, int) for ends in zip(*belts.ends, strict=True))
+    axis, offset = machine.axis[:, driven], machine.offset[:, driven]
+    start = offset - axis * (axis * offset).sum(0)
+    tilt = matvec(rotation(phi[:, driven]), axis) - axis
+    line = start + belts.height * (tilt - axis * (axis * tilt).sum(0))
+    D0, D = (jnp.sqrt((x * x).sum(0)) for x in (start, line))
+    gamma = jnp.arctan2((axis * jnp.cross(start, line, axis=0)).sum(0), (start * line).sum(0))
+
+    first = (machine.drives.ratio[driver] - 1) * xi[driver] - error[driver]
+    second = machine.drives.ratio[driven] * xi[driven] + (axis * phi[:, driven]).sum(0)
+    s = belts.radius[0] * (first - gamma) - belts.radius[1] * (second - gamma)
+    longer = _span(D, belts.radius) - _span(D0, belts.radius)
+    return jnp.stack([longer + s, longer - s])
+
+
+def tensions(machine: "Multibody", e: Spans, e_dot: Spans) -> Spans:
+    """Return the tension of upper and lower span [N]; a slack span pulls with zero."""
+    belts = machine.belts
+    return jnp.maximum(0.0, belts.pretension + belts.stiffness * (e + belts.tau * e_dot))
+
+
+def belt_forces(
+    machine: "Multibody", place: tuple[Array, Array, Array], rate: tuple[Array, Array, Array]
+) -> tuple[Float[Array, "3 N *#batch"], Float[Array, "N *#batch"], Float[Array, "N *#batch"]]:
+    """Return the moments [N m] on bushings, wave generators and kinematic errors against which the belts pull.
+
+    Args:
+        machine: the arm.
+        place: phi (3, N, *batch), xi and error (N, *batch) [rad], as in `stretch`.
+        rate: their rates [rad/s].
+    """
+
+    def length(phi: Array, xi: Array, error: Array) -> Array:
+        return stretch(machine, phi, xi, error)
+
+    e, pull = jax.vjp(length, *place)
+    e_dot = jax.jvp(length, place, rate)[1]
+    at_rest = jax.vjp(length, jnp.zeros_like(place[0]), *place[1:])[1]
+    now = pull(tensions(machine, e, e_dot))
+    then = at_rest(jnp.broadcast_to(machine.belts.pretension, e.shape))
+    on_bushings, on_pins, on_errors = (a - b for a, b in zip(now, then, strict=True))
+    return on_bushings, on_pins, on_errors
+
+
+def _span(D: Array, radius: Array) -> Array:
+    d = radius[0] - radius[1]
+    return jnp.sqrt(D * D - d * d) + d * jnp.arcsin(d / D)

@@ -1,0 +1,270 @@
+"""The arm as the equations of motion need it: moments of mass, bushings, drives and belts, gathered once."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.arm import DAMPING, STIFFNESS, Arm
+from ident.arm.chain import Loads, lift, no_loads, stack
+from ident.arm.drive import SCALARS
+from ident.arm.parts import Body
+from ident.arm.rotations import identity, outer, skew
+
+
+class Moments(eqx.Module):
+    """Moments of mass about a bushing, per joint.
+
+    Attributes:
+        mass: (N, *batch) [kg]
+        first: (3, N, *batch) [kg m]
+        second: (3, 3, N, *batch) [kg m^2] the integral of r r' dm.
+    """
+
+    mass: Float[Array, "N *#batch"]
+    first: Float[Array, "3 N *#batch"]
+    second: Float[Array, "3 3 N *#batch"]
+
+
+class Drives(eqx.Module):
+    """Harmonic drives of all joints; a joint without one has ratio 1 and nothing that turns. See `ident.arm.drive`.
+
+    Attributes:
+        ratio: (N, *batch) [-]
+        rotor: (N, *batch) [kg m^2] inertia of pulley and wave generator.
+        imbalance: (N, *batch) [kg m] turning mass times its distance from the axis.
+        reach: (N, *batch) [m] that distance.
+        height: (N, *batch) [m] of the turning mass above the bushing.
+        phase: (N, *batch) [rad]
+        error: (N, *batch) [rad] amplitude of the kinematic error.
+        error_phase: (N, *batch) [rad]
+        across: (3, 2, N, *batch) unit vectors across the axis, from the first of which the phase counts.
+    """
+
+    ratio: Float[Array, "N *#batch"]
+    rotor: Float[Array, "N *#batch"]
+    imbalance: Float[Array, "N *#batch"]
+    reach: Float[Array, "N *#batch"]
+    height: Float[Array, "N *#batch"]
+    phase: Float[Array, "N *#batch"]
+    error: Float[Array, "N *#batch"]
+    error_phase: Float[Array, "N *#batch"]
+    across: Float[Array, "3 2 N *#batch"]
+
+
+class Belts(eqx.Module):
+    """Belts between neighbouring pulleys.
+
+    Attributes:
+        radius: (2, B, *batch) [m] of the driving and of the driven pulley.
+        pretension: (B, *batch) [N] of each span.
+        stiffness: (B, *batch) [N/m] of each span.
+        tau: (B, *batch) [s] damping per stiffness.
+        height: (B, *batch) [m] of the belt's plane above the driven joint's bushing.
+        ends: joints of the driving and of the driven pulley.
+    """
+
+    radius: Float[Array, "2 B *#batch"]
+    pretension: Float[Array, "B *#batch"]
+    stiffness: Float[Array, "B *#batch"]
+    tau: Float[Array, "B *#batch"]
+    height: Float[Array, "B *#batch"]
+    ends: tuple[tuple[int, int], ...] = eqx.field(static=True)
+
+
+class Multibody(eqx.Module):
+    """An arm under a load, in the axes of its shafts and links, which do not change with the posture.
+
+    Attributes:
+        axis: (3, N, *batch) unit vectors of the pins.
+        offset: (3, N, *batch) [m] of each bushing in the axes of the link before.
+        shaft: moments of all bodies before the pin, along the shaft's axes.
+        link: moments of all bodies behind the pin, loads included, along the link's axes.
+        stiffness: (3, 3, N, *batch) [N m/rad] of the bushings, along the shaft's axes.
+        damping: (3, 3, N, *batch) [N m s/rad]
+        position: (3, P, *batch) [m] named points along the axes of their link.
+        force: (3, P, *batch) [N] on them, in base axes.
+        gravity: (3,) [m/s^2]
+        drives: what turns on the shafts.
+        belts: what ties the pulleys.
+        carrier: joint that carries each named point.
+        driven: joints that have a pin.
+        elastic: whether the belts stretch, so that the pins that they drive deviate from the command.
+        inexact: whether some drive has a kinematic error.
+    """
+
+    axis: Float[Array, "3 N *#batch"]
+    offset: Float[Array, "3 N *#batch"]
+    shaft: Moments
+    link: Moments
+    stiffness: Float[Array, "3 3 N *#batch"]
+    damping: Float[Array, "3 3 N *#batch"]
+    position: Float[Array, "3 P *#batch"]
+    force: Float[Array, "3 P *#batch"]
+    gravity: Float[Array, "3"]
+    drives: Drives
+    belts: Belts
+    carrier: tuple[int, ...] = eqx.field(static=True)
+    driven: tuple[int, ...] = eqx.field(static=True)
+    elastic: bool = eqx.field(static=True)
+    inexact: bool = eqx.field(static=True)
+
+    @property
+    def joints(self) -> int:
+        """Number N of joints."""
+        return self.offset.shape[1]
+
+    @property
+    def loose(self) -> tuple[int, ...]:
+        """Joints whose pins deviate from the command, since an elastic belt drives them."""
+        return tuple(driven for _, driven in self.belts.ends) if self.elastic else ()
+
+    @property
+    def size(self) -> int:
+        """Number n of coordinates: three of each bushing, one of each elastic belt."""
+        return 3 * self.joints + len(self.loose)
+
+
+def has_transmission_error(arm: Arm) -> bool:
+    """Tell whether some drive may have a kinematic error."""
+    return any(may_differ_from_zero(drive.error) for drive in arm.drives)
+
+
+def multibody(
+    arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belts: bool = False, inexact: bool | None = None
+) -> Multibody:
+    """Gather an arm under a load.
+
+    Args:
+        arm: the arm; its numbers may be arrays `(*sets)` (see `Arm.replace`).
+        loads: the load case; its own weight when None.
+        rank: number of batch axes of the times and states that will be asked for, in which those sets come last.
+        elastic_belts: whether belts stretch.
+        inexact: whether some drive may have a kinematic error; asked of the arm's numbers when None.
+
+    Raises:
+        ModelError: the arm has more batch axes than `rank`.
+    """
+    names, loads = [joint.name for joint in arm.joints], no_loads(arm) if loads is None else loads
+    axis = stack([joint.axis for joint in arm.joints], 1, rank)
+    bend, tors, t_bend, t_tors = (
+        stack([getattr(joint, field) for joint in arm.joints], 0, rank) for field in (*STIFFNESS, *DAMPING)
+    )
+    along = outer(axis, axis)
+    bend, tors = (-along + identity(3, rank + 1)) * bend, along * tors
+    return Multibody(
+        axis=axis,
+        offset=stack([joint.offset for joint in arm.joints], 1, rank),
+        shaft=_moments([[(1.0, body) for body in joint.shaft] for joint in arm.joints], rank),
+        link=_moments([_carried(arm, name, loads) for name in names], rank),
+        stiffness=bend + tors,
+        damping=bend * t_bend + tors * t_tors,
+        position=stack([p.position for p in arm.points], 1, rank) if arm.points else jnp.zeros((3, 0) + (1,) * rank),
+        force=lift(loads.force, 2, rank),
+        gravity=arm.gravity,
+        drives=_drives(arm, axis, rank),
+        belts=_belts(arm, names, rank),
+        carrier=tuple(names.index(point.joint) for point in arm.points),
+        driven=tuple(n for n, joint in enumerate(arm.joints) if joint.driven),
+        elastic=elastic_belts and bool(arm.belts),
+        inexact=has_transmission_error(arm) if inexact is None else inexact,
+    )
+
+
+def balanced(multibody: Multibody) -> Multibody:
+    """Return the machine with all turning masses on their axes and without kinematic error: nothing shakes it."""
+    drives = multibody.drives
+    none = (jnp.zeros_like(drives.imbalance), jnp.zeros_like(drives.error))
+    return eqx.tree_at(lambda m: (m.drives.imbalance, m.drives.error), multibody, none)
+
+
+def _carried(arm: Arm, joint: str, loads: Loads) -> list[tuple[Array | float, Body]]:
+    """Return the bodies behind a pin, each with the share of it that is there."""
+    bodies: list[tuple[Array | float, Body]] = [
+        (1.0, body) for part in arm.joints if part.name == joint for body in part.link
+    ]
+    bodies += [
+        (share, payload.body)
+        for share, payload in zip(loads.payload, arm.payloads, strict=True)
+        if payload.joint == joint
+    ]
+    return bodies + [
+        (mass, Body(point.name, 1.0, point.position))
+        for mass, point in zip(loads.mass, arm.points, strict=True)
+        if point.joint == joint
+    ]
+
+
+def _moments(groups: list[list[tuple[Array | float, Body]]], rank: int) -> Moments:
+    """Sum mass, m c and m c c' + tr(I)/2 - I over the bodies of each joint."""
+    none = (jnp.zeros((1,) * rank), jnp.zeros((3,) + (1,) * rank), jnp.zeros((3, 3) + (1,) * rank))
+    sums = []
+    for bodies in groups:
+        mass, first, second = none
+        for share, body in bodies:
+            m, c, tensor = (
+                lift(share, 0, rank) * lift(body.mass, 0, rank),
+                lift(body.com, 1, rank),
+                lift(body.inertia, 2, rank),
+            )
+            half_trace = (tensor[0, 0] + tensor[1, 1] + tensor[2, 2]) / 2
+            own = half_trace * identity(3, rank) - tensor
+            mass, first = mass + m, first + m * c
+            second = second + m * outer(c, c) + lift(share, 0, rank) * own
+        sums.append((mass, first, second))
+    masses, firsts, seconds = zip(*sums, strict=True)
+    return Moments(stack(masses, 0, rank), stack(firsts, 1, rank), stack(seconds, 2, rank))
+
+
+def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
+    by_joint = {drive.joint: drive for drive in arm.drives}
+    resting = dict.fromkeys(SCALARS["Drive"], 0.0) | {"ratio": 1.0}
+    columns = {
+        field: stack(
+            [getattr(by_joint[j.name], field) if j.name in by_joint else resting[field] for j in arm.joints], 0, rank
+        )
+        for field in SCALARS["Drive"]
+    }
+    return Drives(
+        ratio=columns["ratio"],
+        rotor=columns["rotor_inertia"],
+        imbalance=columns["eccentric_mass"] * columns["eccentricity"],
+        reach=columns["eccentricity"],
+        height=columns["height"],
+        phase=columns["phase"],
+        error=columns["error"],
+        error_phase=columns["error_phase"],
+        across=_across(axis),
+    )
+
+
+def may_differ_from_zero(number: Array) -> bool:
+    """Tell whether a number may be other than zero; under `jit` or `grad` any may."""
+    return isinstance(number, jax.core.Tracer) or bool(np.any(np.asarray(number) != 0))
+
+
+def _across(axis: Float[Array, "3 N *#batch"]) -> Float[Array, "3 2 N *#batch"]:
+    """Return two unit vectors across each axis: x made perpendicular to it (y where the axis is x), and axis x that."""
+    shape = (3, 1) + (1,) * (axis.ndim - 2)
+    x, y = (jnp.asarray(np.eye(3)[k]).reshape(shape) for k in (0, 1))
+    start = jnp.where(jnp.abs(axis[:1]) > 1 - 1e-9, y, x)
+    first = start - axis * (axis * start).sum(0)
+    first = first / jnp.sqrt((first * first).sum(0))
+    return jnp.stack([first, (skew(axis) * first[None]).sum(1)], 1)
+
+
+def _belts(arm: Arm, names: list[str], rank: int) -> Belts:
+    def column(field: str) -> Array:
+        return (
+            stack([getattr(belt, field) for belt in arm.belts], 0, rank) if arm.belts else jnp.zeros((0,) + (1,) * rank)
+        )
+
+    return Belts(
+        radius=jnp.stack([column("driver_radius"), column("driven_radius")]),
+        pretension=column("pretension"),
+        stiffness=column("stiffness"),
+        tau=column("tau"),
+        height=column("height"),
+        ends=tuple((names.index(belt.driver), names.index(belt.driven)) for belt in arm.belts),
+    )

@@ -1,0 +1,176 @@
+"""What is wrong with an `arm.toml`: pydantic's errors, and clashing names, as one-line problems."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, get_args
+
+from pydantic import ValidationError
+
+from ident.description import schema as document
+from ident.description.quantities import Box, Cylinder, Direction, Lump, Origin, Quantity, Table, shown
+from ident.description.schema import Loc, named
+from ident.errors import Problem
+from ident.text import NAME_RULE, did_you_mean
+
+EXPECTED = {
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "bool_type": "true or false",
+    "string_type": "text in quotes",
+    "list_type": "a list",
+    "greater_than": "a number > {gt:g}",
+    "greater_than_equal": "a number >= {ge:g}",
+    "less_than_equal": "magnitudes up to {le:g}",
+    "too_short": "at least {min_length} entries",
+    "too_long": "at most {max_length} entries",
+    "literal_error": "{expected}",
+    "union_tag_invalid": "kind {expected_tags}",
+    "union_tag_not_found": "kind 'box', 'cylinder' or 'point'",
+    "string_pattern_mismatch": NAME_RULE,
+    "string_too_short": "some text",
+}
+"""What pydantic's error types mean for the writer of the file."""
+
+ADD = {
+    "unit": 'add unit = "..."',
+    "origin": f'add origin = "..."; one of {", ".join(get_args(Origin))}',
+    "joint": "describe each joint in a table [[joint]]",
+    "format": 'begin the file with format = "ident-arm/1"',
+}
+"""How to add a key that is missing."""
+
+BODY = document.BodyTable
+TABLES: dict[str, type[Table]] = {
+    "": document.ArmDocument,
+    "joint": document.JointTable,
+    "shaft": BODY,
+    "link": BODY,
+    "drive": document.DriveTable,
+    "belt": document.BeltTable,
+    "stroke": document.StrokeTable,
+}
+TABLES |= {"point": document.PointTable, "payload": document.PayloadTable, "axis": Direction}
+SHAPES: dict[str, type[Table]] = {"box": Box, "cylinder": Cylinder, "point": Lump}
+
+
+@dataclass(frozen=True)
+class Source:
+    """The text and its content, which together tell where a thing stands.
+
+    Attributes:
+        where: names the text.
+        text: the TOML text.
+        raw: its content, not checked.
+    """
+
+    where: str
+    text: str
+    raw: dict[str, Any]
+
+    def problem(self, loc: Loc, got: str, expected: str, remedy: str) -> Problem:
+        """Return a problem with what stands, or should stand, at a location."""
+        lines = _line_numbers(self.text)
+        line = next(lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in lines)
+        return Problem(f"{self.where}:{line}", got, expected, remedy, self.words(loc))
+
+    def explain(self, error: ValidationError) -> Iterator[Problem]:
+        """Yield pydantic's findings as problems."""
+        for detail in error.errors(include_url=False):
+            loc = self._written(detail["loc"], missing=detail["type"] == "missing")
+            yield self.problem(loc, *self._finding(loc, detail))
+
+    def name_problems(self) -> Iterator[Problem]:
+        """Yield names that occur twice, and joints that do not exist."""
+        seen: dict[str, Loc] = {}
+        tables = list(named(self.raw))
+        joints = [str(table.get("name")) for (*_, kind, _), table in tables if kind == "joint"]
+        for loc, table in tables:
+            name = table.get("name")
+            if isinstance(name, str) and seen.setdefault(name, loc) != loc:
+                remedy = f"rename it or {self.words(seen[name])}"
+                yield self.problem((*loc, "name"), f"the name {shown(name)} again", "unique names", remedy)
+            for key in ("joint", "driver", "driven") if loc[0] != "joint" else ():
+                if isinstance(joint := table.get(key), str) and joint not in joints:
+                    remedy = did_you_mean(joint, joints, "name a joint of this arm")
+                    yield self.problem((*loc, key), shown(joint), f"one of {', '.join(joints)}", remedy)
+
+    def words(self, loc: Loc) -> str:
+        """Return a location such as `joint[2] 'joint3'.link[1] 'fingers'.mass`."""
+        text, node = "", self.raw  # type: str, Any
+        for step in loc:
+            node = _child(node, step)
+            key = step if re.fullmatch(r"[\w-]+", str(step)) else repr(step)
+            text += f"[{step}]" if isinstance(step, int) else f".{key}" if text else str(key)
+            name = node.get("name") if isinstance(node, dict) and isinstance(step, int) else None
+            text += f" {shown(name)}" if isinstance(name, str) else ""
+        return text
+
+    def _finding(self, loc: Loc, detail: Any) -> tuple[str, str, str]:
+        """Return what was got and expected, and the remedy."""
+        kind, context, key = detail["type"], detail.get("ctx", {}), str(loc[-1]) if loc else ""
+        if kind == "ident":
+            return context["got"], context["expected"], context["remedy"]
+        if kind == "missing":
+            return "nothing", f"the key {key}", ADD.get(key, f"add {key} = ...")
+        if kind == "extra_forbidden":
+            known = self._keys(loc[:-1])
+            remedy = did_you_mean(key, known, "remove it")
+            return f"unknown key {shown(key)}", f"one of {', '.join(known)}", remedy
+        if kind in ("model_type", "model_attributes_type"):
+            remedy = f'write {key} = {{ value = ..., unit = "...", origin = "..." }}'
+            return shown(detail["input"]), "a table", remedy
+        return shown(detail["input"]), EXPECTED.get(kind, detail["msg"]).format(**context), "correct it"
+
+    def _written(self, loc: Loc, *, missing: bool) -> Loc:
+        """Return the location without the names that pydantic gives to the members of a union."""
+        node, kept = self.raw, ()  # type: Any, Loc
+        for n, step in enumerate(loc):
+            there = isinstance(step, int) or (isinstance(node, dict) and step in node)
+            if there or (missing and n == len(loc) - 1):
+                kept, node = (*kept, step), _child(node, step)
+        return kept
+
+    def _keys(self, loc: Loc) -> list[str]:
+        """Return the keys that a table may have."""
+        last = next((step for step in reversed(loc) if isinstance(step, str)), "")
+        node: Any = self.raw
+        for step in loc:
+            node = _child(node, step)
+        table = SHAPES[node["kind"]] if last == "shape" else TABLES.get(last, Quantity)
+        return list(table.model_fields)
+
+
+def _child(node: Any, step: str | int) -> Any:
+    if isinstance(node, dict):
+        return node.get(step)
+    return node[step] if isinstance(node, list) and isinstance(step, int) and step < len(node) else None
+
+
+@cache
+def _line_numbers(text: str) -> dict[Loc, int]:
+    """Return the line of every table and key that begins a line; multi-line strings are passed over."""
+    plain = re.sub(r"(\"\"\"|''').*?\1", lambda m: "\n" * m[0].count("\n"), text, flags=re.S)
+    found: dict[Loc, int] = {(): 1}
+    counts: dict[Loc, int] = {}
+    table: Loc = ()
+    for number, line in enumerate(plain.split("\n"), 1):
+        if header := re.match(r"\s*\[(\[?)\s*([\w.\- ]+?)\s*\]", line):
+            table = _table_loc(header[2].split("."), counts, new=bool(header[1]))
+            found.setdefault(table, number)
+        elif key := re.match(r"\s*([\w-]+)\s*=", line):
+            found.setdefault((*table, key[1]), number)
+    return found
+
+
+def _table_loc(keys: list[str], counts: dict[Loc, int], *, new: bool) -> Loc:
+    """Return where a header's table stands; `counts` remembers how many each array of tables has."""
+    loc: Loc = ()
+    for n, key in enumerate(keys):
+        loc += (key.strip(),)
+        if new and n == len(keys) - 1:
+            counts[loc] = counts.get(loc, -1) + 1
+        if loc in counts:
+            loc += (counts[loc],)
+    return loc

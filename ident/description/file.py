@@ -1,0 +1,178 @@
+"""The arm as a file: `arm.toml` to `Arm` with the origin of every number, and the text with other numbers."""
+
+import hashlib
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import tomlkit
+from jaxtyping import Float
+from pydantic import ValidationError
+
+from ident.arm.arm import COMPONENTS, Arm
+from ident.arm.parts import Joint
+from ident.description.explanations import Source
+from ident.description.quantities import Origin, si
+from ident.description.schema import ArmDocument, named
+from ident.errors import InputError, Problem
+from ident.text import decode, one_line, read_bytes
+
+
+@dataclass(frozen=True)
+class ArmFile:
+    """An arm and where it comes from.
+
+    Attributes:
+        arm: the arm.
+        path: the file, as it was named.
+        sha256: hexadecimal digest of the file's bytes.
+        origins: origin of every number, by its path in the arm.
+        extents: lowest and highest corner of each body that has a shape, (2, 3) [m] in its joint's axes, by name.
+    """
+
+    arm: Arm
+    path: str
+    sha256: str
+    origins: Mapping[str, str]
+    extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
+
+
+def read_arm(path: str | PathLike[str]) -> Arm:
+    """Return the arm that a TOML file describes.
+
+    Raises:
+        InputError: the file cannot be read or is not such a description; every problem is listed.
+    """
+    return read_arm_file(path).arm
+
+
+def read_arm_file(path: str | PathLike[str]) -> ArmFile:
+    """Return the arm that a TOML file describes, with the origin of every number.
+
+    Raises:
+        InputError: the file cannot be read or is not such a description; every problem is listed.
+    """
+    where, expected = one_line(str(path)), "an arm description (TOML)"
+    data = read_bytes(path, expected)
+    text = decode(data, where)
+    if not text.strip():
+        raise InputError(Problem(where, "an empty file", expected, "check the path"))
+    document = parse_document(text, where)
+    digest = hashlib.sha256(data).hexdigest()
+    return ArmFile(document.arm(), str(path), digest, document.origins(), document.extents())
+
+
+def parse_arm(text: str, where: str = "arm.toml") -> Arm:
+    """Return the arm that a TOML text describes; `where` names the text in errors.
+
+    Raises:
+        InputError: the text is no such description; every problem is listed.
+    """
+    return parse_document(text, where).arm()
+
+
+def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
+    """Return the checked document; `where` names the text in errors.
+
+    Raises:
+        InputError: the text is no such description; every problem is listed.
+    """
+    source = Source(where, text, _toml(text, where))
+    problems = list(source.name_problems())
+    try:
+        document = ArmDocument.model_validate(source.raw)
+    except ValidationError as error:
+        problems = [*source.explain(error), *problems]
+    else:
+        if got := massless_joint(document.joint[-1].joint()):
+            remedy = "give the last joint a shaft or link of positive mass, with inertia or shape"
+            loc = ("joint", len(document.joint) - 1)
+            problems.append(source.problem(loc, got, "mass beyond every bushing", remedy))
+        elif not problems:
+            problems += _unfit(document, source)
+    if problems:
+        raise InputError(sorted(problems, key=lambda problem: int(problem.where.rpartition(":")[2])))
+    return document
+
+
+def _unfit(document: ArmDocument, source: Source) -> list[Problem]:
+    """Return why the parts do not go together, each problem with its line."""
+    try:
+        document.arm()
+    except InputError as error:
+        places = {table["name"]: loc for loc, table in named(source.raw)}
+        return [
+            source.problem((*places.get(p.where, (p.where,)), p.column), p.got, p.expected, p.remedy)
+            for p in error.problems
+        ]
+    return []
+
+
+def massless_joint(joint: Joint) -> str:
+    """Say why a last joint's equation would be singular: turning it moves no mass. Empty if all is well."""
+    inertia, mass = np.zeros((3, 3)), 0.0
+    for body in (*joint.shaft, *joint.link):
+        c, m = np.asarray(body.com), float(body.mass)
+        inertia += np.asarray(body.inertia) + m * (c @ c * np.eye(3) - np.outer(c, c))
+        mass += m
+    moments = np.linalg.eigvalsh(inertia)
+    if mass and moments[0] > 1e-12 * moments[2]:
+        return ""
+    return "a rotation that moves no mass" if mass else "no mass beyond the bushing"
+
+
+def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where: str = "arm.toml") -> str:
+    """Return the TOML text with other numbers and their new origin; comments, units and layout stay.
+
+    Args:
+        text: a valid arm description.
+        values: numbers in SI by path: as in `Arm.paths()`, and `link1.shape.size.x`, `shaft2.shape.radius`.
+        origin: the origin of these numbers from now on; a vector has one origin for all its components.
+        where: names the text in errors.
+
+    Raises:
+        InputError: a path names no number that is written in the text, or the revised text is not valid.
+    """
+    parse_document(text, where)
+    document = tomlkit.parse(text)
+    tables = {table["name"]: table for _, table in named(document)}
+    for path, value in values.items():
+        entry, holder, key = _slot(tables, path, where)
+        holder[key] = float(f"{value / si(1.0, entry['unit']):.12g}")
+        entry["origin"] = origin
+    revised = tomlkit.dumps(document)
+    parse_document(revised, where)
+    return revised
+
+
+def _slot(tables: Mapping[str, Any], path: str, where: str) -> tuple[Any, Any, Any]:
+    """Return the quantity's table, and the container and key of the number in it."""
+    try:
+        name, field, *rest = path.split(".")
+        entry = holder = tables[name][field]
+        key: Any = rest.pop(0) if field == "shape" else "value"
+        index = COMPONENTS[rest[0]] if rest else ()
+        if len(index) == 2 and not isinstance(entry[key][0], list):
+            index = index[:1]
+        for step in index:
+            holder, key = holder[key], step
+        float(holder[key])
+    except (KeyError, IndexError, TypeError, ValueError):
+        raise InputError(Problem(where, path, "a number of this file", "see `Arm.paths()`")) from None
+    return entry, holder, key
+
+
+def _toml(text: str, where: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        found = re.search(r"^(.*) \(at line (\d+), column (\d+)\)$", str(error), re.S)
+        what, line, column = found.groups() if found else (str(error), "", "")
+        if not line and "end of document" in what:
+            line = str(text.count("\n") + 1)
+        place, column = f"{where}:{line}" if line else where, f"column {column}" if column else ""
+        raise InputError(Problem(place, what.lower(), "TOML", "correct the syntax", column)) from None

@@ -1,1 +1,0 @@
-"""The paper's procedure as one: measured arm, resonance, vibration, verdict, remedies."""

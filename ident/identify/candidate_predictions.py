@@ -1,0 +1,185 @@
+"""What an arm would show at many postures and loads, for several sets of its numbers: values, Jacobians, shares."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, at_posture
+from ident.arm.equilibrium import deflection, static_equilibrium
+from ident.arm.labels import AMBIGUOUS, Label, labels_of_shares, torsion_share, vertical_share
+from ident.arm.modes import modes_about
+from ident.identify.conditions import bind
+from ident.inference.discrepancy import Discrepant
+from ident.inference.parameters import Parameters
+from ident.jit import jit
+from ident.measure import Campaign, Load, Measurement
+
+CHUNK = 256
+"""Columns (a posture, a load and a theta) that are computed together."""
+SAME = 1e-7
+"""Relative difference below which two postures show the same."""
+ROUNDING = 1e-6
+"""Share of the largest number below which a derivative may be rounding error."""
+
+
+@dataclass(frozen=True)
+class CandidatePredictions:
+    """What would be seen in G postures under L loads at T points of the parameters.
+
+    Attributes:
+        postures: (G, joints) [rad]
+        frequency: (m, G, L, T) [Hz] the lowest modes, ascending.
+        deflection: (G, L, T) [m] of the end point, downwards.
+        jacobian: (m+1, P, G, L, T) of the frequencies, then of the deflection, by theta.
+        torsion: (m, G, L, T) [-] share of torsion in each mode's strain energy.
+        vertical: (m, G, L, T) [-] share of vertical motion at the end point.
+        gap: (m, G, L, T) [-] distance of each frequency from its nearest neighbour, as a share of itself.
+    """
+
+    postures: Float[np.ndarray, "G joints"]
+    frequency: Float[np.ndarray, "m G L T"]
+    deflection: Float[np.ndarray, "G L T"]
+    jacobian: Float[np.ndarray, "r P G L T"]
+    torsion: Float[np.ndarray, "m G L T"]
+    vertical: Float[np.ndarray, "m G L T"]
+    gap: Float[np.ndarray, "m G L T"]
+
+    @property
+    def stands(self) -> Bool[np.ndarray, "G T"]:
+        """Where the arm has a stable equilibrium under every load."""
+        return np.isfinite(self.jacobian).all((0, 1, 3)) & np.isfinite(self.frequency).all((0, 2))
+
+    @property
+    def named(self) -> Bool[np.ndarray, "m G L T"]:
+        """Which modes' labels are clear, so that accelerometers would tell which mode it is."""
+        return (np.abs(self.torsion - 0.5) >= AMBIGUOUS) & (np.abs(self.vertical - 0.5) >= AMBIGUOUS)
+
+    def labels(self, posture: int, load: int) -> list[Label]:
+        """Name the modes of a posture under a load at the first point."""
+        return labels_of_shares(self.torsion[:, posture, load, 0], self.vertical[:, posture, load, 0])
+
+    def at(self, *, postures: np.ndarray | None = None, points: np.ndarray | None = None) -> "CandidatePredictions":
+        """Return some of the postures, or what holds at some of the points."""
+        g = slice(None) if postures is None else postures
+        t = slice(None) if points is None else points
+        names = ("frequency", "deflection", "jacobian", "torsion", "vertical", "gap")
+        cut = {name: getattr(self, name)[..., g, :, :][..., t] for name in names}
+        return replace(self, postures=self.postures[g], **cut)
+
+
+def candidate_predictions(
+    arm: Arm,
+    parameters: Parameters,
+    points: Float[np.ndarray, "T P"],
+    postures: Float[np.ndarray, "G joints"],
+    loads: tuple[Load, ...],
+    modes: int,
+) -> CandidatePredictions:
+    """Compute what an arm would show.
+
+    Raises:
+        InputError: a payload or point that the arm has not.
+    """
+    shape = len(postures), len(loads), len(points)
+    hung = _hung(arm, loads)
+    count = min(modes, 3 * len(arm.joints))
+    g, s, t = (index.ravel() for index in np.indices(shape))
+    columns = np.concatenate([points.T[:, t], postures.T[:, g], hung[:, s]])
+    missing = -columns.shape[1] % CHUNK
+    columns = np.concatenate([columns, np.repeat(columns[:, -1:], missing, 1)], 1)
+    values, jacobians = [], []
+    for chunk in np.split(columns, columns.shape[1] // CHUNK, 1):
+        seen = _see(arm, parameters, count, jnp.asarray(chunk))
+        values.append(np.asarray(seen[0]))
+        jacobians.append(np.asarray(seen[1]))
+    size = g.size
+    value = np.concatenate(values, -1)[:, :size].reshape(-1, *shape)
+    jacobian = np.concatenate(jacobians, -1)[..., :size]
+    m = (value.shape[0] - 1) // 3
+    frequency, down, torsion, vertical = np.split(value, [m, m + 1, 2 * m + 1])
+    rows = [*range(count), m]
+    return CandidatePredictions(
+        postures,
+        frequency[:count],
+        down[0],
+        jacobian[rows].reshape(len(rows), -1, *shape),
+        torsion[:count],
+        vertical[:count],
+        _gaps(frequency)[:count],
+    )
+
+
+def equivalent_postures(view: CandidatePredictions, favoured: np.ndarray) -> np.ndarray:
+    """Return for each posture the first one that shows just the same, such as one turned about a vertical axis.
+
+    Args:
+        view: what each shows, at points enough to tell postures apart.
+        favoured: (G,) postures of least value stand for their twins.
+    """
+    shown = np.concatenate([view.frequency, view.deflection[None], *view.jacobian.swapaxes(0, 1)])
+    shown = np.moveaxis(shown, 1, 0).reshape(len(view.postures), -1)
+    scale = np.abs(shown).max(0)
+    scale = np.maximum(scale, ROUNDING * scale.max())
+    mark = (shown / scale) @ np.random.default_rng(0).standard_normal(shown.shape[1])
+    order = np.argsort(mark)
+    group = np.empty(len(mark), int)
+    group[order] = np.cumsum(np.diff(mark[order], prepend=mark[order[:1]]) > SAME * np.abs(mark).max())
+    first = np.array(sorted(range(len(mark)), key=lambda i: favoured[i]))
+    leader: dict[int, int] = {}
+    for i in first:
+        leader.setdefault(int(group[i]), int(i))
+    return np.array([leader[int(k)] for k in group])
+
+
+def _hung(arm: Arm, loads: tuple[Load, ...]) -> np.ndarray:
+    """Return the load cases as columns, as `_loads_of` takes them apart."""
+    still = (0.0,) * len(arm.driven)
+    rows = [Measurement(kind="frequency", posture=still, load=load, value=1.0, sigma=1.0) for load in loads]
+    bound = bind(arm, Campaign(measurements=tuple(rows))).loads
+    parts = [np.asarray(part).reshape(-1, len(loads)) for part in (bound.payload, bound.mass, bound.force)]
+    return np.concatenate(parts)
+
+
+def _loads_of(arm: Arm, columns: Array) -> Loads:
+    payloads, points = len(arm.payloads), len(arm.points)
+    share, mass, force = jnp.split(columns, [payloads, payloads + points])
+    return Loads(share, mass, force.reshape(3, points, -1))
+
+
+@jit
+def _see(
+    arm: Arm, parameters: Parameters, count: int, columns: Float[Array, "n B"]
+) -> tuple[Float[Array, "R B"], Float[Array, "R P B"]]:
+    """Return frequencies (one more than asked for), deflection and shares of the modes, and the Jacobian by theta."""
+    unknown, driven = len(parameters.items), len(arm.driven)
+    theta, posture, hung = jnp.split(columns, [unknown, unknown + driven])
+    m = min(count + 1, 3 * len(arm.joints))
+    kinds = ("frequency",) * m + ("deflection",) + ("share",) * (2 * m)
+
+    def shown(numbers: Mapping[str, Any]) -> Array:
+        chain = at_posture(arm.replace(numbers), posture, _loads_of(arm, hung))
+        at = static_equilibrium(chain)
+        found = modes_about(chain, at, m)
+        down = -deflection(chain, at.phi)[2, -1:]
+        return jnp.concatenate([found.frequency, down, torsion_share(found), vertical_share(found)])
+
+    def predict(theta: Array) -> Array:
+        return Discrepant(shown, kinds)(parameters.by_path(parameters.values(theta)))
+
+    def along(direction: Array) -> tuple[Array, Array]:
+        return jax.jvp(predict, (theta,), (jnp.broadcast_to(direction[:, None], theta.shape),))
+
+    return eqx.filter_vmap(along, out_axes=(None, 1))(jnp.eye(unknown))
+
+
+def _gaps(frequency: np.ndarray) -> np.ndarray:
+    apart = np.diff(frequency, axis=0)
+    far = np.full_like(frequency[:1], np.inf)
+    return np.minimum(np.concatenate([far, apart]), np.concatenate([apart, far])) / frequency

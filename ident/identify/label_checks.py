@@ -1,0 +1,109 @@
+"""Which measured modes may be taken for others: names by a near draw, neighbours that nearly cross."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.arm.equilibrium import static_equilibrium
+from ident.arm.labels import Label, is_ambiguous, mode_labels
+from ident.arm.modes import modes_about
+from ident.identify.conditions import Conditions, Modal, bind
+from ident.identify.predict import chains, mode_choice
+from ident.jit import jit
+from ident.measure import Campaign
+
+NEAR = 0.05
+"""Relative distance of two frequencies below which their order may change in the fit."""
+ALIKE = 3.0
+"""Standard deviations within which two values of different modes look like one mode that was measured twice."""
+
+
+@dataclass(frozen=True)
+class LabelDoubt:
+    """A measurement whose mode is not sure.
+
+    Attributes:
+        row: its place in the campaign.
+        mode: the mode that it is matched to at the starting values.
+        near_draw: whether that mode's name is a near draw, so that a small change may rename it.
+        crossing: for values without a label, the neighbouring modes that nearly have the same frequency.
+        alike: place of another value without a label that is nearly the same, but matched to another mode; or None.
+    """
+
+    row: int
+    mode: Label
+    near_draw: bool
+    crossing: tuple[Label, ...]
+    alike: int | None
+
+
+def label_doubts(arm: Arm, campaign: Campaign) -> tuple[LabelDoubt, ...]:
+    """Look for measured modes that may be mistaken for others, with the arm as it is.
+
+    A label whose mode is named by a near draw may pick another mode after a small step of the fit. Values without
+    label are matched by order, which changes where frequencies cross; and one mode measured twice is taken for two.
+
+    Raises:
+        InputError: campaign and arm do not fit together.
+    """
+    conditions = bind(arm, campaign)
+    modal = [m for m in (conditions.frequency, conditions.damping) if m.rows]
+    if not modal or not arm.points:
+        return ()
+    looks = jax.device_get(_look(arm, conditions))
+    pairs = zip(modal, looks.choice, strict=True)
+    found = [doubt for m, choice in pairs for doubt in _doubts(campaign, m, looks, choice)]
+    return tuple(sorted(found, key=lambda doubt: doubt.row))
+
+
+class _Looks(NamedTuple):
+    """Modes of all states, ascending; whether each is named by a near draw; the choice of each kind of value."""
+
+    modes: Any
+    near_draw: Any
+    choice: Any
+
+
+@jit
+def _look(arm: Arm, conditions: Conditions) -> _Looks:
+    chain = chains(arm, {}, conditions)
+    found = modes_about(chain, static_equilibrium(chain))
+    choice = [mode_choice(m, found) for m in (conditions.frequency, conditions.damping) if m.rows]
+    return _Looks(found, is_ambiguous(found), choice)
+
+
+def _doubts(campaign: Campaign, modal: Modal, looks: _Looks, choice: Float[np.ndarray, "m D"]) -> list[LabelDoubt]:
+    matched = np.argmax(choice, 0)
+    found = []
+    for i, (row, state, label) in enumerate(zip(modal.rows, modal.states, modal.labels, strict=True)):
+        hertz, mode = looks.modes.frequency[:, state], matched[i]
+        if not (choice[:, i].any() and np.isfinite(hertz).all()):
+            continue
+        beside = [j for j in (mode - 1, mode + 1) if 0 <= j < len(hertz) and _near(hertz[j], hertz[mode])]
+        near = [] if label else beside
+        twin = None if label else _twin(campaign, modal, i)
+        drawn = bool(label) and bool(looks.near_draw[mode, state])
+        if near or drawn or twin is not None:
+            names = mode_labels(jax.tree.map(lambda x, s=state: jnp.asarray(x[..., s]), looks.modes))
+            found.append(LabelDoubt(row, names[mode], drawn, tuple(names[j] for j in near), twin))
+    return found
+
+
+def _near(a: float, b: float) -> bool:
+    return bool(abs(a - b) < NEAR * min(a, b))
+
+
+def _twin(campaign: Campaign, modal: Modal, i: int) -> int | None:
+    """Return the row of the first value without label in the same state that is nearly the same."""
+    own = campaign.measurements[modal.rows[i]]
+    for j, row in enumerate(modal.rows):
+        other = campaign.measurements[row]
+        same = j != i and modal.states[j] == modal.states[i] and modal.labels[j] is None
+        if same and abs(own.value - other.value) < ALIKE * np.hypot(own.sigma, other.sigma):
+            return row
+    return None

@@ -1,0 +1,137 @@
+"""What an arm does at one posture under one load: modes, damping and static deflection."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, at_posture
+from ident.arm.equilibrium import deflection, static_equilibrium
+from ident.arm.labels import Label, is_ambiguous, mode_labels
+from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
+from ident.errors import InputError, ModelError, Problem
+from ident.identify.conditions import bind
+from ident.jit import jit
+from ident.measure import Campaign, Load, Measurement
+
+SLACK = 1e-9
+"""Angle [rad] by which a posture may pass a joint limit before it is mentioned: rounding."""
+
+
+@dataclass(frozen=True)
+class ModalAnalysis:
+    """An arm held at a posture under a load, surveyed; all arrays are NumPy's.
+
+    Attributes:
+        arm: the arm.
+        posture: (driven,) [rad]
+        load: the load case.
+        modes: the lowest modes, ascending.
+        labels: (m,) their names.
+        ambiguous: (m,) whether a mode is named by a near draw.
+        damping_ratio: (m,) [-]
+        deflection: (3,) [m] in the base frame by point name, counted from the arm without elastic rotation.
+        equilibrium: (3, N) [rad] the bushings' rotation vectors under the load.
+    """
+
+    arm: Arm
+    posture: tuple[float, ...]
+    load: Load
+    modes: Modes
+    labels: tuple[Label, ...]
+    ambiguous: Bool[np.ndarray, "m"]
+    damping_ratio: Float[np.ndarray, "m"]
+    deflection: dict[str, Float[np.ndarray, "3"]]
+    equilibrium: Float[np.ndarray, "3 N"]
+
+    def beyond_limits(self) -> Iterator[tuple[str, float, tuple[float, float]]]:
+        """Yield name, angle and limits [rad] of the joints that are held outside their limits."""
+        for joint, angle in zip(self.arm.driven, self.posture, strict=True):
+            low, high = joint.limits
+            if not low - SLACK <= angle <= high + SLACK:
+                yield joint.name, angle, joint.limits
+
+
+def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load, modes: int) -> ModalAnalysis:
+    """Survey an arm at a posture under a load.
+
+    Args:
+        arm: the arm.
+        posture: (driven,) [rad] joint angles.
+        load: the load case.
+        modes: number of modes; all that the arm has if it has fewer.
+
+    Raises:
+        InputError: a posture of the wrong length, a payload or point that the arm has not, an arm without any point.
+        ModelError: the arm has no stable equilibrium there.
+    """
+    if len(posture) != len(arm.driven):
+        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
+        got = f"{len(posture)} joint angle" + "s" * (len(posture) != 1)
+        raise InputError(Problem("", got, expected, "give one angle for each joint", "posture"))
+    if not arm.points:
+        remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
+        raise InputError(Problem(arm.name, "no point", "at least one", remedy))
+    asked = Measurement(kind="frequency", posture=posture, load=load, value=1.0, sigma=1.0)
+    conditions = bind(arm, Campaign("survey", measurements=(asked,)))
+    found = _solve(arm, conditions.posture, conditions.loads)
+    if not np.isfinite(found.modes.frequency).all():
+        raise ModelError(_collapse(arm, asked.posture, load))
+    lowest, ratio = _lowest(found.modes, modes), -found.s.real / jnp.abs(found.s)
+    return ModalAnalysis(
+        arm=arm,
+        posture=asked.posture,
+        load=load,
+        modes=jax.device_get(lowest),
+        labels=tuple(mode_labels(lowest)),
+        ambiguous=np.asarray(found.ambiguous[:modes]),
+        damping_ratio=np.asarray(ratio[:modes]),
+        deflection={point.name: np.asarray(found.moved[:, i]) for i, point in enumerate(arm.points)},
+        equilibrium=np.asarray(found.phi),
+    )
+
+
+class _Found(eqx.Module):
+    phi: Float[Array, "3 N"]
+    modes: Modes
+    ambiguous: Bool[Array, "n"]
+    s: Complex[Array, "n"]
+    moved: Float[Array, "3 P"]
+
+
+@jit
+def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> _Found:
+    """Compute everything in one compiled function, whatever the number of modes that are asked for."""
+    chain = at_posture(arm, posture, loads)
+    at = static_equilibrium(chain)
+    shapes, s = modes_about(chain, at), damped_eigenvalues(linearize(chain, at))
+    parts = at.phi, shapes, is_ambiguous(shapes), s, deflection(chain, at.phi)
+    return _Found(*jax.tree.map(lambda x: x[..., 0], parts))
+
+
+def _lowest(modes: Modes, count: int) -> Modes:
+    def cut(x: Any, axis: int) -> Any:
+        return jax.lax.slice_in_dim(x, 0, min(count, x.shape[axis]), axis=axis)
+
+    return Modes(
+        cut(modes.frequency, 0),
+        cut(modes.shape, 1),
+        cut(modes.bend, 1),
+        cut(modes.tors, 1),
+        cut(modes.motion, 2),
+    )
+
+
+def _collapse(arm: Arm, posture: tuple[float, ...], load: Load) -> str:
+    angles = ", ".join(f"{math.degrees(q):.4g}" for q in posture)
+    return (
+        f"{arm.name} has no stable equilibrium at ({angles}) deg under {load}: its bushings are too soft for what"
+        " they carry; check stiffnesses, masses and their units"
+    )

@@ -1,0 +1,122 @@
+"""Which numbers of an arm are unknown: joint stiffnesses, and what else is freed, with their priors."""
+
+import math
+from collections.abc import Iterable, Mapping
+
+from ident.arm.arm import DAMPING, STIFFNESS, Arm, stiffness_paths
+from ident.errors import InputError, Problem
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.priors import Prior
+from ident.text import did_you_mean
+
+POSITIVE = ("mass", *STIFFNESS, *DAMPING)
+"""Fields that are fitted as logarithms."""
+WEAK_PRIOR = 1.0
+"""Default standard deviation of ln(stiffness) about the arm file's value: a factor of 7 each way covers 95 %."""
+LENGTH_SCALE = 0.1
+"""Unit [m] in which a coordinate without a prior is fitted, so that all unknowns are of order one."""
+
+
+def parameter(
+    arm: Arm,
+    *paths: str,
+    start: float | None = None,
+    prior_sd: float = math.inf,
+    centre: float | None = None,
+    prior: Prior | None = None,
+) -> Parameter:
+    """Make one number of the arm, or several tied ones, an unknown.
+
+    Args:
+        arm: gives the value that start and centre default to.
+        paths: as in `Arm.get`; several are fitted as one number.
+        start: where the fit starts.
+        prior_sd: of ln(value) for masses, stiffnesses and damping, of the value itself in its SI unit otherwise.
+        centre: the prior's median.
+        prior: the prior in place of `centre` and `prior_sd`, for a positive quantity.
+
+    Raises:
+        InputError: no such number, a positive quantity whose value is not, or a prior for ln of one of either sign.
+    """
+    value = next(float(arm.get(path)) for path in paths)
+    positive = all(path.split(".")[1] in POSITIVE for path in paths)
+    flat, start = 0.0, value if start is None else start
+    if prior is not None:
+        if not positive:
+            got = f"a prior on ln({paths[0]}), which may be negative"
+            raise InputError(Problem("", got, "a mass, a stiffness or a damping time", "use --free NAME:WIDTH"))
+        centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
+        flat = math.log(prior.high / prior.low) / 2
+    centre = value if centre is None else centre
+    if positive and not (start > 0 and centre > 0):
+        remedy = f"give {paths[0]} a positive value in the arm file, or keep it (--fix {paths[0]})"
+        raise InputError(Problem("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0]))
+    if not prior_sd > 0:
+        raise InputError(Problem("", f"a prior width of {prior_sd:g}", "a width > 0", "correct it", paths[0]))
+    scale = 1.0 if positive else (prior_sd if math.isfinite(prior_sd) else LENGTH_SCALE)
+    return Parameter(paths, positive, start, centre, prior_sd / scale, scale, flat)
+
+
+def stiffness_parameters(
+    arm: Arm,
+    *,
+    fixed: Iterable[str] = (),
+    tied: Iterable[tuple[str, ...]] = (),
+    free: Mapping[str, float] | None = None,
+    prior_sd: float = WEAK_PRIOR,
+    priors: Mapping[str, Prior] | None = None,
+    damping: bool = False,
+) -> Parameters:
+    """Make the bushing stiffnesses of all driven joints unknown, and whatever else is asked for.
+
+    Args:
+        arm: the arm.
+        fixed: paths to keep at the arm's value.
+        tied: groups of paths fitted as one number each.
+        free: further paths with the width of their priors (see `parameter`; `math.inf` for none).
+        prior_sd: width of the stiffnesses' log-normal priors about the arm's values; `math.inf` for none.
+        priors: priors of single parameters by path, in place of that one.
+        damping: whether damping per stiffness is unknown as well: one number for all bending, one for all torsion.
+
+    Raises:
+        InputError: a path that the arm has not, one that is named twice, or nothing left to fit.
+    """
+    undriven = {joint.name for joint in arm.joints if not joint.driven}
+    widths = {path: prior_sd for path in stiffness_paths(arm) if path.split(".")[0] not in undriven}
+    widths |= dict(free or {})
+    fixed, groups = tuple(fixed), [tuple(group) for group in tied]
+    taken = [*fixed, *(path for group in groups for path in group)]
+    for path in (*widths, *taken):
+        arm.get(path)
+    _refuse_twice(taken)
+    if damping:
+        whole = [tuple(f"{joint.name}.{field}" for joint in arm.joints) for field in DAMPING]
+        groups += [rest for group in whole if (rest := tuple(path for path in group if path not in taken))]
+        widths |= {path: prior_sd for group in whole for path in group if path not in fixed}
+    group_of = {path: group for group in groups for path in group}
+    unknown = dict.fromkeys(group_of.get(path, (path,)) for path in widths if path not in fixed)
+    for group in groups:
+        if group not in unknown:
+            got, remedy = "=".join(group), "free one of them too"
+            raise InputError(Problem("", got, "at least one unknown among them", remedy))
+    if not unknown:
+        raise InputError(Problem("", "no unknown", "at least one", "fix fewer parameters"))
+    own = dict(priors or {})
+    for path in own:
+        if not any(path in group for group in unknown):
+            known = [path for group in unknown for path in group]
+            remedy = did_you_mean(path, known, "free it, or drop its prior")
+            raise InputError(Problem("", f"a prior for {path}, which is not fitted", "an unknown", remedy))
+    return Parameters(tuple(_in_group(arm, group, widths, own) for group in unknown))
+
+
+def _in_group(arm: Arm, group: tuple[str, ...], widths: Mapping[str, float], priors: Mapping[str, Prior]) -> Parameter:
+    width = next(widths[path] for path in group if path in widths)
+    return parameter(arm, *group, prior_sd=width, prior=next((priors[path] for path in group if path in priors), None))
+
+
+def _refuse_twice(paths: list[str]) -> None:
+    for path in paths:
+        if paths.count(path) > 1:
+            remedy = "name it once among the fixed and the tied"
+            raise InputError(Problem("", f"{path} twice", "each parameter once", remedy))

@@ -1,0 +1,1 @@
+"""From data to parameters, for any differentiable model: fit, profile, sample, optimal design. Knows no arm."""

@@ -1,0 +1,155 @@
+"""Do the data agree among themselves? A linear answer, before any solving."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import chdtrc
+
+from ident.inference.cross_prediction import CrossPrediction
+from ident.inference.fit import evaluate
+from ident.inference.information import RANK_TOLERANCE
+from ident.inference.problem import InverseProblem
+
+COARSE = 0.3
+"""Relative sigma above which a value may well change its sign, so that its logarithm means nothing."""
+STRAIGHT = 1.0
+"""Largest error of the straight line, in sigma, at which a chi-squared over all values is worth its name."""
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """What the linearised model says of the data among themselves.
+
+    Attributes:
+        chi_squared: least sum of squares that any parameters reach, data and prior.
+        degrees_of_freedom: number of values and priors less the number of directions they see together.
+        bend: largest error of the straight line in sigma, where all data together lead; NaN where the model ends.
+        cross_predictions: each kind of measurement, predicted from the others, where they fix it.
+    """
+
+    chi_squared: float
+    degrees_of_freedom: int
+    bend: float
+    cross_predictions: tuple[CrossPrediction, ...]
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a larger chi-squared if all is right; NaN without degrees of freedom or a straight line."""
+        judged = self.degrees_of_freedom > 0 and self.bend < STRAIGHT
+        return float(chdtrc(self.degrees_of_freedom, self.chi_squared)) if judged else np.nan
+
+
+def consistency(problem: InverseProblem) -> Consistency | None:
+    """Test the data among themselves with the model linearised at the parameters' starting values.
+
+    Values that depend on positive parameters only are linearised as powers of them, ln(value) in ln(parameter), as
+    frequencies and deflections nearly are; other values, and those whose sign is not sure, as they stand. One step
+    leads to the parameters that the data ask for. There the model is evaluated once, and every sigma is widened by
+    what the straight line was off, so that a bad start makes the test weaker, not wrong. There is no second step:
+    what a full fit to the other kinds says (`judge.cross_predictions`) may differ, and decides.
+
+    Returns:
+        None where the model has no answer at the start.
+    """
+    line = _line(problem)
+    if not all(np.isfinite(part).all() for part in (line.value, line.slope)):
+        return None
+    answer, bend = _widened(problem, line, np.ones(len(line.value), bool))
+    kinds = sorted({k for k, s in zip(problem.kinds, line.sigma, strict=True) if np.isfinite(s)})
+    found = [_cross_prediction(problem, line, kind) for kind in kinds] if len(kinds) > 1 else []
+    return Consistency(answer.chi_squared, answer.degrees_of_freedom, bend, tuple(t for t in found if t))
+
+
+class _Line(NamedTuple):
+    """The model as a straight line about the start, each value in a scale of its own: moved = slope @ step."""
+
+    start: Float[np.ndarray, "P"]
+    value: Float[np.ndarray, "D"]
+    measured: Float[np.ndarray, "D"]
+    sigma: Float[np.ndarray, "D"]
+    power: Bool[np.ndarray, "D"]
+    slope: Float[np.ndarray, "D P"]
+    prior: tuple[Float[np.ndarray, "P"], Float[np.ndarray, "P"]]
+
+    def moved(self, values: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
+        """Return how far values lie from the start."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(self.power, np.log(values / self.value), values - self.value)
+
+    def back(self, moved: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
+        """Return the values of a move."""
+        with np.errstate(over="ignore"):
+            return np.where(self.power, self.value * np.exp(np.where(self.power, moved, 0.0)), self.value + moved)
+
+    def scale(self, values: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
+        """Return the value of one unit of move there."""
+        return np.where(self.power, np.abs(values), 1.0)
+
+
+class _Answer(NamedTuple):
+    """The normal distribution of the step, and what it leaves unexplained."""
+
+    step: Float[np.ndarray, "P"]
+    spread: Float[np.ndarray, "D"]
+    root: Float[np.ndarray, "R P"]
+    open: Float[np.ndarray, "N P"]
+    chi_squared: float
+    degrees_of_freedom: int
+
+    def sd(self, rows: Float[np.ndarray, "D P"]) -> Float[np.ndarray, "D"]:
+        """Return the standard deviation of rows @ step; infinite where nothing is known of it."""
+        touched = np.linalg.norm(rows @ self.open.T, axis=1) > 1e-6 * np.linalg.norm(rows, axis=1)
+        return np.where(touched, np.inf, np.linalg.norm(rows @ self.root.T, axis=1))
+
+
+def _line(problem: InverseProblem) -> _Line:
+    end, known = evaluate(problem), problem.parameters
+    value, J = np.asarray(end.predicted), np.asarray(end.jacobian)
+    measured, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
+    of_positive = ~((J != 0) & ~known.positive).any(1)
+    coarse = np.isfinite(sigma) & (sigma > COARSE * np.abs(measured))
+    power = of_positive & (value * measured > 0) & ~coarse
+    slope = J / np.where(power, value, 1.0)[:, None]
+    start, centre = (np.asarray(known.theta(known.column(name))) for name in ("start", "centre"))
+    prior = (start - centre) / known.normal_sd, 1 / known.normal_sd
+    return _Line(start, value, measured, sigma, power, slope, prior)
+
+
+def _widened(problem: InverseProblem, line: _Line, kept: np.ndarray) -> tuple[_Answer, float]:
+    """Return the answer of the kept values, sigmas widened by the error of the line, and that error in sigma."""
+    spread = line.sigma / line.scale(line.measured)
+    first = _answer(line, kept, spread)
+    there = np.asarray(evaluate(problem, jnp.asarray(line.start + first.step)).predicted)
+    error = np.abs(line.moved(there) - line.slope @ first.step)
+    return _answer(line, kept, np.hypot(spread, np.nan_to_num(error, nan=np.inf))), float((error / spread).max())
+
+
+def _answer(line: _Line, kept: np.ndarray, spread: Float[np.ndarray, "D"]) -> _Answer:
+    weight = np.where(kept, 1 / spread, 0.0)
+    residual, prior_slope = line.prior
+    A = np.vstack([line.slope * weight[:, None], np.diag(prior_slope)])
+    b = np.concatenate([line.moved(line.measured) * weight, -residual])
+    U, s, Vt = np.linalg.svd(np.vstack([A, np.zeros((A.shape[1], A.shape[1]))]), full_matrices=False)
+    seen = s > RANK_TOLERANCE * max(s[0], 1e-300)
+    root = Vt[seen] / s[seen, None]
+    step = root.T @ (U[: len(A), seen].T @ b)
+    freedom = int((weight > 0).sum() + (prior_slope > 0).sum() - seen.sum())
+    return _Answer(step, spread, root, Vt[~seen], float(((b - A @ step) ** 2).sum()), freedom)
+
+
+def _cross_prediction(problem: InverseProblem, line: _Line, kind: str) -> CrossPrediction | None:
+    """Predict one kind from the others; None where they leave its values open, or the model ends there."""
+    own = (np.array(problem.kinds) == kind) & np.isfinite(line.sigma)
+    answer, _ = _widened(problem, line, np.array(problem.kinds) != kind)
+    predicted = line.back(line.slope @ answer.step)
+    noise = answer.spread * line.scale(line.measured)
+    sd = np.hypot(noise, answer.sd(line.slope) * line.scale(predicted))
+    rows = np.flatnonzero(own & np.isfinite(sd))
+    return (
+        CrossPrediction(kind, tuple(map(int, rows)), line.measured[rows], predicted[rows], sd[rows])
+        if len(rows)
+        else None
+    )

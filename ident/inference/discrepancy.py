@@ -1,0 +1,71 @@
+"""A model that is known to be wrong by a factor: model discrepancy as further unknowns."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.errors import InputError, Problem
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.problem import InverseProblem
+from ident.text import did_you_mean
+
+PREFIX = "discrepancy."
+"""What the names of discrepancies begin with; a kind of measurement follows."""
+
+
+class Discrepant(eqx.Module):
+    """A model whose predictions of one kind are all off by an unknown factor.
+
+    A common factor, because geometry and masses that are taken wrong shift all values of a kind alike; scatter from
+    one value to the next is noise.
+
+    References:
+        Kennedy, O'Hagan, "Bayesian calibration of computer models", J. R. Stat. Soc. B 63(3), 2001.
+
+    Attributes:
+        model: the model.
+        kinds: (D,) kind of each value.
+    """
+
+    model: Callable[[Mapping[str, Any]], Float[Array, "D *batch"]]
+    kinds: tuple[str, ...] = eqx.field(static=True)
+
+    def __call__(self, parameters: Mapping[str, Any]) -> Float[Array, "D *batch"]:
+        """Predict values for parameters among which `discrepancy.KIND` are the factors."""
+        values = self.model({name: x for name, x in parameters.items() if not name.startswith(PREFIX)})
+        off = {name.removeprefix(PREFIX): x for name, x in parameters.items() if name.startswith(PREFIX)}
+        factors = [jnp.broadcast_to(off.get(kind, 1.0), values.shape[1:]) for kind in self.kinds]
+        return values * jnp.stack(factors)
+
+
+def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> InverseProblem:
+    """Return the problem in which the model may be off by a factor for each of these kinds of measurement.
+
+    Args:
+        problem: the problem.
+        widths: standard deviation of ln(factor) by kind, such as 0.1 for ten percent.
+
+    Raises:
+        InputError: nothing of that kind was measured, or a width that is not positive.
+    """
+    for kind, width in widths.items():
+        if kind not in problem.kinds:
+            remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
+            raise InputError(Problem("", f"a discrepancy of {kind}", "a kind that was measured", remedy))
+        if not 0 < width < np.inf:
+            remedy = f"as {kind}:0.1 for ten percent"
+            raise InputError(Problem("", f"a discrepancy of width {width:g}", "a finite width > 0", remedy))
+    more = tuple(Parameter((PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
+    if not more:
+        return problem
+    return InverseProblem(
+        Discrepant(problem.model, problem.kinds),
+        problem.measured,
+        problem.sigma,
+        Parameters((*problem.parameters.items, *more)),
+        problem.kinds,
+    )

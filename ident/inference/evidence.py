@@ -1,0 +1,99 @@
+"""How much of the posterior's probability each separated optimum holds, by nested sampling."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ident.errors import InputError, Problem
+from ident.inference.parameters import Parameters
+from ident.inference.posterior import Posterior, evaluate
+from ident.inference.sample import Sample
+from ident.jit import jit
+
+LIVE = 500
+"""Live points: enough that several land in each of a handful of basins."""
+
+RESAMPLED = 50
+"""Resampled runs from which the shares' standard deviation comes."""
+LOWEST = -1e100
+"""Log likelihood where the model has no answer; dynesty takes no infinite one."""
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Share of the posterior's probability about each optimum.
+
+    Attributes:
+        share: (basins,) sums to one.
+        sd: (basins,) standard deviation of that, by resampling the strands of the run.
+        log_evidence: logarithm of the evidence of model and priors.
+    """
+
+    share: Float[np.ndarray, "basins"]
+    sd: Float[np.ndarray, "basins"]
+    log_evidence: float
+
+
+def weigh(sample: Sample) -> Weights:
+    """Weigh the optima that were sampled against each other by dynesty's nested sampling from the prior.
+
+    Each of its draws counts for the optimum whose ensembles are nearest, in their own covariance.
+
+    Raises:
+        InputError: a parameter has no prior, so that there is no evidence.
+
+    References:
+        Skilling, "Nested sampling for general Bayesian computation", Bayesian Analysis 1(4), 2006.
+        Speagle, "dynesty", MNRAS 493(3), 2020.
+    """
+    import dynesty
+
+    posterior = sample.posterior
+    parameters = posterior.parameters
+    check_weighable(posterior)
+
+    def from_cube(u: np.ndarray) -> np.ndarray:
+        return np.asarray(_from_uniform(parameters, jnp.asarray(u)))
+
+    def log_likelihood(theta: np.ndarray) -> float:
+        return max(evaluate(posterior, theta[None], sample.batch).log_likelihood[0], LOWEST)
+
+    rng = np.random.default_rng(sample.settings.seed)
+    sampler = dynesty.NestedSampler(log_likelihood, from_cube, len(parameters.items), nlive=LIVE, rstate=rng)
+    sampler.run_nested(print_progress=False)
+    found = sampler.results
+    nearest, count = _nearest(sample, found.samples), len(sample.basins)
+    share = np.bincount(nearest, found.importance_weights(), count)
+    again = []
+    for _ in range(RESAMPLED):
+        other, which = dynesty.utils.resample_run(found, rng, return_idx=True)
+        again.append(np.bincount(nearest[which], other.importance_weights(), count))
+    return Weights(share, np.std(again, axis=0), float(found.logz[-1]))
+
+
+def check_weighable(posterior: Posterior) -> None:
+    """Check that all unknowns have a prior.
+
+    Raises:
+        InputError: names those that have none.
+    """
+    parameters = posterior.parameters
+    if not parameters.proper.all():
+        names = ", ".join(np.array(parameters.names)[~parameters.proper])
+        remedy = "give it (--prior), or leave the optima unweighed"
+        raise InputError(Problem("", f"no prior for {names}", "a prior for each unknown", remedy))
+
+
+_from_uniform = jit(Parameters.from_uniform)
+
+
+def _nearest(sample: Sample, draws: np.ndarray) -> np.ndarray:
+    """Return for each draw the place of the basin that it is nearest to."""
+    distance = []
+    for basin in sample.basins:
+        known = sample.draws(basin)
+        off = draws - known.mean(0)
+        distance.append(np.einsum("np,pq,nq->n", off, np.linalg.inv(np.atleast_2d(np.cov(known.T))), off))
+    return np.argmin(distance, 0)

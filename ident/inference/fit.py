@@ -1,0 +1,273 @@
+"""Fit parameters to a campaign: least squares from several starts, with all that is needed to judge the answer."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from ident.errors import ModelError
+from ident.inference.information import RANK_TOLERANCE, Information, half_width, information
+from ident.inference.parameters import AnyArray
+from ident.inference.problem import InverseProblem
+from ident.jit import jit
+
+STARTS = 16
+"""Starts tried at least, the given one among them."""
+PATIENCE = 6
+"""Starts tried at most, as a multiple of that, until the best optimum has been reached `AGAIN` times."""
+AGAIN = 3
+SPREAD = 1.0
+"""Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
+SAME = 1e-3
+"""Ends nearer to each other than this, in standard deviations of the data or of theta, are one optimum."""
+MAX_STEPS = 200
+STATIONARY = 1e-6
+"""Gradient of the cost, relative to one plus the cost, below which a point is an optimum."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Where one or several starts ended.
+
+    Attributes:
+        values: (P,) parameters [SI].
+        theta: (P,) the same, unconstrained.
+        cost: sum of squared residuals, data and prior.
+        starts: number of starts that ended here.
+        converged: whether the gradient vanishes here.
+    """
+
+    values: Float[np.ndarray, "P"]
+    theta: Float[np.ndarray, "P"]
+    cost: float
+    starts: int
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The best optimum, the others, and what the data tell there.
+
+    Attributes:
+        problem: what was fitted.
+        optima: distinct optima by ascending cost; the first one is the answer.
+        failed: number of starts that reached none: no equilibrium, or stuck where a mode changes its label.
+        predicted: (D,) [SI] at the answer.
+        jacobian: (D, P) d(predicted)/d(theta) there.
+        information: what data and prior tell there.
+    """
+
+    problem: InverseProblem
+    optima: tuple[Optimum, ...]
+    failed: int
+    predicted: Float[np.ndarray, "D"]
+    jacobian: Float[np.ndarray, "D P"]
+    information: Information
+
+    @property
+    def best(self) -> Optimum:
+        """The optimum of least cost."""
+        return self.optima[0]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The fitted numbers [SI] by path, ties spelled out."""
+        return {k: float(v) for k, v in self.problem.parameters.by_path(self.best.values).items()}
+
+    @property
+    def residuals(self) -> Float[np.ndarray, "D"]:
+        """(predicted - measured) / sigma."""
+        return (self.predicted - np.asarray(self.problem.measured)) / np.asarray(self.problem.sigma)
+
+    @property
+    def chi_squared(self) -> float:
+        """Sum of the squared residuals of the data."""
+        return float(np.sum(self.residuals**2))
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Number of fitted values less the number of directions that they see."""
+        return int(np.isfinite(self.problem.sigma).sum()) - self.information.rank
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a larger chi-squared if model and sigmas are right; NaN without degrees of freedom."""
+        if not self.degrees_of_freedom > 0:
+            return np.nan
+        from scipy.special import chdtrc  # takes a tenth of a second, which fits without degrees of freedom can spare
+
+        return float(chdtrc(self.degrees_of_freedom, self.chi_squared))
+
+    def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
+        """Return intervals of the parameters [SI] by data and prior, normal in theta."""
+        half = half_width(level) * self.information.sd
+        ends = np.stack([self.best.theta - half, self.best.theta + half], 1)
+        return np.asarray(self.problem.parameters.values(ends))
+
+    @property
+    def predicted_sd(self) -> Float[np.ndarray, "D"]:
+        """Standard deviations [SI] of the predictions by what data and prior tell of the parameters."""
+        return np.sqrt(np.einsum("dp,pq,dq->d", self.jacobian, self.information.covariance, self.jacobian))
+
+
+def fit(
+    problem: InverseProblem,
+    *,
+    starts: int = STARTS,
+    spread: float = SPREAD,
+    seed: int = 0,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> Fit:
+    """Fit the parameters by Levenberg-Marquardt from several starts.
+
+    After `starts` of them the search goes on, up to `PATIENCE` times as many, until `AGAIN` starts have ended in the
+    best optimum: an optimum that was met once only may not be the best one.
+
+    Args:
+        problem: model, data and unknowns.
+        starts: number of starts at least: the parameters' own, the others normal about it; 1 for that one alone.
+        spread: their standard deviation in theta.
+        seed: of the starts.
+        progress: wraps the numbers of the starts, to show a bar.
+
+    Raises:
+        ModelError: no start reaches an optimum; says whether the model has an answer at the first one.
+    """
+    first = problem.parameters.theta(problem.parameters.column("start"))
+    noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
+    noise[0] = 0
+    reached: list[End] = []
+    optima: tuple[Optimum, ...] = ()
+    tried = 0
+    for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
+        end = solve(problem, first + noise[tried - 1])
+        if np.isfinite(end.cost):
+            reached.append(End(*(np.asarray(part) for part in end)))
+            optima = _distinct(problem, reached)
+        if tried >= starts and optima and optima[0].starts >= AGAIN:
+            break
+    if not reached:
+        raise ModelError(_no_optimum(evaluate(problem).predicted))
+    best = min(reached, key=lambda end: float(end.cost))
+    scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
+    known = information(scaled, _prior_sd(problem), problem.parameters.names)
+    ended = sum(optimum.starts for optimum in optima)
+    return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known)
+
+
+def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None) -> "End":
+    """Return predictions and their Jacobian at theta, or else at the parameters' starting values.
+
+    It is a fit without data and prior, so that what was compiled for the fit serves here as well.
+    """
+    blank = eqx.tree_at(lambda p: p.sigma, problem, np.full_like(problem.sigma, np.inf))
+    start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
+    free = tuple(
+        eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
+        for item in problem.parameters.items
+    )
+    return solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
+
+
+class End(NamedTuple):
+    """Where one start ended: theta, sum of squares and its gradient, predictions and their Jacobian."""
+
+    theta: Any
+    cost: Any
+    gradient: Any
+    predicted: Any
+    jacobian: Any
+
+    @property
+    def converged(self) -> bool:
+        """Whether the gradient vanishes."""
+        return bool(np.abs(self.gradient).max() < STATIONARY * (1 + self.cost))
+
+
+@jit
+def solve(problem: InverseProblem, start: Float[AnyArray, "P"]) -> End:
+    """Run Levenberg-Marquardt from one start; the cost is NaN where the model has no answer.
+
+    The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
+    affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
+    """
+
+    def affine(theta: Array, problem: InverseProblem) -> Any:
+        here = jax.lax.stop_gradient(theta)
+        predicted, J = _with_jacobian(problem, here)
+        residuals, slope = problem.weigh(predicted, J, here)
+        end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J)
+        return residuals + slope @ (theta - here), end
+
+    solver: Any = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
+    found: Any = optx.least_squares(affine, solver, start, args=problem, max_steps=MAX_STEPS, throw=False, has_aux=True)
+    return found.state.aux  # of the last accepted step; `found.aux` is one step behind in optimistix 0.1
+
+
+@jit
+def _with_jacobian(problem: InverseProblem, theta: Array) -> tuple[Array, Array]:
+    """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
+
+    def along(direction: Array) -> tuple[Array, Array]:
+        return jax.jvp(problem.predict, (theta,), (direction,))
+
+    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(theta.shape[0]))
+
+
+def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
+    """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long and curved.
+
+    Ends with a gradient are dropped, unless the best one has it.
+    """
+    groups: list[list[End]] = []
+    sigma, prior_sd = np.asarray(problem.sigma), _prior_sd(problem)
+    for end in sorted(ends, key=lambda e: float(e.cost)):
+        for group in groups:
+            step = end.theta - group[0].theta
+            apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])
+            near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
+            level = abs(end.cost - group[0].cost) < SAME * SAME * (1 + end.cost)
+            if near or (level and _is_valley(group[0].jacobian / sigma[:, None], prior_sd)):
+                group.append(end)
+                break
+        else:
+            groups.append([end])
+    optima = [group for i, group in enumerate(groups) if i == 0 or any(end.converged for end in group)]
+    return tuple(
+        Optimum(
+            np.asarray(problem.parameters.values(group[0].theta)),
+            group[0].theta,
+            float(group[0].cost),
+            len(group),
+            any(end.converged for end in group),
+        )
+        for group in optima
+    )
+
+
+def _prior_sd(problem: InverseProblem) -> np.ndarray:
+    """Return the priors' standard deviations in theta; infinite for flat ones, whose edges are one-sided."""
+    parameters = problem.parameters
+    return np.where(np.asarray(parameters.column("flat")) > 0, np.inf, np.asarray(parameters.column("prior_sd")))
+
+
+def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:
+    """Tell whether data and prior together leave a direction open."""
+    s = np.linalg.svd(np.vstack([scaled, np.diag(1 / prior_sd)]), compute_uv=False)
+    return bool(s[-1] < RANK_TOLERANCE * s[0])
+
+
+def _no_optimum(predicted: Array) -> str:
+    missing = int(np.isnan(np.asarray(predicted)).sum())
+    if not missing:
+        return "no start reached an optimum; give other starting values or a prior"
+    return (
+        f"the model has no answer for {missing} of {len(predicted)} values at the start: the arm has no stable"
+        " equilibrium there, or no mode of that label; raise the starting stiffness or check the labels"
+    )

@@ -1,0 +1,116 @@
+"""What data can tell, before any solving: a verdict for each parameter of any model."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ident.inference.fit import evaluate
+from ident.inference.information import Information, information
+from ident.inference.leverage import Leverage, leverage_of
+from ident.inference.problem import InverseProblem
+
+Verdict = Literal["identifiable", "weak", "not seen", "unknown"]
+POINTS = 8
+"""Points tried beside the starting values."""
+SPREAD = 0.4
+"""Their standard deviation in theta, where the prior is not narrower: a factor of 1.5 for a stiffness."""
+INVISIBLE = 1e-6
+"""Columns of the Jacobian below this share of the largest one are rounding."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What the data can tell about the parameters, if the truth is near the starting values.
+
+    Attributes:
+        problem: what was checked.
+        verdicts: (P,) see `check`.
+        information: what the data alone tell at the starting values; None where the model has no answer there.
+        leverage: the part of each measurement in it; None likewise.
+        missing: (D,) which values the model has no answer for, or no derivative of, at the starting values.
+        data_sd: (points, P) standard deviation in theta by the data alone, the starting values first.
+        supported: (points, P) whether each parameter is identifiable there.
+        asked: number of points tried, the starting values among them; those without an answer are not in `data_sd`.
+    """
+
+    problem: InverseProblem
+    verdicts: tuple[Verdict, ...]
+    information: Information | None
+    leverage: Leverage | None
+    missing: Bool[np.ndarray, "D"]
+    data_sd: Float[np.ndarray, "points P"]
+    supported: Bool[np.ndarray, "points P"]
+    asked: int
+
+    @property
+    def answered(self) -> int:
+        """Number of points at which the model has an answer."""
+        return len(self.data_sd)
+
+    @property
+    def blind(self) -> bool:
+        """Whether no parameter is seen at all."""
+        return all(verdict == "not seen" for verdict in self.verdicts)
+
+
+def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPREAD, seed: int = 0) -> Check:
+    """Judge from predictions and their Jacobian what the data can tell; nothing is fitted, no measured value used.
+
+    The Jacobian at one point may mislead: a derivative may vanish there by symmetry, or two modes trade places nearby.
+    So it is looked at in several, and the verdict holds for all of them, as the truth may be any:
+
+    - `identifiable`: at every point the data alone give theta a standard deviation below `information.WEAK_ABOVE`;
+    - `not seen`: at no point does any value depend on it;
+    - `unknown`: the model has no answer at the starting values, or at most of the points;
+    - `weak`: else. The data see it too little, together with others only, or not at every point.
+
+    Args:
+        problem: model, data and unknowns; priors only narrow the points down.
+        points: number of points beside the starting values.
+        spread: standard deviation in theta of the points about the starting values, at most.
+        seed: of the points.
+    """
+    known = problem.parameters
+    start = np.asarray(known.theta(known.column("start")))
+    width = np.minimum(known.normal_sd, spread)
+    noise = np.random.default_rng(seed).standard_normal((points, len(start))) * width
+    looks = [_look(problem, theta) for theta in (start, *(start + noise))]
+    answers = [J for J, missing in looks if not missing.any()]
+    found = [information(J, np.full(len(start), np.inf), known.names) for J in answers]
+    here, missing = looks[0]
+    blank = bool(missing.any())
+    sd = np.array([each.data_sd for each in found]).reshape(-1, len(start))
+    supported = np.array([each.supported for each in found], bool).reshape(-1, len(start))
+    unknown = blank or 2 * len(answers) < len(looks)
+    return Check(
+        problem,
+        tuple("unknown" for _ in start) if unknown else _verdicts(np.array(answers), supported),
+        None if blank else found[0],
+        None if blank else leverage_of(here, known.names),
+        missing,
+        sd,
+        supported,
+        len(looks),
+    )
+
+
+def _look(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return d(predicted / sigma)/d(theta), and which values are fitted but have no answer."""
+    end, sigma = evaluate(problem, jnp.asarray(theta)), np.asarray(problem.sigma)
+    J, fitted = np.asarray(end.jacobian), np.isfinite(sigma)
+    missing = fitted & ~(np.isfinite(np.asarray(end.predicted)) & np.isfinite(J).all(1))
+    return np.where(fitted[:, None], J, 0.0) / sigma[:, None], missing
+
+
+def _verdicts(
+    jacobians: Float[np.ndarray, "points D P"], supported: Bool[np.ndarray, "points P"]
+) -> tuple[Verdict, ...]:
+    size = np.linalg.norm(jacobians, axis=1)
+    seen = (size > INVISIBLE * size.max(1, keepdims=True)).any(0)
+    everywhere = np.all(supported, axis=0)
+    return tuple(
+        "identifiable" if everywhere[i] else "weak" if seen[i] else "not seen" for i in range(supported.shape[1])
+    )

@@ -1,0 +1,148 @@
+"""The unknowns: names, values, transforms, ties and priors."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import ndtri
+from jaxtyping import Array, Float
+
+AnyArray = Array | np.ndarray
+
+
+class Parameter(eqx.Module):
+    """One unknown number; with several paths, numbers that are tied to be equal.
+
+    The fit works in theta: ln(value) for positive quantities, value / scale for the others. The prior, if any, is
+    flat in theta within `flat` of the centre and normal beyond; with flat = 0, log-normal for positive quantities.
+
+    Attributes:
+        paths: where the number sits in the model; the first one names the parameter.
+        positive: fitted as its logarithm.
+        start: the value that the fit starts from.
+        centre: the prior's median.
+        prior_sd: standard deviation in theta of the prior's normal flanks; infinite for no prior.
+        scale: unit of theta for quantities of either sign.
+        flat: half the length in theta of the prior's flat part.
+    """
+
+    paths: tuple[str, ...] = eqx.field(static=True)
+    positive: bool = eqx.field(static=True)
+    start: Float[AnyArray, ""]
+    centre: Float[AnyArray, ""]
+    prior_sd: Float[AnyArray, ""]
+    scale: Float[AnyArray, ""]
+    flat: Float[AnyArray, ""]
+
+    def __init__(
+        self,
+        paths: tuple[str, ...],
+        positive: bool,
+        start: Any,
+        centre: Any,
+        prior_sd: Any = math.inf,
+        scale: Any = 1.0,
+        flat: Any = 0.0,
+    ):
+        self.paths, self.positive = paths, positive
+        # arrays, so that other values need no new compilation
+        self.start, self.centre, self.prior_sd, self.scale, self.flat = (
+            np.asarray(x, float) for x in (start, centre, prior_sd, scale, flat)
+        )
+
+    @property
+    def name(self) -> str:
+        """The first path."""
+        return self.paths[0]
+
+
+class Parameters(eqx.Module):
+    """The unknowns of a problem, in the order of theta."""
+
+    items: tuple[Parameter, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' names, in order."""
+        return tuple(item.name for item in self.items)
+
+    def column(self, field: str) -> Float[AnyArray, "P"]:
+        """Return one field of all parameters."""
+        values = [getattr(item, field) for item in self.items]
+        return _library(*values).stack(values)
+
+    @property
+    def positive(self) -> np.ndarray:
+        """Which are fitted as logarithms."""
+        return np.array([item.positive for item in self.items])
+
+    def theta(self, values: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
+        """Return the unconstrained coordinates of physical values."""
+        positive, scale = self._aligned(values)
+        xp = _library(values, scale)
+        with np.errstate(divide="ignore", invalid="ignore"):  # as in jax: a value that can't be has no theta
+            return xp.where(positive, xp.log(xp.where(positive, values, 1.0)), values / scale)
+
+    def values(self, theta: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
+        """Return the physical values of unconstrained coordinates."""
+        positive, scale = self._aligned(theta)
+        xp = _library(theta, scale)
+        with np.errstate(over="ignore"):
+            return xp.where(positive, xp.exp(xp.where(positive, theta, 0.0)), theta * scale)
+
+    def prior_residuals(self, theta: Float[Array, "P *batch"]) -> tuple[Array, Array]:
+        """Return the priors' residuals and their slopes by theta, `(P, *batch)` both.
+
+        Half the sum of squares is the negative logarithm of the prior density, up to a constant. A slope is the
+        inverse of a standard deviation; zero where the prior is flat.
+        """
+        centre, sd, flat = self._prior(theta.ndim)
+        off = theta - centre
+        beyond = jnp.sign(off) * jnp.maximum(jnp.abs(off) - flat, 0.0)
+        return beyond / sd, jnp.where(jnp.abs(off) >= flat, 1 / sd, 0.0)
+
+    def log_prior(self, theta: Float[Array, "P *batch"]) -> Float[Array, "*batch"]:
+        """Return the logarithm of the prior density of theta; parameters without a prior count nothing."""
+        _, sd, flat = self._prior(1)
+        mass = jnp.where(jnp.isfinite(sd), 2 * flat + sd * math.sqrt(2 * math.pi), 1.0)
+        return -(self.prior_residuals(theta)[0] ** 2).sum(0) / 2 - jnp.log(mass).sum()
+
+    def from_uniform(self, u: Float[Array, "P *batch"]) -> Float[AnyArray, "P *batch"]:
+        """Return the theta at which the priors' distribution functions are u; NaN without a prior."""
+        centre, sd, flat = self._prior(u.ndim)
+        flank = sd * math.sqrt(math.pi / 2)
+        whole = 2 * (flat + flank)
+        below = sd * ndtri(jnp.minimum(u * whole / (2 * flank), 0.5))
+        above = -sd * ndtri(jnp.minimum((1 - u) * whole / (2 * flank), 0.5))
+        return centre + below + jnp.clip((u - 0.5) * whole, -flat, flat) + above
+
+    @property
+    def normal_sd(self) -> np.ndarray:
+        """Standard deviations in theta of normal priors of about the same width; infinite without a prior."""
+        return np.hypot(np.asarray(self.column("prior_sd")), np.asarray(self.column("flat")) / math.sqrt(3))
+
+    @property
+    def proper(self) -> np.ndarray:
+        """Which parameters have a prior."""
+        return np.isfinite(np.asarray(self.column("prior_sd")))
+
+    def by_path(self, values: Float[AnyArray, "P *batch"]) -> dict[str, Any]:
+        """Return the physical values by path, ties spelled out."""
+        return {path: value for item, value in zip(self.items, values, strict=True) for path in item.paths}
+
+    def _aligned(self, x: AnyArray) -> tuple[np.ndarray, AnyArray]:
+        shape = (-1,) + (1,) * (x.ndim - 1)
+        return self.positive.reshape(shape), self.column("scale").reshape(shape)
+
+    def _prior(self, rank: int) -> tuple[AnyArray, AnyArray, AnyArray]:
+        """Return centre, standard deviation and flat half-length in theta, aligned with an array of this rank."""
+        columns = self.theta(self.column("centre")), self.column("prior_sd"), self.column("flat")
+        centre, sd, flat = (x.reshape((-1,) + (1,) * (rank - 1)) for x in columns)
+        return centre, sd, flat
+
+
+def _library(*arrays: Any) -> Any:
+    """Return NumPy where all is NumPy's, for there each operation of jax would be a program of its own; else jax."""
+    return np if all(isinstance(x, np.ndarray) for x in arrays) else jnp

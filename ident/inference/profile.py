@@ -1,0 +1,229 @@
+"""Profile likelihood: how far each parameter may move before data and prior object, all others fitted anew.
+
+An independent check of the intervals that a fit prints. Those take the cost for a parabola; a profile follows the cost
+itself, and so sees what is curved, bounded or open.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ident.errors import InputError, Problem
+from ident.inference.constrained_fit import ConstrainedFit
+from ident.inference.fit import Fit
+from ident.inference.information import half_width
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.profile_path import Ending, Side, profile_path
+from ident.text import did_you_mean, one_line
+
+LEVELS = (0.5, 0.683, 0.95)
+REACH = 1000.0
+"""Factor on a positive parameter beyond which a profile is called open; for the others, ln(REACH) units of theta or
+standard deviations, whichever is more."""
+FLAT = 0.01
+"""Rise of the cost below which an open profile counts as flat."""
+BETTER = 1e-3
+"""Fall of the cost below the optimum from which the fit is said to be beaten."""
+NOT_LINEAR = 0.2
+"""Share by which half an interval may differ from the linear one's half before it is remarked on."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """The values whose cost is at most a threshold above the optimum's.
+
+    Attributes:
+        level: chance that it covers the true value (asymptotically, if model and sigmas are right).
+        low: theta; minus infinity where open.
+        high: theta; infinity where open.
+        endings: why it ends there, below and above.
+    """
+
+    level: float
+    low: float
+    high: float
+    endings: tuple[Ending, Ending]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """The least cost as a function of one parameter.
+
+    Attributes:
+        item: the parameter.
+        optimum: its fitted theta.
+        sd: its standard deviation in theta in the linear approximation; infinite where that leaves it open.
+        theta: (N,) its values, ascending, the optimum among them.
+        rise: (N,) least sum of squares there, above the optimum's.
+        settled: (N,) whether the other parameters' gradient vanishes there; if not, the profile may lie lower.
+        intervals: one for each level, ascending, each inside the next.
+        rivals: theta of other optima that fit as well, within the highest level, but lie outside its interval.
+    """
+
+    item: Parameter
+    optimum: float
+    sd: float
+    theta: Float[np.ndarray, "N"]
+    rise: Float[np.ndarray, "N"]
+    settled: Bool[np.ndarray, "N"]
+    intervals: tuple[Interval, ...]
+    rivals: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """The parameter's name."""
+        return self.item.name
+
+    @property
+    def widest(self) -> Interval:
+        """The interval of the highest level."""
+        return self.intervals[-1]
+
+    @property
+    def beaten(self) -> float:
+        """How far the points fall below the cost of the fit, 0 unless they do: then the fit is not the best optimum."""
+        fall = -float(self.rise.min())
+        return fall if fall > BETTER else 0.0
+
+    @property
+    def flat(self) -> tuple[bool, bool]:
+        """Whether it is open and flat to its end, below and above: nothing tells the parameter on that side.
+
+        Open and not flat is "practically non-identifiable", flat is "structurally" so.
+
+        References:
+            Raue et al., "Structural and practical identifiability analysis ...", Bioinformatics 25(15), 2009.
+        """
+        low, high = (ending is Ending.OPEN for ending in self.widest.endings)
+        below, above = self.rise[self.theta <= self.optimum], self.rise[self.theta >= self.optimum]
+        return bool(low and below.max() < FLAT), bool(high and above.max() < FLAT)
+
+    @property
+    def halves(self) -> tuple[float, float]:
+        """Halves of the widest interval, below and above the optimum, over the linear interval's half.
+
+        One where both are open; zero where the linear one alone is; infinite where the profile alone is.
+        """
+        linear = half_width(self.widest.level) * self.sd
+        below, above = self.optimum - self.widest.low, self.widest.high - self.optimum
+        low, high = (1.0 if half == linear else half / linear for half in (below, above))
+        return low, high
+
+    @property
+    def linear(self) -> bool:
+        """Whether the widest interval agrees with the linear one."""
+        return all(abs(half - 1) <= NOT_LINEAR for half in self.halves)
+
+    def values(self, theta: Sequence[float] | Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
+        """Return the parameter's physical values at these theta; zero and infinity where a positive one is open."""
+        return np.asarray(Parameters((self.item,)).values(jnp.asarray(theta, float)[None])[0])
+
+
+def threshold(level: float) -> float:
+    """Return the chi-squared quantile with one degree of freedom."""
+    return half_width(level) ** 2
+
+
+def profile(
+    fit: Fit,
+    names: Iterable[str] | None = None,
+    *,
+    levels: Sequence[float] = LEVELS,
+    reach: float = REACH,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> tuple[Profile, ...]:
+    """Profile the cost of a fit over its parameters, one after the other.
+
+    From the optimum theta_j is moved outwards on both sides, and all other parameters are fitted again at each step,
+
+        rise(theta_j) = min over the others of cost(theta) - cost(optimum).
+
+    An interval is where rise <= chi-squared quantile (1 degree of freedom). The cost is that of the fit, its priors
+    included: with priors this profiles the posterior density, without (`prior_sd=math.inf`) the likelihood. A side on
+    which the threshold is not met within `reach` is open; one on which the model ends first is bounded by the model.
+
+    Only what hangs together with the best optimum is found; `Profile.rivals` names the other optima.
+
+    Args:
+        fit: of any model.
+        names: of the parameters, or of any number tied to them; all by default.
+        levels: of the intervals.
+        reach: see `REACH`.
+        progress: wraps the numbers of the sides, two for each parameter, to show a bar.
+
+    Raises:
+        InputError: no such parameter, a level that is none, or no reach.
+
+    References:
+        Wilks, "The large-sample distribution of the likelihood ratio", Ann. Math. Statist. 9(1), 1938.
+        Venzon, Moolgavkar, "A method for computing profile-likelihood-based confidence intervals", Appl. Statist.
+        37(1), 1988.
+    """
+    which = check(fit.problem.parameters, names, levels=levels, reach=reach)
+    levels = tuple(sorted(set(levels)))
+    thresholds = [threshold(level) for level in levels]
+    sides: list[Side] = []
+    for number in progress(range(2 * len(which))):
+        index, sign = which[number // 2], 2 * (number % 2) - 1
+        pinned = ConstrainedFit(fit, index)
+        wide = not fit.problem.parameters.items[index].positive and 1 < pinned.sd < math.inf
+        limit = math.log(reach) * (pinned.sd if wide else 1.0)
+        sides.append(profile_path(pinned, sign, limit, thresholds))
+    return tuple(_joined(fit, index, levels, *sides[2 * i : 2 * i + 2]) for i, index in enumerate(which))
+
+
+def check(
+    parameters: Parameters,
+    names: Iterable[str] | None = None,
+    *,
+    levels: Sequence[float] = LEVELS,
+    reach: float = REACH,
+) -> tuple[int, ...]:
+    """Check the arguments of `profile` before any work is done.
+
+    Returns:
+        The places of the named parameters in theta, ascending, each once; of all if none is named.
+
+    Raises:
+        InputError: no such parameter, a level that is none, or no reach.
+    """
+    if not 1 < reach < math.inf:
+        raise InputError(Problem("", f"a reach of {reach:g}", "a finite factor > 1", "give another (--reach)"))
+    for level in levels:
+        if not 0 < level < 1:
+            raise InputError(Problem("", f"a level of {level:g}", "a level between 0 and 1, as 0.95", "correct it"))
+    if not len(levels):
+        raise InputError(Problem("", "no level", "at least one, as 0.95", "name one"))
+    place_of = {path: i for i, item in enumerate(parameters.items) for path in item.paths}
+    names = tuple(names or ())
+    for name in names:
+        if name not in place_of:
+            remedy = did_you_mean(name, list(place_of), "name one of the unknowns")
+            raise InputError(Problem("", f"{one_line(name)}, which is not fitted", "an unknown", remedy))
+    return tuple(sorted({place_of[name] for name in names or place_of}))
+
+
+def _joined(fit: Fit, index: int, levels: Sequence[float], below: Side, above: Side) -> Profile:
+    """Join the two sides of a profile."""
+    optimum = float(fit.best.theta[index])
+    points = [*reversed(below.points), *above.points[1:]]
+    intervals = tuple(
+        Interval(level, optimum - low.distance, optimum + high.distance, (low.ending, high.ending))
+        for level, low, high in zip(levels, below.bounds, above.bounds, strict=True)
+    )
+    top, last = threshold(levels[-1]), intervals[-1]
+    others = [(float(o.theta[index]), o.cost - fit.best.cost) for o in fit.optima[1:]]
+    return Profile(
+        fit.problem.parameters.items[index],
+        optimum,
+        float(fit.information.sd[index]),
+        np.array([float(point.theta[index]) for point in points]),
+        np.array([point.rise for point in points]),
+        np.array([point.settled for point in points]),
+        intervals,
+        tuple(theta for theta, rise in others if rise < top and not last.low <= theta <= last.high),
+    )

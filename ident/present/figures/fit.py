@@ -1,0 +1,291 @@
+"""Figures of a fit, and figures as files. With `style` and the `..._figure` modules the only ones with matplotlib.
+
+Figures are made without pyplot, so that nothing global is touched.
+"""
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from ident.files import replace_file
+from ident.identify.fit import SUSPICIOUS, CampaignFit
+from ident.inference.information import WEAK_ABOVE, Direction
+from ident.inference.parameters import Parameter
+from ident.measure import Campaign
+from ident.present.figures.style import (
+    BLUE,
+    FILLED,
+    GREEN,
+    HOLLOW,
+    ORANGE,
+    PALE,
+    PALE_BLUE,
+    PINK,
+    Style,
+    engineering,
+    heading,
+    plain,
+    ratio_axis,
+    rows,
+)
+from ident.present.text.units import field_of, is_stiffness, nmm_per_deg, shown, unit_of
+from ident.present.text.words import cut, direction_name, short
+
+KIND_STYLES: dict[str, Style] = {
+    "frequency": {"color": BLUE, "marker": "o"},
+    "deflection": {"color": ORANGE, "marker": "s"},
+    "deflection_difference": {"color": PINK, "marker": "D"},
+    "damping_ratio": {"color": GREEN, "marker": "^"},
+}
+LENGTHS = ("com", "offset", "position")
+"""Fields of either sign, drawn by how far they move."""
+ROW, PANEL = 0.27, 1.15
+"""Height of one row, and of a panel's heading and axis [inch]."""
+LABEL, LETTER = 52, 0.063
+"""Longest label of a measurement, and the width of a letter [inch]."""
+DENSE = 60
+"""Measurements above which the rows are numbered instead of described."""
+REACH = 30.0
+"""Factor beyond the fitted values at which the frame cuts an interval off."""
+FARTHEST = 100.0
+"""Standard deviation of a direction at which its marker stays within the frame."""
+DPI = 130
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG, whole or not at all.
+
+    Raises:
+        InputError: the file can't be written; what was there before is untouched.
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        replace_file(path, lambda file: figure.savefig(file, format="png", dpi=DPI), make_folders=True)
+
+
+def fit_figure(result: CampaignFit) -> Figure:
+    """Draw a fit at one glance: parameters, what the data fix, measured against predicted, contradictions.
+
+    Filled markers are what the data support, hollow ones what they leave open.
+    """
+    items = result.fit.problem.parameters.items
+    moved = [i for i, item in enumerate(items) if not item.positive and field_of(item.name) in LENGTHS]
+    scaled = [i for i in range(len(items)) if i not in moved]
+    notes = list(_notes(result))
+    left = [len(group) for group in (scaled, moved, items) if group]
+    right = [min(len(result.campaign), DENSE), 0.8 * len(notes)]
+    heights = [[PANEL + ROW * count for count in column] for column in (left, right)]
+    total = max(map(sum, heights))
+    heights[1][1] = total - heights[1][0]
+    engine = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06, wspace=0.04)
+    figure = Figure(figsize=(_width(result), total + 0.5), layout=engine)
+    title = f"Fit of {cut(result.arm.name, 50)} to {cut(result.campaign.name, 50) or 'measurements'}"
+    figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
+    columns = figure.add_gridspec(1, 2)
+    *values, directions = _stack(figure, columns[0], heights[0])
+    for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
+        _values(axes, result, group, shift=group is moved)
+    _directions(directions, result.fit.information.directions, result.fit.information.names)
+    residuals, words = _stack(figure, columns[1], heights[1])
+    _residuals(residuals, result.campaign, result.fit.residuals)
+    _write(words, notes)
+    return figure
+
+
+def _width(result: CampaignFit) -> float:
+    """Return the width [inch] that leaves room for the panels beside what is written in the rows."""
+    known = result.fit.information
+    left = max(len(direction_name(direction, known.names)) for direction in known.directions)
+    right = max(len(cut(short(m), LABEL)) for m in result.campaign)
+    return 8.6 + LETTER * (max(left, 20) + max(right, 20) + 20)
+
+
+def _stack(figure: Figure, cell: SubplotSpec, heights: Sequence[float]) -> list[Axes]:
+    """Return axes one above the other."""
+    grid = cell.subgridspec(len(heights), 1, height_ratios=heights)
+    return [figure.add_subplot(grid[i]) for i in range(len(heights))]
+
+
+class _Row(NamedTuple):
+    """A parameter as it is drawn: relative to the arm file, or as a shift [mm] from it."""
+
+    value: float
+    low: float
+    high: float
+    supported: bool
+
+
+def _values(axes: Axes, result: CampaignFit, group: Sequence[int], *, shift: bool) -> None:
+    fit = result.fit
+    items = fit.problem.parameters.items
+    interval, supported = fit.interval(), result.supported
+    drawn = [_row(items[i], float(fit.best.values[i]), interval[i], bool(supported[i]), shift) for i in group]
+    left, right = _shift_span(drawn) if shift else _ratio_span(drawn)
+    rows(axes, [cut(items[i].name, 30) for i in group])
+    if shift:
+        axes.set_xlim(left, right)
+    else:
+        ratio_axis(axes, left, right)
+    axes.axvline(0.0 if shift else 1.0, color="black", linewidth=0.8, zorder=1.5)
+    for y, row in enumerate(drawn):
+        ends = [max(row.low, left), min(row.high, right)]
+        line: Style = {"color": BLUE, "linewidth": 2.2} if row.supported else {"color": PALE, "linewidth": 5.0}
+        axes.plot(ends, [y, y], solid_capstyle="butt", zorder=2, **line)
+        axes.plot([row.value], [y], linestyle="", zorder=3, **(FILLED if row.supported else HOLLOW))
+    axes.set_xlabel("fitted - arm file [mm]" if shift else "fitted / arm file [-]", fontsize=9)
+    keys = _key(
+        [row.supported for row in drawn], "known, 95 % interval", "not supported by the data; interval with prior"
+    )
+    heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
+    texts = [_value_text(items[i].name, fit.best.values[i], interval[i], bool(supported[i])) for i in group]
+    rows(axes.twinx(), texts, side="right")
+
+
+def _row(item: Parameter, value: float, interval: np.ndarray, supported: bool, shift: bool) -> _Row:
+    centre = float(item.start)
+
+    def relative(x: float) -> float:
+        return 1e3 * (x - centre) if shift else x / centre if centre else math.nan
+
+    return _Row(relative(value), relative(float(interval[0])), relative(float(interval[1])), supported)
+
+
+def _ratio_span(drawn: Sequence[_Row]) -> tuple[float, float]:
+    """Return limits with all values, and with the intervals' ends as far as they are within reach."""
+    values = [1.0, *(row.value for row in drawn if 0 < row.value < math.inf)]
+    low, high = min(values), max(values)
+    ends = [end for row in drawn for end in (row.low, row.high) if math.isfinite(end)]
+    left = min([low, *(max(end, low / REACH) for end in ends)])
+    right = max([high, *(min(end, high * REACH) for end in ends)])
+    pad = (right / left) ** 0.06 * 1.001
+    return left / pad, right * pad
+
+
+def _shift_span(drawn: Sequence[_Row]) -> tuple[float, float]:
+    size = max([1e-3, *(abs(row.value) for row in drawn)])
+    ends = [abs(end) for row in drawn for end in (row.low, row.high) if math.isfinite(end)]
+    size = 1.1 * max([size, *(min(end, REACH * size) for end in ends)])
+    return -size, size
+
+
+def _value_text(name: str, value: float, interval: np.ndarray, supported: bool) -> str:
+    numbers = (value, *interval)
+    if is_stiffness(name):
+        numbers, unit = tuple(nmm_per_deg(float(v)) for v in numbers), "N mm/deg"
+    elif field_of(name) in LENGTHS:
+        numbers, unit = tuple(1e3 * v for v in numbers), "mm"
+    else:
+        unit = unit_of(name)
+    best, low, high = engineering(*map(float, numbers))
+    return f"{best} {unit}\n{low} to {high}" if supported else f"not supported\n({best} {unit})"
+
+
+def _directions(axes: Axes, directions: Sequence[Direction], names: Sequence[str]) -> None:
+    """Draw the standard deviation of each direction; those that the data do not see stand at the edge."""
+    known = [min(d.sd, FARTHEST) for d in directions if d.seen]
+    left, edge = min([0.01, *known]) / 2, 4 * max([2 * WEAK_ABOVE, *known])
+    rows(axes, [direction_name(direction, names) for direction in directions])
+    axes.set_xscale("log")
+    axes.set_xlim(left, 4 * edge)
+    axes.axvspan(WEAK_ABOVE, 4 * edge, color="#F3F3F3", zorder=0)
+    axes.axvline(WEAK_ABOVE, color="black", linewidth=0.8, linestyle="--")
+    for y, direction in enumerate(directions):
+        place = min(direction.sd, FARTHEST) if direction.seen else edge
+        axes.plot([place], [y], linestyle="", **_direction_style(direction))
+        word = "weak" if direction.weak else "" if direction.seen else "open"
+        axes.annotate(word, (place, y), xytext=(7, 0), textcoords="offset points", va="center", fontsize=8)
+    ticks = {WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
+    for power in range(-1, -9, -1):
+        if math.log(min(ticks) / 10.0**power) > 0.17 * math.log(4 * edge / left) and 10.0**power > left:
+            ticks[10.0**power] = f"{10.0 ** (power + 2):g} %"
+    axes.set_xticks(list(ticks), list(ticks.values()))
+    axes.set_xticks([], minor=True)
+    axes.set_xlabel("standard deviation by the data alone, of ln(value) [-]", fontsize=9)
+    keys = _key([d.seen for d in directions], "seen by the data", "open: only the prior fills it")
+    heading(axes, f"Directions: the data fix {len(known)} of {len(directions)}", keys)
+
+
+def _direction_style(direction: Direction) -> Style:
+    if not direction.seen:
+        return HOLLOW
+    return {**FILLED, "markerfacecolor": PALE_BLUE} if direction.weak else FILLED
+
+
+def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:
+    """Explain the markers that are there."""
+    return {text: style for text, style in ((solid, FILLED), (hollow, HOLLOW)) if (style is FILLED) in filled}
+
+
+def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray) -> None:
+    """Draw measured minus predicted in standard deviations, a row for each measurement, sorted by kind."""
+    kinds = [kind for kind in KIND_STYLES if any(m.kind == kind for m in campaign)]
+    order = sorted(range(len(campaign)), key=lambda i: kinds.index(campaign.measurements[i].kind))
+    z = -np.asarray(residuals)
+    reach = 1.1 * max(3.0, float(np.abs(z).max()))
+    if len(order) <= DENSE:
+        rows(axes, [cut(short(campaign.measurements[i]), LABEL) for i in order])
+    else:
+        plain(axes)
+        axes.set_ylim(len(order), -1)
+        axes.set_ylabel("measurement, sorted by kind [-]", fontsize=9)
+    axes.set_xlim(-reach, reach)
+    axes.axvspan(-2, 2, color="#EAF1F6", zorder=0)
+    axes.axvline(0.0, color="black", linewidth=0.8)
+    for y, i in enumerate(order):
+        style = KIND_STYLES[campaign.measurements[i].kind]
+        axes.plot([0.0, z[i]], [y, y], color=style["color"], linewidth=1.2)
+        axes.plot([z[i]], [y], linestyle="", markersize=5, **style)
+    axes.set_xlabel("(measured - predicted) / sigma [-]; shaded: within ±2", fontsize=9)
+    keys = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
+    heading(axes, "Measured against predicted", keys)
+
+
+def _notes(result: CampaignFit) -> Iterator[tuple[str, bool]]:
+    """Yield what must be said in words, each line with whether it is a warning."""
+    fit = result.fit
+    p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ": nothing is left to test the model with"
+    yield f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}", False
+    if not fit.best.converged:
+        yield "The gradient does not vanish here: this is not an optimum", True
+    rivals = sum(o.cost < fit.best.cost + 4 for o in fit.optima[1:])
+    if rivals:
+        yield f"{rivals} other optimum fits about as well: the data do not choose between them", True
+    doubts = sorted(
+        ((t, i) for t in result.cross_predictions for i in range(len(t.rows)) if abs(t.z[i]) > SUSPICIOUS),
+        key=lambda pair: -abs(pair[0].z[pair[1]]),
+    )
+    if doubts:
+        yield "CONTRADICTION: the kinds disagree; the fit joins them only by implausible values.", True
+    elif result.cross_predictions:
+        worst = max(float(np.abs(t.z).max()) for t in result.cross_predictions)
+        yield f"The kinds of measurement agree: each from the others within {worst:.1f} sd", False
+    for t, i in doubts[:4]:
+        m = result.campaign.measurements[t.rows[i]]
+        (value, unit), (sd, _) = shown(m.kind, float(t.predicted[i])), shown(m.kind, float(t.sd[i]))
+        yield f"   {cut(short(m), 60)}:", False
+        yield f"      the other kinds predict {value:.3g} ± {sd:.2g} {unit}, {abs(t.z[i]):.1f} sd away", False
+
+
+def _write(axes: Axes, notes: Sequence[tuple[str, bool]]) -> None:
+    """Write lines on empty axes, from the top down."""
+    axes.set_axis_off()
+    for i, (line, warning) in enumerate(notes):
+        axes.annotate(
+            line,
+            (0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(-150, -14 * i),
+            textcoords="offset points",
+            va="top",
+            fontsize=9,
+            color=ORANGE if warning else "black",
+            parse_math=False,
+        )

@@ -1,0 +1,194 @@
+"""The figure of a plan: gain over posture, and what the standard deviations will become."""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
+from ident.identify.plan import CampaignPlan
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain
+from ident.present.text.plan import aim_in_words, visit_in_words
+from ident.present.text.units import field_of
+from ident.present.text.words import cut, degrees
+
+COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's, one for each joint or other part."""
+DASHES = {"k_bend": "-", "k_tors": (0, (5, 2))}
+
+
+def plan_figure(plan: CampaignPlan) -> Figure:
+    """Draw gain per hour over posture with the chosen visits, and the standard deviations after each of them."""
+    figure = Figure(figsize=(13.0, 6.2), layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08, wspace=0.03))
+    title = f"What to measure next on {cut(plan.arm.name, 50)}"
+    figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
+    left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
+    _gain_over_posture(figure, left, plan)
+    _sd_over_visits(right, plan)
+    return figure
+
+
+def gain_of_postures(plan: CampaignPlan) -> np.ndarray:
+    """Return for each posture of the grid the gain per hour of its best visit; NaN where the arm does not stand."""
+    return np.append(_best(plan), np.nan)[plan.grid.seen]
+
+
+def main_joints(postures: np.ndarray, gain: np.ndarray) -> list[int]:
+    """Return the one or two joints on whose angle the gain depends most, in their order along the arm.
+
+    By the variance of the gain that is left when all other angles are held, averaged; of a sample that is no grid,
+    by the variance of the means at each angle.
+    """
+    effects = []
+    for joint in range(postures.shape[1]):
+        others = np.delete(postures, joint, 1).round(9)
+        groups = np.unique(others, axis=0, return_inverse=True)[1].ravel()
+        if len(np.unique(groups)) > 0.9 * len(postures) and postures.shape[1] > 1:
+            groups = np.zeros(len(postures), int)
+            tenths = np.digitize(postures[:, joint], np.quantile(postures[:, joint], np.linspace(0, 1, 9)[1:-1]))
+            effects.append(float(np.nanvar([np.nanmean(gain[tenths == k]) for k in np.unique(tenths)])))
+            continue
+        count = np.bincount(groups)
+        level = np.bincount(groups, gain) / count
+        effects.append(float(np.nanmean((gain - level[groups]) ** 2)))
+    return sorted(np.argsort(effects)[::-1][:2].tolist())
+
+
+def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
+    gain, postures = gain_of_postures(plan), plan.grid.postures
+    shown = main_joints(postures, gain)
+    names = [plan.arm.driven[i].name for i in shown]
+    angles = np.rad2deg(postures[:, shown])
+    if len(shown) == 1:
+        order = np.argsort(angles[:, 0])
+        axes.plot(angles[order, 0], gain[order], color=BLUE, marker="o", markersize=4)
+        axes.set_ylabel(_gain_label(plan))
+        axes.set_ylim(bottom=0)
+        places = {
+            i: (math.degrees(q[0]), height)
+            for i, (q, height) in enumerate(zip(plan.view.postures, _best(plan), strict=True))
+        }
+    else:
+        drawn = _map(axes, angles, gain, sampled=plan.grid.sampled)
+        bar = figure.colorbar(drawn, ax=axes, pad=0.02)
+        bar.set_label(_gain_label(plan), fontsize=9)
+        bar.ax.tick_params(labelsize=8)
+        bar.outline.set_visible(False)
+        axes.set_ylabel(f"{cut(names[1], 30)} [deg]", parse_math=False)
+        places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.view.postures)}
+    axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
+    for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
+        axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not plan.grid.sampled else MaxNLocator(9))
+    plain(axes)
+    _mark(axes, plan, places)
+    entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is then still open": _badge()}
+    if plan.measured.any():
+        entries["measured before"] = _cross()
+    others = [joint.name for i, joint in enumerate(plan.arm.driven) if i not in shown]
+    where = "at any angle" if plan.grid.sampled else "at the best angle"
+    rest = f"; {', '.join(cut(name, 20) for name in others)} {where}" if others else ""
+    heading(axes, f"Gain of a first visit over posture{rest}", entries)
+
+
+def _best(plan: CampaignPlan) -> np.ndarray:
+    """Return the gain per hour of the best visit to each posture of the view."""
+    best = np.full(len(plan.view.postures), -np.inf)
+    np.maximum.at(best, [visit.place for visit in plan.visits], 60 * plan.per_cost)
+    return best
+
+
+def _gain_label(plan: CampaignPlan) -> str:
+    words, unit = aim_in_words(plan)
+    return f"expected gain per hour [{unit}/h]: {cut(words, 60)}"
+
+
+def _map(axes: Axes, angles: np.ndarray, gain: np.ndarray, *, sampled: bool) -> Any:
+    if sampled:
+        order = np.argsort(gain)
+        return axes.scatter(angles[order, 0], angles[order, 1], c=gain[order], cmap="viridis", s=22, linewidths=0)
+    x, y = (np.unique(angles[:, k].round(6)) for k in (0, 1))
+    table = np.full((len(y), len(x)), np.nan)
+    for (a, b), value in zip(angles.round(6), gain, strict=True):
+        i, j = np.searchsorted(y, b), np.searchsorted(x, a)
+        table[i, j] = np.fmax(table[i, j], value)
+    return axes.pcolormesh(_edges(x), _edges(y), table, cmap="viridis")
+
+
+def _edges(centres: np.ndarray) -> np.ndarray:
+    """Return the borders of cells about the centres."""
+    half = np.diff(centres) / 2 if len(centres) > 1 else np.array([5.0])
+    inner = centres[:-1] + half if len(centres) > 1 else np.array([])
+    return np.array([centres[0] - half[0], *inner, centres[-1] + half[-1]])
+
+
+def _ticks(angles: np.ndarray) -> np.ndarray:
+    """Return angles of the grid, zero among them if it is one, few enough to be read."""
+    values = np.unique(angles.round(6))
+    every = -(-len(values) // 13)
+    return values[int(np.argmin(np.abs(values))) % every :: every]
+
+
+def _badge() -> dict[str, Any]:
+    return {"marker": "o", "markersize": 11, "markerfacecolor": "white", "color": "black"}
+
+
+def _cross() -> dict[str, Any]:
+    return {"marker": "x", "markersize": 8, "markeredgewidth": 2.2, "color": ORANGE}
+
+
+def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
+    """Mark postures that were measured, and number the chosen ones; several numbers share a place."""
+    for i in np.flatnonzero(plan.measured):
+        axes.plot(*places[int(i)], linestyle="", zorder=3, clip_on=False, **_cross())
+    numbers: dict[tuple[float, float], list[str]] = {}
+    for number, visit in enumerate(plan.batch, 1):
+        x, y = places[visit.place]
+        numbers.setdefault((round(float(x), 3), round(float(y), 6)), []).append(str(number))
+    for place, texts in numbers.items():
+        box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "black"}
+        axes.annotate(
+            ", ".join(texts), place, ha="center", va="center", fontsize=9, fontweight="bold", bbox=box, zorder=4
+        )
+
+
+def _sd_over_visits(axes: Axes, plan: CampaignPlan) -> None:
+    """Draw the standard deviations of theta at the best estimate, now and after each visit."""
+    sd, visits = 100 * plan.sd, range(len(plan.steps) + 1)
+    parts = list(dict.fromkeys(name.split(".")[0] for name in plan.known.names))
+    entries: dict[str, Any] = {}
+    for i, name in enumerate(plan.known.names):
+        colour = COLOURS[parts.index(name.split(".")[0]) % len(COLOURS)]
+        style: dict[str, Any] = {"color": colour, "linestyle": DASHES.get(field_of(name), ":"), "linewidth": 1.8}
+        axes.plot(visits, sd[:, i], marker="o", markersize=4, **style)
+        entries[cut(name, 28)] = style
+    axes.set_yscale("log")
+    axes.set_ylabel("standard deviation of ln(value) x 100, at the best estimate", fontsize=9)
+    top, bottom = sd.max() * 1.3, min(sd.min() * 0.7, 4.0)
+    axes.set_ylim(bottom, top)
+    if bottom < 5.0 < top:
+        axes.axhline(5.0, color=GREY, linewidth=0.9, zorder=1)
+        place: dict[str, Any] = {"ha": "right", "va": "bottom", "transform": axes.get_yaxis_transform()}
+        axes.text(0.995, 5.0, "5 %", color=GREY, fontsize=8, **place)
+    steps = (1.0, 2.0, 5.0) if top > 10 * bottom else (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0)
+    axes.yaxis.set_major_locator(LogLocator(subs=steps, numticks=12))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:.4g}"))
+    axes.set_xlim(-0.15, len(plan.steps) + 0.15)
+    labels = ["now"] + [
+        f"{i}: {cut(visit_in_words(visit), 34)}\n{cut(degrees(visit.posture), 34)}"
+        for i, visit in enumerate(plan.batch, 1)
+    ]
+    crowded = len(labels) > 3
+    axes.set_xticks(
+        list(visits),
+        labels,
+        parse_math=False,
+        rotation=30 if crowded else 0,
+        ha="right" if crowded else "center",
+        rotation_mode="anchor",
+    )
+    plain(axes)
+    heading(axes, "What the standard deviations will become", entries, columns=3)

@@ -1,0 +1,238 @@
+"""The resonance chart: natural frequencies along a motion against the frequencies at which pulleys turn."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.transforms import Transform
+
+from ident.arm.labels import Label
+from ident.present.figures.modes import NAME_STYLES
+from ident.present.figures.style import GREY, plain
+from ident.present.text.resonance_words import band_words, grouped, same_lines, sources_words
+from ident.present.text.words import cut
+from ident.vibrate.modal.branches import Branches
+from ident.vibrate.modal.excitation import Excitation
+from ident.vibrate.modal.resonance import ResonanceCrossing
+
+SIZE = (9.0, 6.6)
+"""Width and height [inch]."""
+PANEL = 4.2
+"""About the height of the upper panel [inch]."""
+LETTER = 0.065
+"""Width of a letter [inch]."""
+HEADROOM = 1.15
+"""Upper end of the axis over the highest natural frequency; pulleys may turn faster."""
+SHADE = "#EBCB6B"
+"""What marks near-resonance; light, so that it prints as a light grey."""
+DASHES = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (8, 3)))
+"""Patterns of lines for what excites."""
+
+
+def resonance_figure(
+    branches: Branches, excitation: Excitation, encounters: Sequence[ResonanceCrossing] = (), *, title: str = ""
+) -> Figure:
+    """Draw natural frequencies (solid), pulley frequencies (dashed) and where they are near, over time.
+
+    Encounters have the numbers of the report. Below are the joint angles.
+
+    Args:
+        branches: natural frequencies along a motion; of sets the median and the band from 5 to 95 %.
+        excitation: at the same times.
+        encounters: what is shaded and numbered, in this order.
+        title: heading, such as the name of the motion.
+    """
+    figure = Figure(figsize=SIZE, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
+    figure.suptitle(cut(title or "Natural and pulley frequencies", 90), parse_math=False, fontsize=12, weight="bold")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
+    top = HEADROOM * float(branches.band()[1].max() if branches.sets else branches.median.max())
+    upper.set_ylim(0, top)
+    upper.set_xlim(branches.time[0], branches.time[-1])
+    _shades(upper, branches, excitation, encounters)
+    _branches(upper, branches)
+    _pulleys(upper, branches, excitation, top)
+    _numbers(upper, encounters)
+    _postures(lower, branches)
+    upper.set_ylabel("frequency [Hz]", fontsize=9)
+    upper.grid(axis="y", color="#EEEEEE", linewidth=0.8)
+    lower.set_xlabel("time [s]", fontsize=9)
+    for axes in (upper, lower):
+        plain(axes)
+    notes = figure.legend(
+        handles=[], title="\n".join(_notes(branches, encounters)), loc="outside lower left", frameon=False
+    )
+    notes.get_title().set(fontsize=8, color=GREY)
+    return figure
+
+
+def _shades(axes: Axes, branches: Branches, excitation: Excitation, encounters: Sequence[ResonanceCrossing]) -> None:
+    """Shade what is between a natural frequency and an excitation for as long as they are near."""
+    for encounter in encounters:
+        inside = (branches.time > encounter.start) & (branches.time < encounter.end)
+        time = np.sort([encounter.start, *branches.time[inside], *encounter.crossings, encounter.end])
+        natural = np.interp(time, branches.time, branches.median[encounter.branch])
+        line = excitation.frequency[excitation.sources.index(encounter.source)]
+        turning = np.interp(time, excitation.time, line)
+        axes.fill_between(time, natural, turning, color=SHADE, linewidth=0, zorder=1)
+
+
+def _branches(axes: Axes, branches: Branches) -> None:
+    """Draw each branch in the colours of its names, the last name at its end."""
+    starts, ends = (_spread(branches.median[:, k], axes) for k in (0, -1))
+    for b, label in enumerate(branches.labels):
+        if branches.sets:
+            axes.fill_between(branches.time, *branches.band()[:, b], color=_colour(label), alpha=0.16, linewidth=0)
+        for name, start, end in _spans(branches, b):
+            time = np.unique(np.clip(branches.time, start, end))
+            line = np.interp(time, branches.time, branches.median[b])
+            axes.plot(time, line, color=_colour(name), linewidth=1.9, zorder=3, solid_capstyle="butt")
+            if start > branches.time[0]:
+                axes.plot(time[:1], line[:1], "|", color="black", markersize=8, zorder=4)
+            elif name != label:
+                _write(axes, f"{name}", (start, starts[b]), _colour(name), (4, 7))
+        _write(axes, f"{label}", (1.0, ends[b]), _colour(label), (4, 0), axes.get_yaxis_transform())
+
+
+def _spans(branches: Branches, b: int) -> Iterator[tuple[Label, float, float]]:
+    """Yield the names of a branch, each from when to when."""
+    changes = [change for change in branches.changes if change.branch == b]
+    ends = [float(branches.time[0]), *(change.time for change in changes), float(branches.time[-1])]
+    names = [branches.label(b, end) for end in ends[:-1]]
+    yield from zip(names, ends[:-1], ends[1:], strict=True)
+
+
+def _pulleys(axes: Axes, branches: Branches, excitation: Excitation, top: float) -> None:
+    """Draw what excites, lines that coincide as one, each named where it is highest within the axis."""
+    names: list[tuple[float, float]] = []
+    for i, same in enumerate(same_lines(excitation)):
+        line = excitation.frequency[same[0]]
+        axes.plot(excitation.time, line, color="black", linestyle=DASHES[i % len(DASHES)], linewidth=1.2, zorder=3)
+        if not line.any():
+            continue
+        k = _free(excitation.time, line, top, names)
+        names.append((excitation.time[k], line[k]))
+        others = [*branches.median, *(f for j, f in enumerate(excitation.frequency) if j not in same)]
+        above = _clearance(line[k], [other[k] for other in others])
+        name = sources_words([excitation.sources[j] for j in same])
+        side = (0, 8 if above else -8)
+        _write(axes, name, (excitation.time[k], line[k]), "black", side, align="center")
+
+
+def _free(time: np.ndarray, line: np.ndarray, top: float, names: Sequence[tuple[float, float]]) -> int:
+    """Return the place of a line at which its name is far from the names there are."""
+    span = time[-1] - time[0]
+    places = [_highest(line, share * top) for share in (0.93, 0.86, 0.79, 0.72, 0.65, 0.58)]
+    far = (k for k in places if all(abs(time[k] - t) > 0.2 * span or abs(line[k] - f) > 0.05 * top for t, f in names))
+    return next(far, places[0])
+
+
+def _highest(line: Float[np.ndarray, "T"], top: float) -> int:
+    """Return the middle of the first stretch on which a line is highest, but not above `top`."""
+    seen = np.where(line <= top, line, 0.0)
+    high = np.flatnonzero(seen >= 0.998 * seen.max())
+    first = np.split(high, np.flatnonzero(np.diff(high) > 1) + 1)[0]
+    return int(first[len(first) // 2])
+
+
+def _clearance(here: float, others: Sequence[float]) -> bool:
+    """Tell whether there is more room above a line than below."""
+    apart = np.array([other - here for other in others] or [np.inf])
+    return bool(apart[apart >= 0].min(initial=np.inf) >= -apart[apart < 0].max(initial=-here))
+
+
+def _numbers(axes: Axes, encounters: Sequence[ResonanceCrossing]) -> None:
+    """Number the encounters above the panel, each with a line down to the closest approach."""
+    low, high = axes.get_xlim()
+    width, taken = (high - low) * 0.025, list[tuple[float, int]]()
+    numbered = [(n, group[0]) for n, group in enumerate(grouped(encounters), start=1)]
+    for number, encounter in sorted(numbered, key=lambda pair: pair[1].time):
+        used = {row for time, row in taken if abs(time - encounter.time) < width}
+        row = next(row for row in range(len(used) + 1) if row not in used)
+        taken.append((encounter.time, row))
+        axes.annotate(
+            f"{number}",
+            (encounter.time, encounter.natural),
+            xycoords="data",
+            xytext=(encounter.time, 1.03 + 0.05 * row),
+            textcoords=axes.get_xaxis_transform(),
+            ha="center",
+            va="center",
+            fontsize=8,
+            bbox={"boxstyle": "circle,pad=0.2", "facecolor": SHADE, "edgecolor": GREY, "linewidth": 0.6},
+            arrowprops={"arrowstyle": "-", "color": GREY, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
+            zorder=2,
+        )
+
+
+def _postures(axes: Axes, branches: Branches) -> None:
+    """Draw the joint angles, those that are the same as one line."""
+    angles = np.degrees(branches.posture)
+    groups: list[list[int]] = []
+    for j, angle in enumerate(angles):
+        same = next((g for g in groups if np.allclose(angles[g[0]], angle, atol=1e-6)), None)
+        groups.append([j]) if same is None else same.append(j)
+    at = angles[[g[0] for g in groups]]
+    axes.margins(y=0.15)
+    axes.plot(branches.time, at.T, color=GREY, linewidth=1.2)
+    first = np.where(np.ptp(at, axis=1) > 0, at[:, 0], at[:, -1])
+    for group, value in zip(groups, _spread(first, axes), strict=True):
+        name = ", ".join(f"q{j + 1}" for j in group)
+        _write(axes, name, (0.0, value), GREY, (4, 0), axes.get_yaxis_transform())
+    axes.set_ylabel("angle [deg]", fontsize=9)
+
+
+def _spread(values: Float[np.ndarray, "n"], axes: Axes) -> Float[np.ndarray, "n"]:
+    """Move values apart until their names do not overlap."""
+    low, high = axes.get_ylim()
+    gap = (high - low) * 0.15 / PANEL
+    order, moved = np.argsort(values), np.array(values, float)
+    for _ in range(20):
+        for i, j in pairwise(order):
+            lack = max(gap - (moved[j] - moved[i]), 0.0)
+            moved[i] -= lack / 2
+            moved[j] += lack / 2
+    return moved
+
+
+def _write(
+    axes: Axes,
+    text: str,
+    at: tuple,
+    colour: str,
+    shift: tuple[int, int],
+    coords: str | Transform = "data",
+    align: str = "left",
+) -> None:
+    axes.annotate(
+        text,
+        at,
+        xycoords=coords,
+        xytext=shift,
+        textcoords="offset points",
+        ha=align,
+        va="center",
+        fontsize=8,
+        color=colour,
+        parse_math=False,
+        annotation_clip=False,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
+        zorder=5,
+    )
+
+
+def _colour(label: Label) -> str:
+    return str(NAME_STYLES[f"{label.direction} {label.kind}"]["color"])
+
+
+def _notes(branches: Branches, encounters: Sequence[ResonanceCrossing]) -> Iterator[str]:
+    yield "solid: natural frequencies of the arm held at each posture; broken: turning frequencies of pulleys"
+    if encounters:
+        yield "shaded: the two are near; numbered as in the report, the line leads to the closest approach"
+    if branches.sets:
+        yield f"solid lines are medians, bands {band_words(branches)}"
+    if branches.changes:
+        yield "tick on a line: the mode changes its shape, and its name"

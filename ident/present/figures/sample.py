@@ -1,0 +1,210 @@
+"""Figures of a sampled posterior: what it says, corner plot, traces."""
+
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+from ident.identify.sample import CampaignSample
+from ident.present.figures.fit import DENSE, LABEL, PANEL, ROW
+from ident.present.figures.style import (
+    BLUE,
+    FILLED,
+    GREY,
+    HOLLOW,
+    ORANGE,
+    PALE,
+    Style,
+    heading,
+    plain,
+    ratio_axis,
+    rows,
+)
+from ident.present.text.sample import LEARNED, LEVELS, directions, learned, of_first, quantiles
+from ident.present.text.words import cut, direction_name, short
+
+CORNER_DRAWS = 20000
+"""Draws, at most, in the corner plot."""
+WIDE_SPAN = 5.0
+"""Ratio of the ends of a range from which its axis in the corner plot is logarithmic."""
+FARTHEST = 1e4
+"""Ratio to the arm file's value at which the frame cuts a prior off."""
+BAND: Style = {"marker": "", "linestyle": "-", "linewidth": 5.0, "color": PALE}
+WIDE: Style = {"marker": "", "linestyle": "-", "linewidth": 1.2, "color": BLUE}
+NARROW: Style = {"marker": "", "linestyle": "-", "linewidth": 3.6, "color": BLUE}
+
+
+def sample_figures(result: CampaignSample) -> dict[str, Figure]:
+    """Return all figures of a sample by name: `posterior`, `corner` and `trace`."""
+    return {"posterior": posterior_figure(result), "corner": corner_figure(result), "trace": trace_figure(result)}
+
+
+def posterior_figure(result: CampaignSample) -> Figure:
+    """Draw posterior against prior, parameter by parameter and in combination, and predicted against measured."""
+    items = result.sample.posterior.parameters.items
+    combined = directions(result) if len(result.fitted.fit.problem.parameters.items) > 1 else []
+    left = [len(items) * ROW + PANEL, len(combined) * ROW + PANEL]
+    right = min(len(result.fitted.campaign), DENSE) * ROW + PANEL
+    figure = Figure(
+        figsize=(15.5, max(sum(left), right) + 0.5), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06, wspace=0.04)
+    )
+    title = (
+        f"Posterior of {cut(result.fitted.arm.name, 50)} given {cut(result.fitted.campaign.name, 50) or 'measurements'}"
+    )
+    figure.suptitle(title + of_first(result), parse_math=False, fontsize=13, fontweight="bold")
+    columns = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
+    stacked = columns[0].subgridspec(2, 1, height_ratios=left)
+    _against_prior(figure.add_subplot(stacked[0]), result)
+    if combined:
+        _combinations(figure.add_subplot(stacked[1]), result)
+    _predicted(figure.add_subplot(columns[1]), result)
+    return figure
+
+
+def _against_prior(axes: Axes, result: CampaignSample) -> None:
+    """Draw prior and posterior of each parameter relative to the arm file, lengths as exponentials of theta."""
+    parameters = result.sample.posterior.parameters
+    items, centre = parameters.items, np.asarray(parameters.theta(parameters.column("centre")))
+    prior = np.exp(
+        np.asarray(parameters.from_uniform(jnp.asarray([[LEVELS[0], LEVELS[-1]]] * len(items)))) - centre[:, None]
+    )
+    own = np.exp(np.asarray(parameters.theta(jnp.asarray(quantiles(result).T))) - centre[:, None])
+    open_ones = learned(result) > LEARNED
+    rows(axes, [cut(item.name, 30) for item in items])
+    reach = np.concatenate([own.ravel(), prior[parameters.proper].ravel(), [1.0]])
+    ratio_axis(axes, max(reach.min(), 1 / FARTHEST) / 1.2, min(reach.max(), FARTHEST) * 1.2)
+    axes.axvline(1.0, color="black", linewidth=0.8, zorder=1.5)
+    for y, (before, (low, lower, median, upper, high), unknown) in enumerate(zip(prior, own, open_ones, strict=True)):
+        axes.plot(np.clip(before, 1 / FARTHEST, FARTHEST), [y, y], **BAND, solid_capstyle="butt")
+        axes.plot([low, high], [y, y], **WIDE)
+        axes.plot([lower, upper], [y, y], **NARROW, solid_capstyle="butt")
+        axes.plot([median], [y], linestyle="", zorder=3, **(HOLLOW if unknown else FILLED))
+    shares = zip(learned(result), parameters.proper, strict=True)
+    texts = [f"{share:.0%} of prior" if proper else "no prior" for share, proper in shares]
+    rows(axes.twinx(), texts, side="right")
+    axes.set_xlabel("value / centre of its prior [-]", fontsize=9)
+    keys: dict[str, Style] = {"prior, 95 %": BAND, "posterior, 95 %": WIDE, "50 %": NARROW}
+    keys |= {"median": FILLED, "median, open": HOLLOW} if open_ones.any() else {"median": FILLED}
+    heading(axes, "Parameters, one by one", keys)
+
+
+def _combinations(axes: Axes, result: CampaignSample) -> None:
+    """Draw the spread of each combination over the draws, and what the prior alone would leave."""
+    found, items = directions(result), result.fitted.fit.problem.parameters.items
+    names = [item.name for item in items]
+    width = result.fitted.fit.problem.parameters.normal_sd
+    rows(axes, [direction_name(direction, names) for direction in found])
+    axes.set_xscale("log")
+    for y, direction in enumerate(found):
+        prior = float(np.sqrt(((direction.weights * width) ** 2).sum()))
+        if np.isfinite(prior):
+            axes.plot([direction.sd, prior], [y, y], color=PALE, linewidth=1.2)
+            axes.plot([prior], [y], linestyle="", marker="|", markersize=11, color=GREY)
+        axes.plot([direction.sd], [y], linestyle="", **(HOLLOW if direction.sd > LEARNED * prior else FILLED))
+    ticks = [power for power in (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0) if found[0].sd / 3 < power < 5 * found[-1].sd]
+    axes.set_xticks(ticks, [f"{100 * tick:g} %" if tick < 1 else f"factor {np.exp(tick):.3g}" for tick in ticks])
+    axes.set_xticks([], minor=True)
+    axes.set_xlabel("standard deviation of ln(combination) [-]", fontsize=9)
+    keys: dict[str, Style] = {"by the posterior": FILLED, "by the prior alone": {"marker": "|", "color": GREY}}
+    heading(axes, "Parameters in combination, best known first", keys)
+
+
+def _predicted(axes: Axes, result: CampaignSample) -> None:
+    """Draw the bands of the predictions about each measured value, in standard deviations of the measurement."""
+    campaign, drawn = result.fitted.campaign, result.posterior_predictive
+    sigma, measured = np.array([m.sigma for m in campaign]), np.array([m.value for m in campaign])
+    bands = np.quantile((drawn.predicted - measured) / sigma, LEVELS, axis=0).T
+    noisy = np.quantile((drawn.simulated - measured) / sigma, (LEVELS[0], LEVELS[-1]), axis=0).T
+    if len(campaign) <= DENSE:
+        rows(axes, [cut(short(m), LABEL) for m in campaign])
+    else:
+        plain(axes)
+        axes.set_ylim(len(campaign), -1)
+        axes.set_ylabel("measurement [-]", fontsize=9)
+    axes.axvline(0.0, color="black", linewidth=0.8)
+    for y, (ends, (low, lower, median, upper, high)) in enumerate(zip(noisy, bands, strict=True)):
+        outside = not ends[0] < 0 < ends[1]
+        colour = ORANGE if outside else BLUE
+        axes.plot(ends, [y, y], **BAND, solid_capstyle="butt")
+        axes.plot([low, high], [y, y], **{**WIDE, "color": colour})
+        axes.plot([lower, upper], [y, y], **{**NARROW, "color": colour}, solid_capstyle="butt")
+        axes.plot([median], [y], linestyle="", **{**FILLED, "color": colour, "markersize": 4})
+    axes.set_xlabel("(predicted - measured) / sigma [-]; measured at 0", fontsize=9)
+    keys: dict[str, Style] = {"with noise, 95 %": BAND, "predicted, 95 %": WIDE, "50 %": NARROW}
+    keys["measured outside the 95 % band"] = {**WIDE, "color": ORANGE}
+    heading(axes, "Predicted about measured", keys)
+
+
+def corner_figure(result: CampaignSample) -> Figure:
+    """Draw all pairs of parameters against each other, relative to the centres of their priors."""
+    import corner
+
+    parameters = result.sample.posterior.parameters
+    draws = _thinned(result.sample.draws(), CORNER_DRAWS)
+    ratio = np.exp(draws - np.asarray(parameters.theta(parameters.column("centre"))))
+    size = 1.8 * len(parameters.names) + 1.2
+    figure = Figure(figsize=(size, size))
+    span = np.quantile(ratio, (0.001, 0.999), axis=0).T
+    wide = span[:, 1] / span[:, 0] > WIDE_SPAN
+    corner.corner(
+        ratio,
+        fig=figure,
+        labels=[_two_lines(name) for name in parameters.names],
+        range=[tuple(ends) for ends in span],
+        axes_scale=["log" if far else "linear" for far in wide],
+        truths=[1.0] * len(parameters.names),
+        truth_color=ORANGE,
+        color=BLUE,
+        quantiles=(LEVELS[0], LEVELS[-1]),
+        plot_datapoints=False,
+        fill_contours=True,
+        max_n_ticks=3,
+        label_kwargs={"fontsize": 9},
+    )
+    for axes in figure.axes:
+        axes.tick_params(labelsize=7)
+        for axis in (axes.xaxis, axes.yaxis):
+            if axis.get_scale() == "log":
+                _few_ticks(axis)
+    title = f"Posterior of {cut(result.fitted.arm.name, 40)}{of_first(result)}: values / centre of their priors [-]"
+    figure.suptitle(title, x=0.98, ha="right", parse_math=False, fontsize=13, fontweight="bold")
+    figure.text(0.98, 0.94, "orange: centre of the prior; dashed: 95 % interval", ha="right", fontsize=10)
+    return figure
+
+
+def trace_figure(result: CampaignSample) -> Figure:
+    """Draw one walker of each ensemble over the steps, parameter by parameter."""
+    sample = result.sample
+    names, steps = sample.posterior.parameters.names, len(sample.theta)
+    shown = np.unique(np.linspace(0, steps - 1, min(steps, 2000)).astype(int))
+    figure = Figure(figsize=(11, 1.25 * len(names) + 1.0), layout=ConstrainedLayoutEngine(h_pad=0.04))
+    figure.suptitle("One walker of each ensemble", fontsize=13, fontweight="bold")
+    panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    for p, (axes, name) in enumerate(zip(panels, names, strict=True)):
+        plain(axes)
+        axes.plot(shown, sample.theta[shown, :, 0, p], linewidth=0.6)
+        axes.axvspan(0, sample.burn_in, color="#EEEEEE", zorder=0)
+        axes.set_ylabel(_two_lines(name), fontsize=8, rotation=0, ha="right", va="center", parse_math=False)
+    panels[-1].set_xlabel("step [-]; grey: burn-in, left out; vertical: theta, ln(value) for a stiffness", fontsize=9)
+    panels[-1].set_xlim(0, steps)
+    return figure
+
+
+def _few_ticks(axis: Axis) -> None:
+    """Put a few plain numbers on a logarithmic axis, none on an axis whose ticks stand elsewhere."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0,) if high / low > 100 else (1.0, 3.0), numticks=12))
+    axis.set_minor_locator(NullLocator())
+    if not isinstance(axis.get_major_formatter(), NullFormatter):
+        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+
+
+def _thinned(draws: np.ndarray, count: int) -> np.ndarray:
+    return draws[np.linspace(0, len(draws) - 1, min(count, len(draws))).astype(int)]
+
+
+def _two_lines(name: str) -> str:
+    return cut(name, 30).replace(".", "\n", 1)

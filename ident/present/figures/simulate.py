@@ -1,0 +1,186 @@
+"""Figures of a simulated motion: vibration of the end point, and what joints, belts and pulleys do meanwhile."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from ident.assess.simulation import Simulation, alike
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PALE_BLUE, PINK, Style, plain
+from ident.present.text.units import MM
+from ident.present.text.words import cut
+from ident.vibrate.response.study import DIRECTIONS
+
+WIDTH, PANEL = 8.0, 1.9
+"""Width of a figure and height of a panel [inch]."""
+NEAR = 0.5
+"""Share of the limit that a peak must reach for the limit to be drawn."""
+OURS: Style = {"color": BLUE, "linewidth": 1.3}
+THEIRS: Style = {"color": ORANGE, "linewidth": 0.8}
+PARTS: tuple[Style, ...] = tuple(
+    {"color": color, "linestyle": line, "linewidth": 1.1}
+    for color, line in ((BLUE, "-"), (ORANGE, "-"), (GREEN, "--"), (PINK, "-."), (GREY, ":"), ("black", "-"))
+)
+"""Styles of joints, spans and pulleys; the third differs in its line, as symmetric pulleys lie on one another."""
+
+
+def simulate_figure(simulation: Simulation) -> Figure:
+    """Draw the vibration of the end point in x, y and z over time, with bands of draws and a measured trace."""
+    compared = simulation.comparisons or {}
+    figure, grid = _panels(_title(simulation, f"Vibration of {simulation.point}"), len(DIRECTIONS))
+    for i, (axes, direction) in enumerate(zip(grid, DIRECTIONS, strict=True)):
+        _direction(axes, simulation, i)
+        if direction in compared:
+            _measured(axes, simulation, direction)
+        _arrival(axes, simulation, labelled=i == 0)
+    figure.align_ylabels(grid)
+    _key(figure, list(_entries(simulation)), list(_notes(simulation)))
+    return figure
+
+
+def drives_figure(simulation: Simulation) -> Figure:
+    """Draw joint rotations, belt tensions and the pulleys' turning frequencies over time."""
+    panels = list(_drive_panels(simulation))
+    figure, grid = _panels(_title(simulation, "Joints, belts and pulleys"), len(panels))
+    for i, (axes, (label, lines)) in enumerate(zip(grid, panels, strict=True)):
+        for (name, values), style in zip(lines.items(), PARTS * (1 + len(lines) // len(PARTS)), strict=False):
+            axes.plot(simulation.time, values, label=cut(name, 24), **style)
+        axes.set_ylabel(label, fontsize=9)
+        for text in axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8).get_texts():
+            text.set_parse_math(False)
+        _arrival(axes, simulation, labelled=i == 0)
+    notes = ["rotations about the axes of each joint's shaft; the arm's sag under its weight is part of them"]
+    if simulation.arm.belts and simulation.tension.min() <= 0:
+        notes.append("a belt goes slack: see the report")
+    figure.align_ylabels(grid)
+    _key(figure, [], notes)
+    return figure
+
+
+def _panels(title: str, count: int) -> tuple[Figure, list[Axes]]:
+    layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.05)
+    figure = Figure(figsize=(WIDTH, PANEL * count + 1.2), layout=layout)
+    figure.suptitle(title, parse_math=False, fontsize=12, fontweight="bold")
+    grid = list(figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0])
+    for axes in grid:
+        plain(axes)
+        axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
+    grid[-1].set_xlabel("time [s]", fontsize=9)
+    return figure, grid
+
+
+def _title(simulation: Simulation, what: str) -> str:
+    return f"{what}: {cut(simulation.arm.name, 30)}\n{cut(simulation.response.motion.name, 60)}"
+
+
+def _by_acceleration(simulation: Simulation, direction: str) -> bool:
+    found = (simulation.comparisons or {}).get(direction)
+    return found is not None and found.measured.trace.quantity == "acceleration"
+
+
+def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
+    """Draw one direction in mm, or as the acceleration that was measured."""
+    direction = DIRECTIONS[i]
+    if _by_acceleration(simulation, direction):
+        found = (simulation.comparisons or {})[direction].simulated.trace
+        axes.plot(found.time, found.values, zorder=3, **OURS)
+        axes.set_ylabel(f"{direction.upper()}: acceleration\n[m/s$^2$]", fontsize=9)
+        return
+    if simulation.draws is not None:
+        low, high = MM * simulation.draws.band[:, i]
+        axes.fill_between(simulation.time, low, high, color=PALE_BLUE, linewidth=0, zorder=1)
+    axes.plot(simulation.time, MM * simulation.vibration[i], zorder=3, **OURS)
+    if _near_limit(simulation, i):
+        for side in (-1, 1):
+            axes.axhline(side * MM * (simulation.limit or 0.0), color=GREY, linewidth=0.8, linestyle=":")
+    axes.set_ylabel(f"{direction.upper()}: vibration\n[mm]", fontsize=9)
+
+
+def _near_limit(simulation: Simulation, i: int) -> bool:
+    """Tell whether a direction comes so near to the limit that it is drawn; elsewhere it would flatten the curve."""
+    sizes = [simulation.sizes.peak[i], *([] if simulation.draws is None else simulation.draws.sizes.peak[i])]
+    return simulation.limit is not None and bool(max(sizes) > NEAR * simulation.limit)
+
+
+def _measured(axes: Axes, simulation: Simulation, direction: str) -> None:
+    """Draw the measured trace about the simulation's mean over the common time."""
+    found = (simulation.comparisons or {})[direction]
+    theirs, factor = found.measured.trace, 1.0 if _by_acceleration(simulation, direction) else MM
+    shift = found.simulated.trace.values.mean() - theirs.values.mean()
+    axes.plot(theirs.time, factor * (theirs.values + shift), zorder=2.5, **THEIRS)
+
+
+def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
+    """Mark when the arm arrives, and from when on the late peak counts."""
+    marks = [("arrival", simulation.response.motion.arrival)]
+    marks += [] if simulation.at is None else [(f"late peak from {simulation.at:g} s on", simulation.at)]
+    axes.set_xlim(simulation.time[0], simulation.time[-1])
+    for name, time in marks:
+        if simulation.time[0] < time < simulation.time[-1]:
+            axes.axvline(time, color=GREY, linewidth=0.8, linestyle="--", zorder=2)
+            if labelled:
+                axes.annotate(
+                    name,
+                    (time, 1.0),
+                    xycoords=axes.get_xaxis_transform(),
+                    xytext=(0, 2),
+                    textcoords="offset points",
+                    ha="center",
+                    fontsize=8,
+                    color=GREY,
+                )
+
+
+def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:
+    name = "simulated" if simulation.draws is None else "simulated, by the medians of the draws"
+    if simulation.draws is not None and simulation.fit is not None:
+        name = "simulated, by the fitted values"
+    yield Line2D([], [], label=name, **OURS)
+    if simulation.draws is not None:
+        yield Patch(color=PALE_BLUE, label=f"5 to 95 % of {simulation.draws.vibration.shape[2]} draws")
+    if simulation.comparisons:
+        yield Line2D([], [], label="measured", **THEIRS)
+    if any(_near_limit(simulation, i) for i in range(len(DIRECTIONS))):
+        limit = simulation.limit or 0.0
+        yield Line2D([], [], color=GREY, linewidth=0.8, linestyle=":", label=f"limit, {MM * limit:g} mm")
+
+
+def _notes(simulation: Simulation) -> Iterator[str]:
+    yield "displacement of the end point from where the arm, sagging, would be at rest; scales differ"
+    if simulation.comparisons:
+        low, high = next(iter(simulation.comparisons.values())).measured.trace.time[[0, -1]]
+        yield f"measured: from {low:.4g} to {high:.4g} s, drawn behind, its mean set to the simulation's"
+    if any(_by_acceleration(simulation, direction) for direction in DIRECTIONS):
+        yield "where an acceleration was measured: the simulated displacement differentiated twice; no bands"
+    if simulation.study.interrupted is not None:
+        yield f"interrupted: the exact method came to {simulation.study.interrupted:.4g} s"
+
+
+def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np.ndarray]]]:
+    """Yield label and lines by name of each panel."""
+    names = [joint.name for joint in simulation.arm.joints]
+    for axis, rotations in zip("xyz", np.degrees(simulation.phi), strict=True):
+        yield f"rotation\nabout {axis} [deg]", dict(zip(names, rotations, strict=True))
+    if simulation.arm.belts:
+        belts = [belt.name for belt in simulation.arm.belts]
+        yield (
+            "belt tension\n[N]",
+            {f"{name}, {span}": simulation.tension[s, b] for b, name in enumerate(belts) for s, span in _SPANS},
+        )
+    if simulation.pulleys:
+        yield "pulleys turn\n[Hz]", alike({name: frequency for name, (_, frequency) in simulation.pulleys.items()})
+
+
+_SPANS = ((0, "upper"), (1, "lower"))
+
+
+def _key(figure: Figure, handles: Sequence[Line2D | Patch], notes: Sequence[str]) -> None:
+    """Explain lines and bands below the panels, where they hide nothing."""
+    key = figure.legend(
+        handles=handles, title="\n".join(notes), loc="outside lower center", ncols=4, frameon=False, fontsize=9
+    )
+    key.get_title().set(fontsize=8, color=GREY, parse_math=False)

@@ -1,0 +1,243 @@
+"""Figures of vibration: amplitude against frequency, and against time and frequency."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import cycle
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+
+from ident.errors import InputError, Problem
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, plain
+from ident.present.text.words import cut
+from ident.vibrate.signal.spectrogram import Spectrogram
+from ident.vibrate.signal.spectrum import Spectrum
+
+UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
+"""Unit in which each kind of trace is drawn, and how many there are in the SI unit."""
+PANEL = (8.0, 2.5)
+"""Width and height of a panel [inch]."""
+LETTER, LINE = 0.068, 12.0
+"""Width of a letter [inch] and height of a line [point] of what is written above a panel."""
+FLOOR = -60.0
+"""Lowest amplitude that is told apart in decibels, relative to the highest."""
+SERIES: tuple[Style, ...] = tuple(
+    {"color": color, "linestyle": line, "linewidth": 1.4}
+    for line in ("-", "--", ":")
+    for color in (BLUE, ORANGE, GREEN, PINK)
+)
+LINES: tuple[Style, ...] = tuple(
+    {"color": color, "linestyle": line, "linewidth": 1.6}
+    for line in ("-", "--", ":")
+    for color in (ORANGE, PINK, GREEN, "black")
+)
+"""Styles of lines over the blue of a spectrogram."""
+
+
+def spectrum_figure(
+    series: Mapping[str, Spectrum],
+    directions: Sequence[str] = ("X", "Z"),
+    marks: Mapping[str, float] | None = None,
+    *,
+    upto: float = 20.0,
+    kind: str = "displacement",
+    remarks: Sequence[str] = (),
+) -> Figure:
+    """Draw amplitude spectra of displacements or accelerations, a panel for each direction.
+
+    Args:
+        series: spectra by name, of amplitudes (F, directions) [m], or (F,) [m] for a single direction.
+        directions: names of the panels, in the order of the amplitudes' columns.
+        marks: frequencies [Hz] by name, drawn as thin lines; those beyond the axis are named below.
+        upto: [Hz] right end of the axis.
+        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+        remarks: further lines below the panels.
+
+    Raises:
+        InputError: there is no spectrum, or one has not a column for each direction.
+    """
+    problems = list(_series_problems(series, directions))
+    if problems:
+        raise InputError(problems)
+    flags = _rows_of_flags({name: f for name, f in (marks or {}).items() if f <= upto}, upto)
+    notes = [*_descriptions(series), *_beyond(marks or {}, upto), *remarks]
+    above = LINE / 72 * (1 + max((row for _, _, row in flags), default=-1))
+    height = PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
+    figure = Figure(figsize=(PANEL[0], height), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
+    figure.suptitle("Amplitude spectrum", fontsize=12, fontweight="bold")
+    grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
+    for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
+        _spectra(axes, series, i, upto, UNITS[kind][0])
+        axes.set_ylabel(f"{cut(direction, 20)}: amplitude, 0-peak [{UNITS[kind][1]}]", fontsize=9, parse_math=False)
+        _flags(axes, flags, labelled=i == 0)
+    grid[-1].set_xlabel("frequency [Hz]", fontsize=9)
+    handles = [Line2D([], [], label=cut(name, 40), **s) for name, s in zip(series, cycle(SERIES), strict=False)]
+    figure.align_ylabels(grid)
+    _key(figure, handles, notes)
+    return figure
+
+
+def spectrogram_figure(
+    spectrogram: Spectrogram,
+    lines: Mapping[str, tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_"]]] | None = None,
+    *,
+    title: str = "Spectrogram",
+    upto: float = 20.0,
+    decibel: bool = False,
+    kind: str = "displacement",
+) -> Figure:
+    """Draw the amplitude of a trace over time and frequency, with lines such as a pulley's frequency.
+
+    Args:
+        spectrogram: of one trace, amplitudes (F, B) [m].
+        lines: times [s] and frequencies [Hz] by name; NaN interrupts a line.
+        title: heading, such as which direction of which motion.
+        upto: [Hz] upper end of the axis.
+        decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
+        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+
+    Raises:
+        InputError: the spectrogram is one of several traces.
+    """
+    if spectrogram.amplitude.ndim != 2:
+        got = f"amplitudes of shape {spectrogram.amplitude.shape}"
+        raise InputError(Problem("spectrogram", got, "a single trace", "choose one with spectrogram.column(i)"))
+    figure = Figure(figsize=(PANEL[0], 4.9), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
+    figure.suptitle(cut(title, 70), parse_math=False, fontsize=12, fontweight="bold")
+    axes = figure.subplots()
+    _colours(figure, axes, spectrogram, upto, decibel, *UNITS[kind])
+    handles = [_line(axes, *drawn) for drawn in zip((lines or {}).items(), cycle(LINES), strict=False)]
+    half = 0.5 / spectrogram.resolution
+    axes.set_xlim(spectrogram.time[0] - half, spectrogram.time[-1] + half)
+    axes.set_ylim(0, upto)
+    axes.set_xlabel("time [s]", fontsize=9)
+    axes.set_ylabel("frequency [Hz]", fontsize=9)
+    _key(figure, handles, [spectrogram.description(), "grey: less than half a segment from an end of the trace"])
+    return figure
+
+
+def _spectra(axes: Axes, series: Mapping[str, Spectrum], column: int, upto: float, factor: float) -> None:
+    """Draw one direction of each spectrum, the axis from zero to what is seen."""
+    top = 0.0
+    for spectrum, style in zip(series.values(), cycle(SERIES), strict=False):
+        amplitude = factor * spectrum.amplitude.reshape(len(spectrum.frequency), -1)[:, column]
+        axes.plot(spectrum.frequency, amplitude, **style)
+        top = max(top, float(amplitude[spectrum.frequency <= upto].max()))
+    plain(axes)
+    axes.set_xlim(0, upto)
+    axes.set_ylim(0, 1.08 * top or 1.0)
+
+
+def _rows_of_flags(marks: Mapping[str, float], upto: float) -> list[tuple[str, float, int]]:
+    """Return text, frequency and row of each mark: above the rows of all marks that its text reaches over."""
+    flags: list[tuple[str, float, int]] = []
+    for name, frequency in sorted(marks.items(), key=lambda mark: -mark[1]):
+        text = _mark(name, frequency)
+        end = frequency + LETTER * (len(text) + 2) * upto / (PANEL[0] - 2.0)
+        row = 1 + max((row for _, other, row in flags if other <= end), default=-1)
+        flags.append((text, frequency, row))
+    return flags
+
+
+def _mark(name: str, frequency: float) -> str:
+    return f"{cut(name, 24)}: {frequency:.2f} Hz"
+
+
+def _flags(axes: Axes, flags: Sequence[tuple[str, float, int]], *, labelled: bool) -> None:
+    """Draw each mark as a thin line, up to its text above the panel."""
+    for text, frequency, row in flags:
+        axes.axvline(frequency, color=GREY, linewidth=0.7, zorder=1)
+        if labelled:
+            axes.annotate(
+                f" {text}",
+                (frequency, 1.0),
+                xycoords=axes.get_xaxis_transform(),
+                xytext=(0, 2 + LINE * row),
+                textcoords="offset points",
+                fontsize=8,
+                color=GREY,
+                parse_math=False,
+                arrowprops={
+                    "arrowstyle": "-",
+                    "color": GREY,
+                    "linewidth": 0.7,
+                    "relpos": (0, 0),
+                    "shrinkA": 0,
+                    "shrinkB": 0,
+                },
+            )
+
+
+def _colours(
+    figure: Figure, axes: Axes, spectrogram: Spectrogram, upto: float, decibel: bool, factor: float, unit: str
+) -> None:
+    """Draw the amplitudes, a cell about each bin and segment, and the bar that tells them."""
+    inside = spectrogram.frequency <= upto + spectrogram.resolution
+    shown = factor * spectrogram.amplitude[inside]
+    top, bottom = float(shown.max()), 0.0
+    if decibel:
+        shown = 20 * np.log10(np.maximum(shown, np.finfo(float).tiny))
+        top, unit = float(shown.max()), f"dB re 1 {unit}"
+        bottom = top + FLOOR
+    times = np.append(spectrogram.time, spectrogram.time[-1] + spectrogram.step) - spectrogram.step / 2
+    frequencies = np.append(spectrogram.frequency[inside], 0.0) - spectrogram.resolution / 2
+    frequencies[-1] = frequencies[-2] + spectrogram.resolution
+    mesh = axes.pcolormesh(times, frequencies, shown, cmap="Blues", vmin=bottom, vmax=top or 1.0)
+    bar = figure.colorbar(mesh, ax=axes, pad=0.02, extend="min" if decibel else "neither")
+    bar.set_label(f"amplitude, 0-peak [{unit}]", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    axes.set_facecolor("#E4E4E4")
+    plain(axes)
+
+
+def _line(axes: Axes, line: tuple[str, tuple[np.ndarray, np.ndarray]], style: Style) -> Line2D:
+    """Draw a line over the colours and return what stands for it in the key."""
+    name, (time, frequency) = line
+    axes.plot(time, frequency, **style)
+    return Line2D([], [], label=cut(name, 40), **style)
+
+
+def _key(figure: Figure, handles: Sequence[Line2D], notes: Sequence[str]) -> None:
+    """Explain lines and windows below the panels, where they hide nothing."""
+    key = figure.legend(
+        handles=handles,
+        title="\n".join(notes),
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+    )
+    key.get_title().set(fontsize=8, color=GREY, parse_math=False)
+    for text in key.get_texts():
+        text.set_parse_math(False)
+
+
+def _descriptions(series: Mapping[str, Spectrum]) -> Iterator[str]:
+    """Yield how the spectra were made: one line for all that were made alike."""
+    alike: dict[str, list[str]] = {}
+    for name, spectrum in series.items():
+        alike.setdefault(spectrum.description(), []).append(cut(name, 24))
+    for words, names in alike.items():
+        yield words if len(alike) == 1 else f"{', '.join(names)}: {words}"
+    resolutions = [spectrum.resolution for spectrum in series.values()]
+    if max(resolutions) > 1.01 * min(resolutions):
+        yield "resolutions differ: compare the heights of steady sines only, not of what swells, decays or is noise"
+
+
+def _beyond(marks: Mapping[str, float], upto: float) -> Iterator[str]:
+    beyond = [_mark(name, frequency) for name, frequency in marks.items() if frequency > upto]
+    if beyond:
+        yield f"beyond the axis: {', '.join(beyond)}"
+
+
+def _series_problems(series: Mapping[str, Spectrum], directions: Sequence[str]) -> Iterator[Problem]:
+    if not series:
+        yield Problem("series", "no spectrum", "one or more", "give at least one")
+    for name, spectrum in series.items():
+        shape, wanted = spectrum.amplitude.shape, (len(spectrum.frequency), len(directions))
+        if shape != wanted and not (len(directions) == 1 and shape == wanted[:1]):
+            expected = f"{wanted}, a column for each of {', '.join(directions)}"
+            yield Problem(f"series {cut(name, 40)}", f"amplitudes {shape}", expected, "name one direction a column")

@@ -1,0 +1,100 @@
+"""A plan as files: JSON that says what was chosen and why, and a campaign with empty values to fill in."""
+
+import csv
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ident.description.file import ArmFile
+from ident.errors import InputError, Problem
+from ident.files import replace_file
+from ident.identify.experiments import Experiment
+from ident.identify.plan import CampaignPlan
+from ident.measure import format_campaign
+from ident.present.files.fit import plain, provenance
+from ident.text import one_line
+
+FORMAT = "ident-plan/1"
+
+
+def plan_document(plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Describe a plan as plain data: angles in rad, standard deviations of theta, gains in nat."""
+    measured = plan.fit.campaign if plan.fit else None
+    document = provenance(FORMAT, arm_file, measured, options) | {
+        "doubts": list(plan.fit.doubts) if plan.fit else [],
+        "parameters": [
+            {"name": item.name, "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}"}
+            for item in plan.parameters.items
+        ],
+        "sd_now": plan.known.sd[0],
+        "sigma": plan.means.sigma,
+        "costs": plan.means.costs,
+        "ranking": [
+            {
+                **_visit(plan.visits[i]),
+                "cost": plan.offered.cost[i],
+                "gain": plan.gain[i],
+                "nats": plan.nats[i],
+                "sd_after": plan.sd_after(i),
+            }
+            for i in plan.ranked(len(plan.view.postures))
+        ],
+        "batch": [
+            {
+                **_visit(visit),
+                "cost": step.cost,
+                "gain": step.gain,
+                "nats": step.nats,
+                "sd_after": step.sd[0],
+                "sd_after_at_draws": step.sd[1:],
+                "values": [{"value": name, "nats_alone": nats} for name, nats in plan.values_told(i)],
+            }
+            for i, (step, visit) in enumerate(zip(plan.steps, plan.batch, strict=True))
+        ],
+    }
+    return plain(document)
+
+
+def write_form(plan: CampaignPlan, path: Path) -> None:
+    """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes.
+
+    Raises:
+        InputError: the folder or the file can't be written, or a form is there that has been filled in; what was there
+            before is untouched.
+    """
+    _refuse_filled(path)
+    table = list(csv.DictReader(io.StringIO(format_campaign(plan.campaign(), relative_sigma=True))))
+    text = io.StringIO()
+    text.write("# Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement.\n")
+    if not any(visit.labelled for visit in plan.batch):
+        text.write("# Rows without mode are matched in ascending order within one posture and load: enter them all.\n")
+    names = list(dict.fromkeys([name for row in table for name in row] + ["note"]))
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    for row in table:
+        note = f"expected {float(row['value']):.4g} {row['unit']}. {row.get('note') or ''}".strip()
+        writer.writerow({**row, "value": "", "note": note, "relative_sigma": f"{float(row['relative_sigma']):.4g}"})
+    replace_file(path, lambda file: file.write(text.getvalue().encode()), make_folders=True)
+
+
+def _refuse_filled(path: Path) -> None:
+    try:
+        lines = [line for line in path.read_text("utf-8").splitlines() if not line.startswith("#")]
+    except (OSError, UnicodeDecodeError):
+        return
+    if any((row.get("value") or "").strip() for row in csv.DictReader(lines)):
+        remedy = "move it away, or choose another folder (--out)"
+        raise InputError(
+            Problem(one_line(str(path)), "a form that has been filled in", "none, or an empty one", remedy)
+        )
+
+
+def _visit(visit: Experiment) -> dict[str, Any]:
+    return {
+        "posture": list(visit.posture),
+        "load": str(visit.load),
+        "hammer": visit.hammer,
+        "labelled": visit.labelled,
+        "dial_gauge": visit.dial,
+    }

@@ -1,0 +1,143 @@
+"""The printed plan: the best next visits, the batch with what the intervals will become, and what was assumed."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ident.identify.experiments import CLOSE, PARTS, RESOLUTION, Experiment
+from ident.identify.plan import CampaignPlan
+from ident.inference.optimal_design import A_OPTIMAL, D_OPTIMAL
+from ident.inference.parameters import Parameter
+from ident.inference.prior_information import OPEN_SD
+from ident.present.text.units import unit_of
+from ident.present.text.words import cut, degrees
+
+RANKED = 8
+"""Postures that are listed."""
+COLUMNS = 6
+"""Standard deviations that are shown of each parameter, from now on; the last one always is."""
+
+
+def plan_report(plan: CampaignPlan) -> str:
+    """Return the report of a plan."""
+    sections = [_heading, _ranking, _ways, _batch, _intervals, _assumptions]
+    return "\n\n".join("\n".join(section(plan)) for section in sections) + "\n"
+
+
+def aim_in_words(plan: CampaignPlan) -> tuple[str, str]:
+    """Return what visits are chosen for, and the unit of the gain."""
+    if plan.aim.lower() == D_OPTIMAL:
+        return "information on all parameters (D-optimal)", "nat"
+    if plan.aim.lower() == A_OPTIMAL:
+        return "mean variance of all parameters (A-optimal)", "variance"
+    return f"precision of {plan.aim}, by ln(sd)", "ln(sd)"
+
+
+def visit_in_words(visit: Experiment) -> str:
+    """Say in a few words what is done on a visit."""
+    means = ["hammer"] * visit.hammer + ["2 accelerometers"] * visit.labelled + ["dial gauge"] * visit.dial
+    return " + ".join(means) + (f", {visit.load}" if visit.load else "")
+
+
+def sd_in_words(item: Parameter, sd: float) -> str:
+    """Write a standard deviation of theta: in percent or as a factor, or in the unit of a quantity of either sign."""
+    if not item.positive:
+        return f"{sd * float(item.scale):.2g} {unit_of(item.name)}"
+    return f"{100 * sd:.2g} %" if sd < 0.3 else f"factor {math.exp(sd):.2g}"
+
+
+def _heading(plan: CampaignPlan) -> Iterator[str]:
+    known = f"{len(plan.fit.campaign)} measurements of {plan.fit.campaign.name}" if plan.fit else "the prior alone"
+    yield f"Plan of measurements on {plan.arm.name}, from {known}"
+    sample = ", a sample" if plan.grid.sampled else ""
+    yield (
+        f"  {len(plan.grid.postures)} postures within the joint limits{sample}; {len(plan.view.postures)} of them show"
+        f" different things, {len(plan.visits)} visits"
+    )
+    yield f"  chosen for {aim_in_words(plan)[0]}, most gain per minute first"
+    for doubt in plan.fit.doubts if plan.fit else ():
+        yield f"  WARNING: {doubt.replace(' (see below)', '')}"
+    if plan.fit and plan.fit.doubts:
+        yield "  So the plan starts from a fit that is in doubt: see `ident fit` first."
+
+
+def _ranking(plan: CampaignPlan) -> Iterator[str]:
+    best = plan.ranked(RANKED)
+    yield _head("The best next visits, one for each posture", plan)
+    yield from (f"  {rank:2d}  {_row(plan, i)}" for rank, i in enumerate(best, 1))
+    if any(plan.measured[plan.visits[i].place] for i in best):
+        yield "  * measured before, there or where the arm shows the same: a repeat averages noise, and gains less"
+
+
+def _ways(plan: CampaignPlan) -> Iterator[str]:
+    first = plan.visits[plan.ranked(1)[0]]
+    yield _head(f"What else could be done at {degrees(first.posture)}", plan)
+    there = [i for i, visit in enumerate(plan.visits) if visit.place == first.place]
+    yield from (f"      {_row(plan, i, where='')}" for i in sorted(there, key=lambda i: -plan.per_cost[i]))
+
+
+def _head(title: str, plan: CampaignPlan) -> str:
+    return f"{title:55s} {f'gain [{aim_in_words(plan)[1]}]':>15s} {'cost':>9s} {'gain/h':>8s}   improves most"
+
+
+def _row(plan: CampaignPlan, i: int, where: str | None = None) -> str:
+    visit = plan.visits[i]
+    where = f"{degrees(visit.posture)}{'*' if plan.measured[visit.place] else ''}  " if where is None else where
+    what = where + visit_in_words(visit)
+    numbers = f"{plan.gain[i]:15.3g} {plan.offered.cost[i]:5.0f} min {60 * plan.per_cost[i]:8.3g}"
+    return f"{what:49s} {numbers}   {_most(plan, plan.known.sd[0], plan.sd_after(i))}"
+
+
+def _most(plan: CampaignPlan, before: np.ndarray, after: np.ndarray) -> str:
+    place = int(np.argmax(before / after))
+    item = plan.parameters.items[place]
+    return f"{item.name}: {sd_in_words(item, before[place])} -> {sd_in_words(item, after[place])}"
+
+
+def _batch(plan: CampaignPlan) -> Iterator[str]:
+    total, unit = sum(step.cost for step in plan.steps), aim_in_words(plan)[1]
+    yield f"The batch of {len(plan.steps)}, each visit chosen after those before it: {total:.0f} min"
+    for number, (step, visit) in enumerate(zip(plan.steps, plan.batch, strict=True), 1):
+        gain = "" if unit == "nat" else f"{step.gain:.3g} {unit}, "
+        what = f"{degrees(visit.posture)}  {visit_in_words(visit)}"
+        yield f"  {number:2d}  {what}: {gain}{step.nats:.3g} nat for {step.cost:.0f} min"
+        told = plan.values_told(number - 1)
+        yield "      " + ", ".join(f"{name} ({nats:.2g})" for name, nats in told)
+    if plan.steps:
+        yield "  In brackets: nat that each value would give as the only one of its visit. Fewer modes tell less, but"
+        yield "  a hammer test gives them all at once."
+
+
+def _intervals(plan: CampaignPlan) -> Iterator[str]:
+    items = plan.parameters.items
+    width = max(26, *(len(cut(item.name, 38)) for item in items))
+    shown = sorted({*range(min(COLUMNS, len(plan.sd))), len(plan.sd) - 1})
+    steps = "".join(f"{f'after {i}' if i else 'now':>13s}" for i in shown)
+    yield f"{'What the sd will become':{width + 2}s}{steps}   in the end, at other draws"
+    last = plan.steps[-1].sd if plan.steps else plan.known.sd
+    for place, item in enumerate(items):
+        row = "".join(f"{sd_in_words(item, float(sd)):>13s}" for sd in plan.sd[shown, place])
+        ends = (last[1:, place].min(), last[1:, place].max()) if len(last) > 1 else ()
+        spread = " to ".join(sd_in_words(item, float(sd)) for sd in ends)
+        yield f"  {cut(item.name, 38):{width}s}{row}   {spread}".rstrip()
+    yield "  A 95 % interval reaches 1.96 sd to each side, in ln(value)."
+
+
+def _assumptions(plan: CampaignPlan) -> Iterator[str]:
+    means = plan.means
+    yield "Assumed"
+    shares = ", ".join(f"{100 * share:.2g} % of each {kind}" for kind, share in means.sigma.items())
+    yield f"  sd {shares}, and {1e6 * RESOLUTION:.0f} um of a dial gauge (--sigma)"
+    costs = ", ".join(f"{PARTS[part]} {cost:g}" for part, cost in means.costs.items())
+    yield f"  minutes (--cost): {costs}"
+    yield f"  a hammer test gives the {len(plan.view.frequency)} lowest frequencies (--modes); one nearer than"
+    yield f"  {100 * CLOSE:.0f} % to another counts only with a second accelerometer that tells which it is"
+    loads = ", ".join(str(load) for load in means.loads)
+    yield f"  loads at hand: {loads} (--load). Only joint limits are heeded: check for collisions"
+    draws = len(plan.known.points) - 1
+    out = f"; {plan.left_out} more were left out, as the arm would not stand" if plan.left_out else ""
+    yield f"  gains are means over the best estimate and {draws} draws about it{out} (--draws); the standard"
+    yield "  deviations hold at the best estimate, linearized there: they say nothing of other optima"
+    if not plan.parameters.proper.all():
+        yield f"  where a parameter has no prior, a factor of {math.exp(OPEN_SD):.0f} is taken for one sd"

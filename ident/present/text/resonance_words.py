@@ -1,0 +1,62 @@
+"""What figure and report of resonance say alike: numbers of encounters, names of what excites."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.vibrate.modal.branches import BAND, Branches
+from ident.vibrate.modal.excitation import Excitation, Source
+from ident.vibrate.modal.resonance import ResonanceCrossing
+
+SAME = 1e-6
+"""Distance in time [s] or relative in frequency within which two are one."""
+
+
+def grouped(encounters: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossing]]:
+    """Put encounters of one branch in the same interval together, as of pulleys that turn alike; the order stays."""
+    groups: list[list[ResonanceCrossing]] = []
+    for encounter in encounters:
+        same = next((group for group in groups if _together(group[0], encounter)), None)
+        if same is None:
+            groups.append([encounter])
+        else:
+            same.append(encounter)
+    return groups
+
+
+def same_lines(excitation: Excitation) -> list[list[int]]:
+    """Put sources together whose frequencies are the same all the time."""
+    groups: list[list[int]] = []
+    for i, line in enumerate(excitation.frequency):
+        scale = SAME * max(float(line.max()), SAME)
+        same = next((g for g in groups if np.abs(excitation.frequency[g[0]] - line).max() <= scale), None)
+        if same is None:
+            groups.append([i])
+        else:
+            same.append(i)
+    return groups
+
+
+def sources_words(sources: Sequence[Source]) -> str:
+    """Name what excites: `pulleys 1 and 3`, `pulley 2, pulley 1 x 2`."""
+    orders = sorted({source.order for source in sources})
+    return ", ".join(_of_order([source for source in sources if source.order == order]) for order in orders)
+
+
+def band_words(branches: Branches) -> str:
+    """Say what the bands are."""
+    low, high = BAND
+    return f"{low:g} to {high:g} % of {branches.sets} sets of numbers"
+
+
+def _of_order(sources: Sequence[Source]) -> str:
+    if len(sources) == 1:
+        return str(sources[0])
+    *most, last = (str(source.pulley) for source in sources)
+    order = f" x {sources[0].order}" if sources[0].order > 1 else ""
+    return f"pulleys {', '.join(most)} and {last}{order}"
+
+
+def _together(one: ResonanceCrossing, other: ResonanceCrossing) -> bool:
+    apart = max(abs(one.start - other.start), abs(one.end - other.end), abs(one.time - other.time))
+    return one.branch == other.branch and apart < SAME

@@ -1,0 +1,90 @@
+"""How an amplitude goes with what is swept, put into words."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ident.assess.sweep import in_words, is_factor
+from ident.present.text.units import MM
+from ident.vibrate.redesign.sweep import Axis, Sweep
+from ident.vibrate.redesign.trend import NOTABLE, Trend, below, curve, near, trend
+from ident.vibrate.response.study import DIRECTIONS
+
+LINES = (*DIRECTIONS, "largest")
+"""Directions, and the largest of them."""
+
+
+def trends(sweep: Sweep) -> Iterator[tuple[str, Trend, Trend | None]]:
+    """Yield the trend of each direction and of the largest, over the whole range and about the present value."""
+    (axis,) = sweep.axes
+    values, amplitudes = curve(sweep)
+    close = near(axis, values)
+    for name, amplitude in zip(LINES, amplitudes, strict=True):
+        about = trend(values[close], amplitude[close]) if close.sum() > 1 else None
+        yield name, trend(values, amplitude), about
+
+
+def trends_in_words(sweep: Sweep) -> Iterator[str]:
+    """Say how the amplitudes go, over the whole range and about the present value."""
+    (axis,) = sweep.axes
+    found = {name: (whole, about) for name, whole, about in trends(sweep)}
+    *each, largest = curve(sweep)[1]
+    same = next((name for name, line in zip(DIRECTIONS, each, strict=True) if (line == largest).all()), "")
+    for name, (whole, _) in found.items():
+        words = f"that in {same}" if same and name == "largest" else _over_range(axis, whole)
+        yield f"  {name + ':':8s} {words}"
+    near = {name: about for name, (_, about) in found.items() if about and not (same and name == "largest")}
+    if not near:
+        yield "  the present value is outside the range"
+        return
+    low, high = next(iter(near.values())).span
+    span = f"{low:.4g} to {in_words(axis, high)}"
+    if is_factor(axis):
+        span = f"{low / axis.present:.3g}x to {high / axis.present:.3g}x"
+    told = "; ".join(f"{name} {_about(axis, about)}" for name, about in near.items())
+    yield f"  about the present value, {span}: {told}"
+
+
+def _over_range(axis: Axis, found: Trend) -> str:
+    least, largest = (f"{MM * size:.4f} mm at {in_words(axis, value)}" for value, size in (found.least, found.largest))
+    start, end = (f"{MM * size:.4f}" for size in found.ends)
+    return {
+        "flat": f"is hardly changed (by less than {100 * NOTABLE:.0f} %)",
+        "falls": f"falls from {start} to {end} mm",
+        "rises": f"rises from {start} to {end} mm",
+        "minimum": f"has a minimum, {least}",
+        "maximum": f"has a maximum, {largest}",
+        "wavy": f"goes up and down, from {start} to {end} mm; largest {largest}",
+    }[found.shape]
+
+
+def _about(axis: Axis, found: Trend) -> str:
+    return {
+        "flat": "is hardly changed",
+        "falls": "falls",
+        "rises": "rises",
+        "minimum": f"has a minimum at {in_words(axis, found.least[0])}",
+        "maximum": f"has a maximum at {in_words(axis, found.largest[0])}",
+        "wavy": "goes up and down",
+    }[found.shape]
+
+
+def kept_in_words(sweep: Sweep, limit: float) -> str:
+    """Say where the largest amplitude keeps a limit [m]."""
+    (axis,) = sweep.axes
+    values, amplitudes = curve(sweep)
+    spans = below(values, amplitudes[-1], limit)
+    if not spans:
+        return "kept nowhere in the range"
+    if spans == [(values[0], values[-1])]:
+        return "kept in the whole range"
+    return f"kept {', '.join(_span(axis, values, span) for span in spans)}"
+
+
+def _span(axis: Axis, values: np.ndarray, span: tuple[float, float]) -> str:
+    start, end = (in_words(axis, value) for value in span)
+    if span[0] == span[1]:
+        return f"at {start}"
+    if span[0] == values[0]:
+        return f"up to {end}"
+    return f"from {start} on" if span[1] == values[-1] else f"from {start} to {end}"

@@ -1,0 +1,1 @@
+"""Natural frequencies along a motion, and the frequencies that excite them."""

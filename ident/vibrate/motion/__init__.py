@@ -1,0 +1,1 @@
+"""What the motors are told: strokes, logged paths, joint limits."""

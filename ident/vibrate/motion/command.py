@@ -1,0 +1,15 @@
+"""What the motors are told at given times: a motion as the equations of motion take it."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.multibody import Multibody
+from ident.arm.multibody_kinematics import Command
+from ident.vibrate.motion.motion import Motion
+
+
+def command(machine: Multibody, motion: Motion, times: Float[Array | np.ndarray, "T"]) -> Command:
+    """Return what the motors are told at times [s], with singleton axes for the machine's sets."""
+    ones = tuple(range(2, machine.offset.ndim - 1))
+    return Command(*(jnp.expand_dims(part, ones) for part in motion(times)))

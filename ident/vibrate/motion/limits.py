@@ -1,0 +1,59 @@
+"""Whether a motion stays within the joint limits, by the extrema of its polynomials."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.interpolate import BPoly, PPoly
+
+from ident.arm.arm import Arm, Joint
+from ident.errors import InputError, Problem
+from ident.vibrate.motion.motion import JOINED, Motion
+
+
+def beyond_limits(arm: Arm, motion: Motion) -> None:
+    """Refuse a motion beyond the joint limits, between its breaks too: all extrema are looked at, not samples.
+
+    Args:
+        arm: the arm.
+        motion: of as many joints as the arm drives.
+
+    Raises:
+        InputError: joints leave their limits; each is named with its farthest angle and the time of it.
+    """
+    driven = motion.coefficients.shape[-1]
+    if driven != len(arm.driven):
+        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
+        raise InputError(Problem(motion.name, f"{driven} joint angles", expected, "give every joint's angle"))
+    found = [problem for number, joint in enumerate(arm.driven) for problem in _beyond(motion, number, joint)]
+    if found:
+        raise InputError(found)
+
+
+def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
+    path = PPoly(np.asarray(motion.coefficients[..., number]), np.asarray(motion.breaks))
+    low, high = joint.limits
+    doubtful = np.flatnonzero(_may_leave(path, low, high)).tolist()
+    times = np.concatenate([path.x, *(_turning_points(path, k) for k in doubtful)])
+    angles = path(times)
+    excess = np.maximum(low - angles, angles - high)
+    worst = int(np.argmax(excess))
+    if excess[worst] > JOINED:
+        angle = math.degrees(angles[worst])
+        got = f"a motion beyond the joint limits: {joint.name} at {angle:.6g} deg at {times[worst]:.4g} s"
+        expected = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg, its limits in the arm file"
+        yield Problem(motion.name, got, expected, "shorten the path, or correct the limits")
+
+
+def _may_leave(path: PPoly, low: float, high: float) -> Bool[np.ndarray, " pieces"]:
+    """Tell which pieces may leave the limits: a polynomial stays within its Bernstein coefficients."""
+    bounds = BPoly.from_power_basis(path).c
+    return (bounds.min(axis=0) < low) | (bounds.max(axis=0) > high)
+
+
+def _turning_points(path: PPoly, k: int) -> Float[np.ndarray, " times"]:
+    """Return the times within piece k at which the angle turns back."""
+    roots = np.roots(np.polyder(path.c[:, k]))
+    within = (abs(roots.imag) < 1e-6) & (roots.real > 0) & (roots.real < path.x[k + 1] - path.x[k])
+    return path.x[k] + roots.real[within]

@@ -1,0 +1,1 @@
+"""What changing the arm would do to its vibration: sweeps, sensitivities, designs and their verification."""

@@ -1,0 +1,41 @@
+"""The arm as it stands at both ends of a motion: what a change does to it besides its vibration."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, at_posture
+from ident.arm.equilibrium import deflection, static_equilibrium
+from ident.arm.modes import lowest_eigenpairs, to_hertz
+from ident.jit import jit
+from ident.vibrate.motion.motion import Motion
+
+
+class EndState(NamedTuple):
+    """First natural frequency and static deflection, the worse of both ends; NaN where the arm collapses.
+
+    Attributes:
+        frequency: (*sets) [Hz]
+        deflection: (*sets) [m] how far the end point lies from its place on rigid joints.
+    """
+
+    frequency: Float[Array, "*sets"]
+    deflection: Float[Array, "*sets"]
+
+
+def end_states(arm: Arm, motion: Motion, loads: Loads | None = None) -> EndState:
+    """Return how the arm stands at the start and at the end of a motion. Differentiable once."""
+    breaks = jnp.asarray(motion.breaks)
+    return _standing(arm, motion(breaks[np.array([0, -1])])[0], loads)
+
+
+@jit
+def _standing(arm: Arm, posture: Float[Array, "driven ends"], loads: Loads | None) -> EndState:
+    chain = at_posture(arm, posture.reshape((*posture.shape, *(1,) * len(arm.sets))), loads)
+    at = static_equilibrium(chain)
+    frequency = to_hertz(lowest_eigenpairs(chain, at, count=1)[0])[0]
+    moved = deflection(chain, at.phi)[:, -1]
+    return EndState(frequency.min(0), jnp.sqrt((moved**2).sum(0)).max(0))

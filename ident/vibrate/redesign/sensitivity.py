@@ -1,0 +1,94 @@
+"""What to change first: by how many percent the amplitude changes with each of the arm's numbers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.vibrate.redesign.evaluator import WIDTH, Evaluator
+from ident.vibrate.redesign.variable import Variable, check_path
+from ident.vibrate.response.exact import Progress
+
+FIELDS = ("k_bend", "k_tors", "tau_bend", "tau_tors", "mass", "com.x", "com.y", "com.z", "eccentricity", "ratio")
+"""Fields that are asked about unless the user names numbers."""
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Elasticities of the amplitude.
+
+    Attributes:
+        paths: the numbers.
+        present: (P,) [SI] as they are.
+        amplitude: (3,) [m] as it is.
+        elasticity: (P, 3) [-] percent of amplitude per percent of the number, in each direction.
+        draws: (P, 3, D) of the draws; None without.
+    """
+
+    paths: tuple[str, ...]
+    present: Float[np.ndarray, "P"]
+    amplitude: Float[np.ndarray, "3"]
+    elasticity: Float[np.ndarray, "P 3"]
+    draws: Float[np.ndarray, "P 3 D"] | None = None
+
+    @property
+    def band(self) -> Float[np.ndarray, "2 P 3"]:
+        """5 and 95 % quantiles over the draws."""
+        assert self.draws is not None
+        return np.quantile(self.draws, (0.05, 0.95), axis=-1)
+
+    @property
+    def order(self) -> list[int]:
+        """The numbers by their effect on the largest amplitude, the strongest first."""
+        return np.argsort(-np.abs(self.elasticity[:, np.argmax(self.amplitude)])).tolist()
+
+
+def changeable(arm: Arm) -> tuple[str, ...]:
+    """Return the numbers that are asked about: those of FIELDS that are not zero."""
+    named = [path for path in arm.paths() if path.split(".", 1)[1] in FIELDS and not _of_payload(arm, path)]
+    return tuple(path for path in named if float(arm.get(path)) != 0)
+
+
+def sensitivities(trial: Evaluator, paths: Sequence[str] | None = None, progress: Progress = iter) -> Sensitivities:
+    """Return how the amplitude of a trial changes with numbers of the arm, by exact slopes.
+
+    Where an amplitude is a peak, the slope is that of the largest window. See `Evaluator`.
+
+    Args:
+        trial: arm, motion and measure; its own variables are not used.
+        paths: the numbers; `changeable` if none are named.
+        progress: shows how far it is, over groups of numbers.
+
+    Raises:
+        InputError: no such number.
+    """
+    paths = tuple(paths) if paths else changeable(trial.arm)
+    for path in paths:
+        check_path(trial.arm, path)
+    also = tuple(dict.fromkeys((*trial.also, *paths)))
+    groups = [paths[first : first + WIDTH] for first in range(0, len(paths), WIDTH)]
+    found = []
+    for k in progress(range(len(groups))):
+        variables = tuple(Variable((path,), -np.inf, np.inf) for path in groups[k])
+        parts, slopes = replace(trial, variables=variables, also=also).slopes(np.zeros(len(variables)))
+        found.append(_elasticities(trial.arm, variables, parts, slopes))
+    whole = np.concatenate(found)
+    present = np.array([float(trial.arm.get(path)) for path in paths])
+    return Sensitivities(paths, present, parts[:, :, 0].max(1), whole[..., 0], whole[..., 1:] if trial.draws else None)
+
+
+def _elasticities(
+    arm: Arm, variables: Sequence[Variable], parts: np.ndarray, slopes: np.ndarray
+) -> Float[np.ndarray, "P 3 sets"]:
+    """Return percent per percent at the largest window of each direction and set."""
+    worst = parts.argmax(1)[:, None]
+    amplitude = np.take_along_axis(parts, worst, 1)[:, 0]
+    slope = np.take_along_axis(slopes, worst[None], 2)[:, :, 0]
+    scale = np.array([variable.present(arm) if variable.shifted else 1.0 for variable in variables])
+    return slope / amplitude * scale[:, None, None]
+
+
+def _of_payload(arm: Arm, path: str) -> bool:
+    return path.split(".")[0] in {payload.body.name for payload in arm.payloads}

@@ -1,0 +1,184 @@
+"""The exact equations of motion integrated in time, with error control. The only module with diffrax."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.linalg import solve_positive
+from ident.arm.multibody import Multibody
+from ident.arm.multibody_dynamics import residual
+from ident.arm.multibody_kinematics import Command
+from ident.errors import ModelError
+from ident.jit import jit
+from ident.vibrate.motion.motion import Motion
+
+MAX_STEPS = 2_000_000
+"""Steps of a section at which the integrator gives up."""
+EXPLICIT_STEPS = 20_000
+"""Steps for a second of motion, by the stability of an explicit method, above which an implicit one takes less time."""
+REACH = 3.0
+"""Largest |rate| times step at which an explicit method of order eight stays stable, about."""
+OMEGA = 2 * np.pi * 10
+"""Rates are weighed against coordinates as at this frequency [rad/s]."""
+SAMPLES = 250
+"""Times of a section, after each of which progress is shown and what there is can be kept."""
+
+
+Progress = Callable[[Iterable[int]], Iterator[int]]
+"""Shows how far a loop is that runs over the numbers."""
+
+
+class Exact(NamedTuple):
+    """A solution of the exact equations.
+
+    Attributes:
+        y: (n, T) coordinates, see `kinematics`.
+        yd: (n, T) their rates [1/s]
+        steps: steps taken.
+        method: name of the method.
+    """
+
+    y: Float[Array, "n T"]
+    yd: Float[Array, "n T"]
+    steps: int
+    method: str
+
+
+def acceleration(machine: Multibody, command: Command, y: Array, yd: Array) -> Float[Array, "n"]:
+    """Solve M(y) d2y/dt2 = -h(y, dy/dt, t) for the accelerations [rad/s^2].
+
+    The residual is affine in the accelerations, so that all columns of M and h come from one evaluation at none and
+    each of the unit accelerations.
+
+    Args:
+        machine: gathered with `rank=1`.
+        command: what the motors are told, (driven,) each.
+        y: (n,) coordinates.
+        yd: (n,) their rates.
+    """
+    n = y.shape[0]
+    wide = Command(*(part[:, None] for part in command))
+    trial = jnp.concatenate([jnp.zeros((n, 1)), jnp.eye(n)], 1)
+    R = residual(machine, wide, y[:, None], yd[:, None], trial)
+    h = R[:, 0]
+    return solve_positive(R[:, 1:] - h[:, None], -h)
+
+
+def integrate(
+    machine: Multibody,
+    motion: Motion,
+    start: tuple[Array, Array],
+    times: Float[np.ndarray, "T"],
+    *,
+    rtol: float = 1e-7,
+    atol: float = 1e-10,
+    progress: Progress = iter,
+) -> Exact:
+    """Integrate from rest or any other state; the first of the times is the start.
+
+    An explicit method of order eight (Dormand, Prince) where its stability allows, else an implicit one of order five
+    (Kvaerno); step sizes by error control, with a new start at each break of the motion.
+
+    Args:
+        machine: gathered with `rank=1`, without sets.
+        motion: what the motors are told.
+        start: coordinates and their rates, (n,) each.
+        times: increasing times at which the solution is wanted [s].
+        rtol: relative tolerance of each step.
+        atol: absolute tolerance of the coordinates [rad]; that of the rates is OMEGA as large.
+        progress: shows how far it is, over the sections of the time span.
+
+    Returns:
+        The solution; where the user interrupts, up to the section before.
+
+    Raises:
+        ModelError: the tolerance cannot be met.
+
+    References:
+        Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.5, II.10.
+        Kvaerno, "Singly diagonally implicit Runge-Kutta methods with an explicit first stage", BIT 44, 2004.
+    """
+    if not np.isfinite(np.asarray(start[0])).all():
+        raise ModelError(
+            "the arm has no stable equilibrium where the motion starts; check stiffnesses, masses and units"
+        )
+    method = "Dopri8" if _explicit_steps(machine, motion, start) < EXPLICIT_STEPS else "Kvaerno5"
+    parts, steps = [(start[0][:, None], start[1][:, None])], 0
+    sections, tolerances = _sections(times), (jnp.asarray(rtol), jnp.asarray(atol))
+    with suppress(KeyboardInterrupt):
+        for k in progress(range(len(sections))):
+            state = parts[-1][0][:, -1], parts[-1][1][:, -1]
+            reached, y, yd, took = _solve(machine, motion, state, jnp.asarray(sections[k]), *tolerances, method)
+            if not reached:
+                raise ModelError(
+                    f"the simulation cannot meet its tolerance from {sections[k][0]:.4g} to {sections[k][-1]:.4g} s; "
+                    "loosen the tolerance, or check stiffness, damping and motion there"
+                )
+            parts.append((y[:, 1:], yd[:, 1:]))
+            steps += int(took)
+    y, yd = (jnp.concatenate(part, 1)[:, : len(times)] for part in zip(*parts, strict=True))
+    return Exact(y, yd, steps, method)
+
+
+def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:
+    """Cut the times into sections of equal length, each beginning where the one before ends; the last may overhang."""
+    count = -(-(len(times) - 1) // SAMPLES)
+    beyond = times[-1] + (times[-1] - times[-2]) * np.arange(1, count * SAMPLES + 2 - len(times))
+    whole = np.concatenate([times, beyond])
+    return [whole[k * SAMPLES : (k + 1) * SAMPLES + 1] for k in range(count)]
+
+
+def _explicit_steps(machine: Multibody, motion: Motion, start: tuple[Array, Array]) -> float:
+    """Return how many steps an explicit method needs for a second, by the fastest rate at the start."""
+    return float(np.abs(np.linalg.eigvals(np.asarray(_linear(machine, motion, start)))).max() / REACH)
+
+
+@jit
+def _linear(machine: Multibody, motion: Motion, start: tuple[Array, Array]) -> Float[Array, "state state"]:
+    """Return the derivatives of the rates at the start by the state there."""
+    command = Command(*motion(jnp.asarray(motion.breaks)[0]))
+
+    def rates(state: Array) -> Array:
+        y, yd = jnp.split(state, 2)
+        return jnp.concatenate([yd, acceleration(machine, command, y, yd)])
+
+    return jax.jacfwd(rates)(jnp.concatenate(start))
+
+
+@jit
+def _solve(
+    machine: Multibody,
+    motion: Motion,
+    start: tuple[Array, Array],
+    times: Array,
+    rtol: Array,
+    atol: Array,
+    method: str,
+) -> tuple[Array, Array, Array, Array]:
+    def rates(t: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:
+        y, v = state
+        return OMEGA * v, acceleration(machine, Command(*motion(t)), y, OMEGA * v) / OMEGA
+
+    y, yd = start
+    control = diffrax.PIDController(rtol=rtol, atol=atol)
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(rates),
+        getattr(diffrax, method)(),
+        times[0],
+        times[-1],
+        None,
+        (y, yd / OMEGA),
+        saveat=diffrax.SaveAt(ts=times),
+        stepsize_controller=diffrax.ClipStepSizeController(control, jump_ts=jnp.asarray(motion.breaks)),
+        max_steps=MAX_STEPS,
+        throw=False,
+    )
+    done = solution.result == diffrax.RESULTS.successful
+    y, v = (part.T for part in solution.ys)
+    return done, y, OMEGA * v, solution.stats["num_accepted_steps"]

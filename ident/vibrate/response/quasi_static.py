@@ -1,0 +1,87 @@
+"""How an arm hangs at rest along its motion: the line about which it vibrates."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, at_posture
+from ident.arm.equilibrium import equilibrium
+from ident.arm.linalg import solve_positive
+from ident.arm.mechanics import flat
+from ident.arm.modes import in_shaft_axes
+from ident.arm.multibody import Multibody, balanced
+from ident.arm.multibody_dynamics import residual
+from ident.arm.multibody_kinematics import Command
+from ident.jit import jit
+from ident.vibrate.motion.command import command
+from ident.vibrate.motion.motion import Motion
+from ident.vibrate.response.time_intervals import TimeIntervals
+
+BELT_STEPS = 3
+"""Newton steps that take the stretch of belts into account; it moves an arm at rest by less than a thousandth."""
+
+
+def quasi_static_deflection(
+    arm: Arm, machine: Multibody, posture: Array, loads: Loads | None = None
+) -> Float[Array, "n *#batch"]:
+    """Return the coordinates at which the arm rests at a posture (driven, *batch) [rad]; see `kinematics`.
+
+    Differentiable. The turning masses are on their axes here: they shake the arm and do not bend it.
+
+    Raises:
+        ModelError: the posture does not fit the arm.
+    """
+    chain = at_posture(arm, posture, loads)
+    y = flat(in_shaft_axes(chain, equilibrium(chain)))
+    if not machine.loose:
+        return y
+    machine = balanced(machine)
+    still = Command(posture, *(jnp.zeros_like(posture),) * 2)
+
+    def improve(_: Array, y: Array) -> Array:
+        none = jnp.zeros_like(y)
+        K = slope(lambda y: residual(machine, still, y, none, none), y)
+        return y - solve_positive(K, residual(machine, still, y, none, none))
+
+    taut = jnp.zeros((len(machine.loose), *y.shape[1:]))
+    return jax.lax.fori_loop(0, BELT_STEPS, improve, jnp.concatenate([y, taut]))
+
+
+def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "k n *batch"]:
+    """Return the Jacobian of a function of one flat vector, whose entries are independent over the batch."""
+
+    def column(k: Array) -> Array:
+        direction = jnp.zeros_like(at).at[k].set(1.0)
+        return jax.jvp(function, (at,), (direction,))[1]
+
+    return jax.vmap(column, out_axes=1)(jnp.arange(at.shape[0]))
+
+
+@jit
+def quasi_static_along(
+    arm: Arm, machine: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals
+) -> Float[Array, "P n m"]:
+    """Return the coordinates at rest at the nodes of the panels."""
+    rest = quasi_static_deflection(arm, machine, command(machine, motion, grid.nodes.ravel()).q, loads)
+    return jnp.moveaxis(rest.reshape((rest.shape[0], *grid.nodes.shape)), 1, 0)
+
+
+@jit
+def initial_equilibrium(machine: Multibody, motion: Motion, rest: Float[Array, "n"]) -> Float[Array, "n"]:
+    """Return the coordinates at which the arm rests before a motion, the weight of the turning masses included.
+
+    By one step of Newton's method from where it would rest without them: they hardly bend it.
+
+    Args:
+        machine: gathered with `rank=1`.
+        motion: at whose start the arm rests.
+        rest: coordinates at rest, the turning masses on their axes.
+    """
+    posture = motion(jnp.asarray(motion.breaks)[:1])[0]
+    still = Command(posture, *(jnp.zeros_like(posture),) * 2)
+    y, none = rest[:, None], jnp.zeros((len(rest), 1))
+    K = slope(lambda y: residual(machine, still, y, none, none), y)
+    return (y - solve_positive(K, residual(machine, still, y, none, none)))[:, 0]

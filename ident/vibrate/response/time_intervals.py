@@ -1,0 +1,165 @@
+"""Panels of time: what changes with the posture is computed at a few nodes of each and interpolated between them."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.polynomial import Polynomial
+from scipy.interpolate import PPoly
+
+from ident.vibrate.motion.motion import Motion
+
+NODES = 6
+"""Nodes of a panel: the slow quantities are polynomials of degree five in it."""
+NODE_PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2
+"""The nodes within a panel, from 0 to 1."""
+TURN = 0.8
+"""Largest turn of a pin within a panel [rad]: polynomials of degree five follow its sine to 1e-6."""
+JUMP = 1e-6
+"""Jump of a derivative, against its largest value, that counts as one."""
+
+FINER = 8
+"""Panels are at most this much shorter than they must be, where that makes them more alike."""
+PANEL_COST = 90
+"""What a panel costs apart from its steps, in steps: measured on the paper's arm, by runs of different panels."""
+MOST_STEPS = 200
+"""Steps of a panel at most: beyond, its intermediate values leave the cache."""
+SHORTEST = 1e-9
+"""Time [s] within which a jump counts as at the edge."""
+
+Times = Float[Array | np.ndarray, "T"]
+
+
+class TimeIntervals(NamedTuple):
+    """A span of time in panels of as many equal steps each.
+
+    Attributes:
+        start: (P,) [s] where the panels start.
+        step: (P,) [s] the steps of each.
+        steps: number S of steps of a panel.
+    """
+
+    start: Float[Array | np.ndarray, "P"]
+    step: Float[Array | np.ndarray, "P"]
+    steps: int
+
+    @property
+    def nodes(self) -> Float[Array | np.ndarray, "P m"]:
+        """Times of the nodes [s]."""
+        return self.start[:, None] + (self.step * self.steps)[:, None] * NODE_PLACES
+
+    def steps_of(self, time: Times) -> tuple[Array, Array, Array, Array]:
+        """Return for each time its panel, its step there, its place in that from 0 to 1, and the step's length [s]."""
+        panel = jnp.clip(jnp.searchsorted(self.start, time, side="right") - 1, 0, len(self.start) - 1)
+        h = jnp.asarray(self.step)[panel]
+        count = (time - jnp.asarray(self.start)[panel]) / h
+        step = jnp.clip(jnp.floor(count).astype(int), 0, self.steps - 1)
+        return panel, step, jnp.asarray(count - step), h
+
+
+def time_intervals(motion: Motion, end: float, step: float) -> TimeIntervals:
+    """Divide the time from the first break of a motion, none of them across a jump of its derivatives.
+
+    Args:
+        motion: what the motors are told.
+        end: last time [s].
+        step: longest step [s].
+    """
+    jumps = _jumps(motion)
+    first = float(motion.breaks[0])
+    within = jumps[(jumps > first + SHORTEST) & (jumps < end - SHORTEST)]
+    edges = np.concatenate([[first], within, [end]])
+    speed = fastest(motion).max()
+    longest = min(TURN / max(speed, 1e-9), MOST_STEPS * step)
+    shares = np.outer(np.diff(edges), 1 / np.arange(1, FINER)).ravel()
+    candidates = [longest, *shares[(shares < longest) & (shares > longest / FINER)]]
+    counts = min((_counts(edges, length) for length in candidates), key=lambda counts: _cost(edges, counts, step))
+    lengths = np.diff(edges) / counts
+    start = np.concatenate([low + n * np.arange(c) for low, n, c in zip(edges, lengths, counts, strict=False)])
+    length = np.repeat(lengths, counts)
+    steps = _steps(length, step)
+    return TimeIntervals(start, length / steps, steps)
+
+
+def _counts(edges: np.ndarray, longest: float) -> np.ndarray:
+    return np.ceil(np.diff(edges) / longest - 1e-9).astype(int)
+
+
+def _steps(lengths: np.ndarray, step: float) -> int:
+    return max(1, int(np.ceil(lengths.max() / step - 1e-9)))
+
+
+def _cost(edges: np.ndarray, counts: np.ndarray, step: float) -> int:
+    """Return the cost of panels, in steps: all have as many as the longest asks for."""
+    return int(counts.sum()) * (_steps(np.diff(edges) / counts, step) + PANEL_COST)
+
+
+def fastest(motion: Motion) -> Float[np.ndarray, "driven"]:
+    """Return the highest speed of each driven joint [rad/s], by samples; the motion is known, also under `jit`."""
+    rate = _path(motion).derivative()
+    return np.abs(rate(np.linspace(rate.x[0], rate.x[-1], 2000))).max(0)
+
+
+def _jumps(motion: Motion) -> np.ndarray:
+    """Return the breaks at which a derivative up to the third jumps: there a smooth method loses its order."""
+    inner = np.asarray(motion.breaks)[1:-1]
+    jumps = np.zeros(len(inner), bool)
+    for order in range(1, 4):
+        largest = max(np.abs(_path(motion).derivative(order).c[-1]).max(), 1e-12)
+        jumps |= (jumps_of(motion, order) > JUMP * largest).any(1)
+    return inner[jumps]
+
+
+def jumps_of(motion: Motion, order: int) -> Float[np.ndarray, "inner driven"]:
+    """Return by how much a derivative of each angle jumps at the inner breaks [rad/s^order]."""
+    rate = _path(motion).derivative(order)
+    powers = np.arange(len(rate.c))[::-1, None, None]
+    ends = (rate.c * np.diff(rate.x)[:, None] ** powers).sum(0)
+    return np.abs(rate.c[-1, 1:] - ends[:-1])
+
+
+def _path(motion: Motion) -> PPoly:
+    return PPoly(np.asarray(motion.coefficients), np.asarray(motion.breaks))
+
+
+def basis(places: np.ndarray) -> list[Polynomial]:
+    """Return the polynomials that are one at one of the places and zero at the others (Lagrange)."""
+    found = [Polynomial.fromroots(np.delete(places, n)) for n in range(len(places))]
+    return [p / p(place) for p, place in zip(found, places, strict=True)]
+
+
+def evaluate(polynomials: list[Polynomial], u: Array) -> Float[Array, "T polynomials"]:
+    """Return the values of polynomials at u."""
+    return jnp.stack([jnp.polyval(jnp.asarray(p.coef[::-1]), u) for p in polynomials], 1)
+
+
+POWERS = np.stack([p.coef for p in basis(NODE_PLACES)])
+"""Coefficients (nodes, powers) of the polynomials of a panel."""
+
+
+def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the weights (NODES, places) by which values at the nodes give value, slope and curvature elsewhere.
+
+    Places run from 0 to 1 over the panel; slope and curvature are by that coordinate.
+    """
+    values, slopes, curvatures = (np.stack([p.deriv(k)(places) for p in basis(NODE_PLACES)]) for k in range(3))
+    return values, slopes, curvatures
+
+
+def interpolate(x: Float[Array, "*rest m"], W: Float[np.ndarray, "m places"]) -> Float[Array, "*rest places"]:
+    """Return the sum over the nodes, on the last axis of x, of their values times their weights."""
+    return jnp.tensordot(x, jnp.asarray(W), 1)
+
+
+def between_nodes(
+    grid: TimeIntervals, x: Float[Array, "P c m"], time: Times
+) -> tuple[Float[Array, "c T"], Float[Array, "c T"]]:
+    """Return values at times within the panels by those at the nodes, and their rates."""
+    k, s, place, h = grid.steps_of(time)
+    u = ((s + place) / grid.steps)[:, None]
+    coefficients = jnp.moveaxis(jnp.tensordot(x, jnp.asarray(POWERS), 1), 2, 0)[:, k]
+    value, slope = coefficients[-1], jnp.zeros_like(coefficients[-1])
+    for lower in coefficients[-2::-1]:
+        value, slope = value * u + lower, slope * u + value
+    return value.T, (slope / (h * grid.steps)[:, None]).T

@@ -1,0 +1,1 @@
+"""Traces: spectra, spectrograms, orders, comparison."""

@@ -1,0 +1,142 @@
+"""Order tracking: how much of a vibration turns with a pulley, whatever its speed at the time."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
+from scipy.signal import get_window
+
+from ident.errors import InputError, Problem
+from ident.vibrate.signal.series import Samples, refuse, samples
+
+TURNING = 0.05
+"""Share of the fastest turning rate below which the pulley counts as standing."""
+FAITHFUL = 0.5
+"""Share of the Nyquist order up to which the interpolation keeps amplitudes to within 0.2 %."""
+
+
+@dataclass(frozen=True)
+class OrderTrack:
+    """Amplitudes of orders, multiples of a pulley's turning frequency, over blocks of whole revolutions.
+
+    Attributes:
+        orders: (O,) [-].
+        amplitude: (O, B, ...) [unit of the values] peak amplitude; NaN above `highest_order`.
+        time: (B,) [s] when half of the block's revolutions are done.
+        frequency: (B,) [Hz] mean turning frequency.
+        highest_order: (B,) [-] highest order that the sampling resolves, half the Nyquist order at the block's fastest.
+        revolutions: of a block; orders less than 2 / revolutions apart are not told from each other.
+    """
+
+    orders: Float[np.ndarray, "O"]
+    amplitude: Float[np.ndarray, "O B *D"]
+    time: Float[np.ndarray, "B"]
+    frequency: Float[np.ndarray, "B"]
+    highest_order: Float[np.ndarray, "B"]
+    revolutions: int
+
+
+def order_tracking(
+    time: ArrayLike, values: ArrayLike, angle: ArrayLike, *, orders: Sequence[float], revolutions: int = 8
+) -> OrderTrack:
+    """Return the amplitudes of orders of a turning pulley, block by block.
+
+    The trace is resampled to uniform steps of the angle, never coarser than its own steps of time, by a quintic
+    spline; a DFT with a Hann window over the block's revolutions then gives a = 2 |sum w x exp(-i k angle)| / sum w.
+    Used are the pieces over which the angle runs one way, faster than 5 % of its fastest; blocks follow each other
+    without overlap, and what does not fill a block is left out.
+
+    Limits: an order k at turning frequency f stands at k f, which must stay below a quarter of the sampling rate; above
+    that the amplitude is NaN. A resonance that is passed within a block is averaged over it.
+
+    Args:
+        time: (T,) [s] uniform to one part in a thousand.
+        values: (T, ...) [any].
+        angle: (T,) [rad] of the pulley, unwrapped; in either direction.
+        orders: (O,) [-] multiples of the turning frequency; at least 2 / revolutions.
+        revolutions: of a block.
+
+    Returns:
+        The amplitudes, in the values' own unit.
+
+    Raises:
+        InputError: the pulley does not turn a whole block one way, or an order is too low for the block.
+
+    References:
+        Brandt, "Noise and Vibration Analysis", 2nd ed., 2023, chapter 12. Fyfe, Munck, "Analysis of computed order
+        tracking", Mech. Syst. Signal Process. 11 (1997).
+    """
+    trace, turned = samples(time, values), samples(time, angle).values
+    refuse([*_angle_problems(turned), *_order_problems(orders, revolutions)])
+    pieces = list(_pieces(turned))
+    curve = make_interp_spline(trace.time, trace.values, k=5)
+    tracked = np.asarray(orders, float)
+    blocks = [block for piece in pieces for block in _blocks(trace, curve, turned, piece, tracked, revolutions)]
+    if not blocks:
+        raise InputError(_too_few(turned, pieces, revolutions))
+    amplitude, middle, frequency, highest = zip(*blocks, strict=True)
+    return OrderTrack(
+        tracked, np.stack(amplitude, axis=1), np.array(middle), np.array(frequency), np.array(highest), revolutions
+    )
+
+
+def _pieces(angle: np.ndarray) -> Iterator[slice]:
+    """Yield the pieces over which the pulley turns one way."""
+    steps = np.diff(angle)
+    way = np.sign(steps) * (np.abs(steps) > TURNING * np.abs(steps).max())
+    ends = np.flatnonzero(np.diff(way)) + 1
+    for start, stop in zip([0, *ends], [*ends, len(steps)], strict=True):
+        if way[start]:
+            yield slice(int(start), int(stop) + 1)
+
+
+def _blocks(
+    trace: Samples, curve: BSpline, angle: np.ndarray, piece: slice, orders: np.ndarray, revolutions: int
+) -> Iterator[tuple[np.ndarray, float, float, float]]:
+    """Yield amplitudes, middle, turning frequency and highest order of each block of a piece."""
+    turned = np.abs(angle[piece] - angle[piece.start])
+    rates = np.diff(turned) / (2 * np.pi * trace.step)
+    when = PchipInterpolator(turned, trace.time[piece])
+    span = 2 * np.pi * revolutions
+    for start in np.arange(int(turned[-1] / span)) * span:
+        inside = (turned[1:] > start) & (turned[:-1] < start + span)
+        slowest, fastest = rates[inside].min(), rates[inside].max()
+        steps = revolutions * int(np.ceil(trace.rate / slowest))
+        at = start + span * np.arange(steps) / steps
+        highest = FAITHFUL * trace.rate / 2 / fastest
+        amplitude = _amplitudes(curve(when(at)), at, orders)
+        amplitude[orders > highest] = np.nan
+        begin, middle, end = when([start, start + span / 2, start + span])
+        yield amplitude, float(middle), revolutions / float(end - begin), float(highest)
+
+
+def _amplitudes(values: np.ndarray, angle: np.ndarray, orders: np.ndarray) -> np.ndarray:
+    """Return the amplitudes (O, ...) of orders in values (N, ...) at uniform angles (N,)."""
+    weights = get_window("hann", len(angle)) / (len(angle) / 2)
+    waves = weights * np.exp(-1j * orders[:, None] * angle)
+    return 2 * np.abs(np.tensordot(waves, values - np.tensordot(weights, values, 1), 1))
+
+
+def _angle_problems(angle: np.ndarray) -> Iterator[Problem]:
+    if angle.ndim != 1:
+        yield Problem("angle", f"an array of shape {angle.shape}", "the angle of one pulley", "give one column")
+
+
+def _order_problems(orders: Sequence[float], revolutions: int) -> Iterator[Problem]:
+    if revolutions < 1:
+        yield Problem("revolutions", f"{revolutions}", "at least 1", "8 resolves orders a quarter apart")
+    elif not len(orders):
+        yield Problem("orders", "none", "one or more", "1 is the turning frequency itself")
+    elif min(orders) < 2 / revolutions:
+        remedy = "ask for more revolutions in a block, or drop the order"
+        yield Problem("orders", f"{min(orders):g}", f"at least 2 / revolutions = {2 / revolutions:g}", remedy)
+
+
+def _too_few(angle: np.ndarray, pieces: Sequence[slice], revolutions: int) -> Problem:
+    most = max((abs(angle[piece.stop - 1] - angle[piece.start]) / (2 * np.pi) for piece in pieces), default=0.0)
+    got = f"at most {most:.3g} revolutions one way"
+    remedy = "ask for fewer revolutions in a block, or give a longer motion; the angle is in rad"
+    return Problem("angle", got, f"a whole block of {revolutions}", remedy)

@@ -1,0 +1,172 @@
+"""`ident design`: a real run with all on a short path, the files that it leaves, and bad input."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from arms import lcd_arm
+from commands import ARM, files, posterior
+
+from ident.description.file import read_arm_file
+from ident.identify.values import read_draws, read_two_groups
+
+K = ("joint1.k_tors", "joint2.k_tors", "joint3.k_tors")
+SHORT = ("--path=teach.csv", "--dwell=0.2", "--rate=100")
+NAME = "arm.teach"
+
+
+def log(path, angles=(60, -120, 60)):
+    """A way in half a second, from rest to rest."""
+    time = np.linspace(0, 0.5, 26)
+    x = time / 0.5
+    way = 10 * x**3 - 15 * x**4 + 6 * x**5
+    columns = [time, *(way * angle for angle in angles)]
+    header = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]"
+    np.savetxt(path, np.column_stack(columns), header=header, comments="", delimiter=",")
+
+
+@pytest.mark.timeout(900)  # some ten programs are compiled, slowly on a machine that others share
+def test_a_design_with_all_that_there_is(run, tmp_path):
+    log(tmp_path / "teach.csv")
+    posterior(tmp_path / "draws.nc")
+    code, out, err = run("simulate", ARM, *SHORT, "--method=fast", "--no-figure")
+    assert (code, err) == (0, "")
+    peaks = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())["vibration"]["peak"]
+    limit = 0.8e3 * max(peaks)
+
+    options = (f"--change={K[0]}", f"--change={K[1]}={K[2]}=0.5x:1.5x:2", "--set=link2.mass=36")
+    drawn = ("--posterior=draws.nc", "--draws=4", "--fresh=30", "--starts=2", f"--limit={limit}", "--max-amount=1.2")
+    code, out, err = run("design", ARM, *SHORT, *options, *drawn, "--out=new")
+    assert (code, err) == (0, "")
+    base = f"new/{NAME}.design"
+    ends = ("json", "png", "sensitivities.png", "toml", "vibration.png")
+    assert [name for name in files(tmp_path) if name.startswith("new")] == [f"{base}.{end}" for end in ends]
+
+    result = json.loads((tmp_path / f"{base}.json").read_text())
+    assert result["format"] == "ident-design/1"
+    assert set(result["inputs"]) == {"arm", "fit", "posterior", "path"}
+    assert result["inputs"]["posterior"]["path"] == "draws.nc"
+    assert result["options"]["change"] == [text.removeprefix("--change=") for text in options[:2]]
+    assert result["options"]["assigned"] == ["link2.mass=36"]
+    assert result["set"] == {"link2.mass": 36.0}
+    assert result["limit"] == pytest.approx(limit / 1e3)
+    _, second = result["variables"]
+    assert second["paths"] == [K[1], K[2]]
+    assert (second["weight"], second["changed_by"]) == (2, "factor")
+    assert (second["low"], second["high"]) == pytest.approx((0.5 * second["present"], 1.5 * second["present"]))
+    factor = second["best"] / second["present"]
+    best = result["best"]
+    assert best["values"][K[2]] == pytest.approx(factor * float(lcd_arm().get(K[2])))
+    assert best["amount"] <= 1.2 * (1 + 1e-6)
+    assert result["optima"][0]["largest"] <= result["present"]["largest"]
+    assert [place["amount"] for place in result["curve"]] == sorted(place["amount"] for place in result["curve"])
+    fresh = result["verification"]["after"]["fresh_draws"]
+    assert fresh["draws"] == 20, "of 24 there are, 4 were used"
+    assert fresh["interval_95"][0] <= fresh["share"] <= fresh["interval_95"][1]
+    for check in result["verification"].values():
+        assert np.abs(check["difference"]).max() < 0.05
+    strongest = result["sensitivities"]["numbers"][0]
+    assert set(strongest["quantiles"]) == {"0.05", "0.95"}
+
+    text = (tmp_path / f"{base}.toml").read_text()
+    written = read_arm_file(tmp_path / f"{base}.toml")
+    for path, value in best["values"].items():
+        assert float(written.arm.get(path)) == pytest.approx(value)
+        assert written.origins[path] == "designed"
+    assert (written.origins["link2.mass"], float(written.arm.get("link2.mass"))) == ("assumed", 36)
+    assert tomllib.loads(text)["name"] == lcd_arm().name
+    code, _, err = run("simulate", f"{base}.toml", *SHORT, "--method=fast", "--no-figure", "--out=again")
+    assert (code, err) == (0, "")
+    (again,) = (name for name in files(tmp_path) if name.startswith("again") and name.endswith("json"))
+    peaks = json.loads((tmp_path / again).read_text())["vibration"]["peak"]
+    assert peaks == pytest.approx(best["amplitude"], rel=0.02)
+
+    for words in (
+        "Sensitivities: percent of amplitude per percent",
+        "and 24 more, in the .json",
+        "N mm/deg",
+        "of 2 starts led to the same",
+        "Trade-off",
+        "Cheapest change that keeps",
+        "Verification by the exact equations",
+        "by 20 fresh draws, with its 95 % interval",
+        "set: link2.mass = 36",
+        "Assumed: ",
+        result["verdict"],
+    ):
+        assert words in out
+
+
+def test_sensitivities_alone(run, tmp_path):
+    log(tmp_path / "teach.csv")
+    code, out, err = run("design", ARM, *SHORT, "--sensitivities")
+    assert (code, err) == (0, "")
+    assert files(tmp_path) == [f"out/{NAME}.sensitivities.{end}" for end in ("json", "png")] + ["teach.csv"]
+    result = json.loads((tmp_path / f"out/{NAME}.sensitivities.json").read_text())
+    assert result["format"] == "ident-sensitivity/1"
+    numbers = result["sensitivities"]["numbers"]
+    assert len(numbers) == 36
+    worst = int(np.argmax(result["sensitivities"]["amplitude"]))
+    sizes = [abs(number["elasticity"][worst]) for number in numbers]
+    assert sizes == sorted(sizes, reverse=True)
+    assert "more, in the .json" not in out
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([f"--change={K[0]}=2x:0.5x"], f"--change {K[0]}=2x:0.5x: got 719635 to 179909, expected a lower and a higher"),
+        ([f"--change={K[0]}=1.5x:2x"], "bounds about the present"),
+        ([f"--change={K[0]}=0:2x"], "bounds above 0"),
+        ([f"--change={K[0]}=0.5x"], "expected LOW:HIGH or LOW:HIGH:WEIGHT"),
+        ([f"--change={K[0]}=a:b"], "a finite number"),
+        ([f"--change={K[0]}=0.5x:2x:0"], "a weight above 0"),
+        ([f"--change={K[0]}=0.5x:2x:-1"], "a weight above 0"),
+        (["--change=joint1.k_tor"], "did you mean joint1.k_tors"),
+        (["--change=speed"], "see ident sweep --vary speed"),
+        ([f"--change={K[0]}", f"--change={K[1]}={K[0]}"], f"{K[0]} twice"),
+        ([f"--change={K[0]}=fingers.com.x"], "numbers of one kind"),
+        (["--change=link1.inertia.xx=0.5x:2x"], "not written in the arm file"),
+        (["--limit=0"], "--limit: got 0"),
+        (["--max-amount=0"], "--max-amount: got 0"),
+        (["--min-frequency=-1"], "--min-frequency: got -1"),
+        (["--measure=peek"], "did you mean peak"),
+        (["--measure=residual", "--dwell=0"], "--measure: got a motion that ends"),
+        (["--sensitivities", "--limit=1"], "--limit: got it beside --sensitivities"),
+        (["--posterior=none.nc"], "none.nc: got no such file"),
+    ],
+)
+def test_bad_questions_are_one_line_and_nothing_is_written(run, tmp_path, options, words):
+    log(tmp_path / "teach.csv")
+    code, out, err = run("design", ARM, *SHORT, *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.startswith("ident: ")
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == ["teach.csv"]
+
+
+def test_what_has_no_answer_is_told(run, tmp_path):
+    log(tmp_path / "teach.csv")
+    code, out, err = run("design", ARM, *SHORT, f"--change={K[0]}", "--min-frequency=50", "--starts=1", "--no-curve")
+    assert (code, out) == (1, "")
+    assert "the first frequency reaches" in err
+    code, out, err = run("design", ARM, *SHORT, "--change=joint1.k_bend=0.0001x:2x", "--no-curve")
+    assert (code, out) == (1, "")
+    assert "collapses at joint1.k_bend = " in err
+    assert files(tmp_path) == ["teach.csv"]
+
+
+def test_two_groups_of_draws_have_none_in_common(tmp_path):
+    values = posterior(tmp_path / "draws.nc", draws=50)[K[0]].ravel()
+    few, others = read_two_groups(tmp_path / "draws.nc", lcd_arm(), 16, 30, seed=1)
+    np.testing.assert_array_equal(few.values[K[0]], read_draws(tmp_path / "draws.nc", lcd_arm(), 16).values[K[0]])
+    one, two = few.values[K[0]], others.values[K[0]]
+    assert (len(one), len(two), len(np.intersect1d(one, two))) == (16, 30, 0)
+    assert np.isin(np.concatenate([one, two]), values).all()
+    again = read_two_groups(tmp_path / "draws.nc", lcd_arm(), 16, 30, seed=1)[1].values[K[0]]
+    np.testing.assert_array_equal(two, again)
+    _, rest = read_two_groups(tmp_path / "draws.nc", lcd_arm(), 16, 1000)
+    assert len(rest.values[K[0]]) == 84, "what is left"
+    assert read_two_groups(tmp_path / "draws.nc", lcd_arm(), 100, 1000)[1] is None

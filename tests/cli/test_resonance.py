@@ -1,0 +1,55 @@
+"""`ident resonance`: real runs, the files that they leave, and bad input."""
+
+import json
+
+import numpy as np
+import pytest
+from arms import lcd_arm
+from commands import ARM, files, posterior
+
+from ident.vibrate.modal.branches import branches
+from ident.vibrate.motion.stroke import stroke
+
+BASE = "arm.extend-10.resonance"
+
+
+def test_report_and_result_agree_with_the_library(run, tmp_path):
+    code, out, err = run("resonance", ARM)
+    assert (code, err) == (0, "")
+    assert files(tmp_path) == [f"out/{BASE}.json", f"out/{BASE}.png"]
+    written = json.loads((tmp_path / "out" / f"{BASE}.json").read_text())
+    found = branches(lcd_arm(), stroke(lcd_arm().stroke, percent=10))
+    assert [branch["label"] for branch in written["branches"]] == [str(label) for label in found.labels]
+    np.testing.assert_allclose([branch["frequency"] for branch in written["branches"]], found.median, rtol=1e-9)
+    assert written["options"]["margin"] == 10.0
+    assert len(written["encounters"]) == 6
+    assert "pulley 2 (drive2) meets vertical bending 1 at 2.06 s" in out
+
+
+def test_draws_give_bands_and_probabilities(run, tmp_path):
+    posterior(tmp_path / "draws.nc")
+    code, _, _ = run("resonance", ARM, "--posterior=draws.nc", "--draws=8", "--no-figure")
+    assert code == 0
+    written = json.loads((tmp_path / "out" / f"{BASE}.json").read_text())
+    low, high = np.array(written["branches"][0]["band_5_95"])
+    assert (high > low).all()
+    assert all(0 < e["probability"] <= 1 for e in written["encounters"])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--margin=-5"], "margin"),
+        (["--orders=1.5"], "--orders 1.5"),
+        (["--speed=0"], "--speed"),
+        (["--profile=scurve"], "did you mean s-curve"),
+        (["--smoothing=1"], "--smoothing"),
+        (["--set=drive1.ratio=0"], "ratio"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, options, words):
+    code, out, err = run("resonance", ARM, *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+    assert files(tmp_path) == []

@@ -1,0 +1,347 @@
+"""`ident simulate` and `ident spectrum`: real runs on short motions, the files that they leave, and bad input."""
+
+import json
+import re
+
+import arviz
+import numpy as np
+import pytest
+import xarray
+from arms import lcd_arm
+from commands import ARM, files, posterior
+
+from ident.cli import running
+from ident.measure import read_pulleys, read_trace
+from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.response.belt_tension import belt_tension
+from ident.vibrate.response.response import peak, rms, settling_time
+from ident.vibrate.response.simulate import simulate
+
+SHORT = ("--speed=200", "--dwell=0.5")
+NAME = "arm.extend-200"
+
+
+@pytest.fixture(scope="module")
+def direct():
+    """The same motion, by the library."""
+    motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
+    return {method: simulate(lcd_arm(), motion, method=method) for method in ("fast", "exact")}
+
+
+def test_csv_netcdf_summary_and_report_agree_with_simulate(run, tmp_path, direct):
+    code, out, err = run("simulate", ARM, *SHORT, "--at=0.7")
+    assert (code, err) == (0, "")
+    ends = ("csv", "drives.png", "json", "nc", "png")
+    assert files(tmp_path) == [f"out/{NAME}.simulate.{end}" for end in ends]
+    response, base = direct["exact"], f"out/{NAME}.simulate"
+    vibration = np.asarray(response.vibration)
+
+    trace = read_trace(f"{base}.csv")
+    assert (trace.kind, list(trace.values)) == ("displacement", ["x", "y", "z"])
+    np.testing.assert_allclose(trace.time, response.time, rtol=1e-9)
+    np.testing.assert_allclose(np.stack(list(trace.values.values())), vibration, atol=1e-12)
+    assert {"belt1.upper [N]", "joint1.rotation.z [deg]", "joint2 [deg]", "displacement.z [mm]"} <= set(trace.ignored)
+    pulleys = read_pulleys(f"{base}.csv", trace)
+    np.testing.assert_allclose(pulleys["drive2"].frequency, response.pulley.frequency[1], atol=1e-8)
+    np.testing.assert_allclose(pulleys["drive2"].angle, response.pulley.angle[1], atol=1e-7)
+
+    with xarray.open_dataset(f"{base}.nc", engine="h5netcdf") as data:
+        np.testing.assert_allclose(data["vibration"], vibration, atol=1e-12)
+        np.testing.assert_allclose(data["vibration_fast"], direct["fast"].vibration, atol=1e-12)
+        np.testing.assert_allclose(data["rotation"], response.phi, atol=1e-12)
+        np.testing.assert_allclose(data["tension"], belt_tension(response), rtol=1e-9)
+        assert data["tension"].dims == ("span", "belt", "time")
+        assert data["moment"].attrs["units"] == "N m"
+        assert json.loads(data.attrs["inputs"])["arm"]["sha256"]
+
+    result = json.loads((tmp_path / f"{base}.json").read_text())
+    assert result["format"] == "ident-simulate/1"
+    found = result["vibration"]
+    assert found["peak"] == pytest.approx(np.asarray(peak(response.vibration)))
+    assert found["rms"] == pytest.approx(np.asarray(rms(response.vibration)))
+    assert found["residual"] == pytest.approx(np.asarray(peak(response.after(response.motion.arrival))))
+    assert found["late_peak"] == pytest.approx(np.asarray(peak(response.after(0.7))))
+    settled = [None if np.isinf(s) else pytest.approx(s) for s in settling_time(response, 1e-4)]
+    assert found["settling_time"] == settled
+    assert min(belt["smallest"] for belt in result["belts"]) == pytest.approx(float(belt_tension(response).min()))
+    assert result["options"]["at"] == 0.7
+    difference = np.abs(vibration - np.asarray(direct["fast"].vibration)).max(1) / np.abs(vibration).max(1)
+    assert result["difference_of_methods"] == pytest.approx(difference, rel=1e-6)
+
+    for direction, size in zip("xyz", np.asarray(peak(response.vibration)), strict=True):
+        assert re.search(rf"^  {direction} +{1e3 * size:.4f} ", out, re.M)
+    for words in ("Fast method against exact", "Belts: smallest tension", "Assumed: 41 of the 41", "arm.extend-200"):
+        assert words in out
+
+
+def test_its_own_csv_as_measured_trace_gives_ratio_one(run, tmp_path):
+    assert run("simulate", ARM, *SHORT, "--method=fast", "--no-figure", "--out=one")[0] == 0
+    code, out, err = run("simulate", ARM, *SHORT, "--method=fast", f"--trace=one/{NAME}.simulate.csv", "--band=2:20")
+    assert (code, err) == (0, "")
+    assert "Against" in out
+    result = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())
+    for direction in "xyz":
+        assert list(result["trace"][direction]["ratios"].values()) == pytest.approx([1, 1, 1], rel=1e-6)
+    assert result["inputs"]["trace"]["path"] == f"one/{NAME}.simulate.csv"
+    assert result["method"] == "fast"
+    assert result["difference_of_methods"] == [None, None, None]
+
+
+def test_a_measured_acceleration_is_compared_as_acceleration(run, tmp_path, direct):
+    from ident.vibrate.signal.derivative import second_derivative
+
+    time, z = np.asarray(direct["fast"].time), np.asarray(direct["fast"].vibration[2])
+    rows = np.column_stack([time, 2 * second_derivative(time, z)])
+    np.savetxt(tmp_path / "sensor.csv", rows, header="time [s],z [m/s^2]", comments="", delimiter=",", fmt="%.10g")
+    code, out, err = run("simulate", ARM, *SHORT, "--method=fast", "--trace=sensor.csv")
+    assert (code, err) == (0, "")
+    assert "[m/s^2]" in out
+    result = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())
+    assert result["trace"]["z"]["ratios"]["peak"] == pytest.approx(0.5, rel=1e-3)
+    assert "x" not in result["trace"]
+
+
+def test_an_interrupted_run_leaves_readable_files(run, tmp_path, monkeypatch, direct):
+    def interrupting(*_):
+        def shown(numbers):
+            for count, number in enumerate(numbers):
+                if count == 1:
+                    raise KeyboardInterrupt
+                yield number
+
+        return shown
+
+    monkeypatch.setattr(running, "progress", interrupting)
+    code, out, err = run("simulate", ARM, *SHORT, "--method=exact", "--no-figure")
+    assert code == 130
+    assert err == "interrupted at 0.5 s; what there is was written\n"
+    assert "INTERRUPTED" in out
+    trace = read_trace(f"out/{NAME}.simulate.csv")
+    assert trace.time[-1] == pytest.approx(0.5)
+    np.testing.assert_allclose(trace.values["y"], direct["exact"].vibration[1, : len(trace.time)], atol=1e-12)
+    with xarray.open_dataset(f"out/{NAME}.simulate.nc", engine="h5netcdf") as data:
+        assert data.sizes["time"] == len(trace.time)
+    assert json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())["interrupted_at"] == pytest.approx(0.5)
+
+    code, out, err = run("simulate", ARM, *SHORT, "--out=both")
+    assert code == 130
+    trace = read_trace(f"both/{NAME}.simulate.csv")
+    assert trace.time[-1] == pytest.approx(direct["fast"].time[-1]), "the fast method's came to the end"
+    with xarray.open_dataset(f"both/{NAME}.simulate.nc", engine="h5netcdf") as data:
+        exact = data["vibration_exact"]
+        assert np.isfinite(exact.sel(time=slice(0, 0.5))).all()
+        assert np.isnan(exact.sel(time=slice(0.51, None))).all()
+
+
+def test_interrupted_elsewhere_nothing_is_written(run, tmp_path, monkeypatch):
+    from ident.vibrate.response import study
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study, "simulate", interrupted)
+    code, out, err = run("simulate", ARM, *SHORT)
+    assert (code, out) == (130, "")
+    assert "Traceback" not in err
+    assert files(tmp_path) == []
+
+
+def test_draws_of_a_posterior_give_bands(run, tmp_path):
+    values = posterior(tmp_path / "draws.nc")
+    limit = 20.0
+    code, out, err = run("simulate", ARM, *SHORT, "--posterior=draws.nc", "--draws=4", f"--limit={limit}", "--rate=100")
+    assert (code, err) == (0, "")
+    assert "left out, no number of the arm: discrepancy.deflection" in out
+    assert "5 to 95 % of 4 draws" in out
+    assert f"probability that the peak exceeds {limit:g} mm" in out
+    picked = {name: column.ravel()[[3, 9, 15, 21]] for name, column in values.items()}
+    with xarray.open_dataset(f"out/{NAME}.simulate.nc", engine="h5netcdf") as data:
+        drawn = data["vibration_draws"]
+        assert drawn.dims == ("draw", "direction", "time")
+        assert drawn.sizes["draw"] == 4
+        for name, column in picked.items():
+            np.testing.assert_allclose(data["parameter_draws"].sel(parameter=name), column)
+        motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
+        arm = lcd_arm().replace({name: column[2] for name, column in picked.items()})
+        one = simulate(arm, motion, rate=100).vibration
+        np.testing.assert_allclose(drawn[2], one, atol=1e-9)
+        sizes = np.abs(drawn.values).max(2)
+    result = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())
+    assert result["draws"]["exceeds"] == pytest.approx((sizes > limit / 1e3).mean(0))
+    assert result["draws"]["count"] == 4
+    assert result["method"] == "fast"
+
+
+def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
+    from ident.identify.values import read_draws, read_fit
+
+    document = {
+        "format": "ident-fit/1",
+        "parameters": [
+            {"paths": ["joint2.k_tors", "joint3.k_tors"], "value": 3e5},
+            {"paths": ["discrepancy.deflection"], "value": 1.1},
+        ],
+    }
+    (tmp_path / "a.fit.json").write_text(json.dumps(document))
+    fit = read_fit(tmp_path / "a.fit.json", lcd_arm())
+    assert fit.medians == {"joint2.k_tors": 3e5, "joint3.k_tors": 3e5}
+    assert fit.left_out == ("discrepancy.deflection",)
+    assert fit.without({"joint3.k_tors": 1.0}).keys() == {"joint2.k_tors"}
+    values = posterior(tmp_path / "draws.nc")
+    with xarray.open_dataset(tmp_path / "draws.nc", group="posterior", engine="h5netcdf") as data:
+        tied = arviz.InferenceData(posterior=data.load())
+    tied.posterior["joint2.k_tors"].attrs["paths"] = json.dumps(["joint2.k_tors", "joint3.k_tors"])
+    tied.to_netcdf(str(tmp_path / "tied.nc"), engine="h5netcdf")
+    drawn = read_draws(tmp_path / "tied.nc", lcd_arm(), 100, seed=1)
+    np.testing.assert_array_equal(drawn.values["joint3.k_tors"], drawn.values["joint2.k_tors"])
+    np.testing.assert_array_equal(np.sort(drawn.values["joint3.k_tors"]), np.sort(values["joint2.k_tors"].ravel()))
+
+
+def log(path, angles):
+    time = np.linspace(0, 1, 21)
+    way = 10 * time**3 - 15 * time**4 + 6 * time**5
+    columns = [time, *(way * angle for angle in angles)]
+    header = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]"
+    np.savetxt(path, np.column_stack(columns), header=header, comments="", delimiter=",")
+
+
+def test_a_logged_path_is_followed(run, tmp_path):
+    log(tmp_path / "teach.csv", (20, -40, 20))
+    options = ("--path=teach.csv", "--dwell=0.2", "--method=fast", "--rate=100", "--no-figure")
+    code, out, err = run("simulate", ARM, *options, "--load=glass", "--set=link2.mass=40")
+    assert (code, err) == (0, "")
+    assert "to (20, -40, 20) deg in 1 s, then held for 0.2 s" in out
+    assert "load: glass" in out
+    assert "set: link2.mass = 40" in out
+    assert "out/arm.teach.simulate.csv" in files(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """The arm without drives, belts and stroke."""
+    path = tmp_path_factory.mktemp("bare") / "bare.toml"
+    path.write_text(ARM.read_text().split("[[drive]]")[0])
+    return path
+
+
+def test_an_arm_without_drives_is_shaken_by_its_motion_alone(run, tmp_path, bare):
+    log(tmp_path / "teach.csv", (20, -40, 20))
+    options = ("--path=teach.csv", "--dwell=0.2", "--method=fast", "--rate=100", "--no-figure")
+    code, out, err = run("simulate", bare, *options)
+    assert (code, err) == (0, "")
+    assert "no [[drive]]: only the motion itself shakes the arm" in out
+    assert "Belts" not in out
+    assert read_pulleys("out/bare.teach.simulate.csv", read_trace("out/bare.teach.simulate.csv")) == {}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--speed=0"], "--speed: got 0 %"),
+        (["--speed=nan"], "--speed: got nan %"),
+        (["--profile=scurve"], "did you mean s-curve"),
+        (["--dwell=-1"], "--dwell: got -1 s"),
+        (["--method=exakt"], "did you mean exact"),
+        (["--rate=0.1"], "--rate: got 0.1"),
+        (["--band=8:4"], "--band 8:4"),
+        (["--tolerance=0"], "--tolerance: got 0"),
+        (["--limit=inf"], "--limit: got inf"),
+        (["--at=99"], "hold the arm longer (--dwell)"),
+        (["--load=glas"], "did you mean glass"),
+        (["--set=link2.mas=3"], "link2.mas"),
+        (["--set=link2.mass=-3"], "a value >= 0"),
+        (["--smoothing=0.1"], "--smoothing"),
+        (["--path=far.csv"], "a motion beyond the joint limits: joint1 at 120"),
+        (["--path=far.csv", "--retract"], "--retract"),
+        (["--trace=nan.csv"], "nan.csv:3, x: got 'nan'"),
+        (["--fit=nan.csv"], "nan.csv: got other contents"),
+        (["--posterior=nan.csv"], "nan.csv: got other contents"),
+        (["--posterior=useless.nc"], "useless.nc: got only discrepancy.deflection"),
+        (["--posterior=none.nc"], "none.nc: got no such file"),
+    ],
+)
+def test_bad_simulations_are_one_line_and_nothing_is_written(run, tmp_path, options, words):
+    log(tmp_path / "far.csv", (120, 0, 0))
+    (tmp_path / "nan.csv").write_text("time [s],x [mm]\n0,1\n1,nan\n" + "".join(f"{t},0\n" for t in range(2, 20)))
+    arviz.from_dict(posterior={"discrepancy.deflection": np.ones((2, 3))}).to_netcdf(
+        str(tmp_path / "useless.nc"), engine="h5netcdf"
+    )
+    before = files(tmp_path)
+    code, out, err = run("simulate", ARM, *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.startswith("ident: ")
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == before
+
+
+def test_an_arm_without_stroke_says_how_to_add_one(run, bare, tmp_path):
+    code, out, err = run("simulate", bare)
+    assert (code, out) == (2, "")
+    assert "got no stroke" in err
+    assert "[stroke]" in err
+    assert "--path" in err
+    assert files(tmp_path) == []
+
+
+def test_an_arm_that_collapses_is_told(run, tmp_path):
+    code, out, err = run("simulate", ARM, *SHORT, "--set=joint1.k_bend=100")
+    assert (code, out) == (1, "")
+    assert "no stable equilibrium" in err
+    assert files(tmp_path) == []
+
+
+def test_spectrum_tells_peaks_modes_and_orders(run, tmp_path):
+    assert run("simulate", ARM, *SHORT, "--method=fast", "--no-figure")[0] == 0
+    path = f"out/{NAME}.simulate.csv"
+    options = ("--orders=1,2", "--revolutions=8", "--spectrogram", f"--arm={ARM}", "--direction=x,z", "--upto=100")
+    code, out, err = run("spectrum", path, *options, "--out=pictures")
+    assert (code, err) == (0, "")
+    for words in ("Hann window", "vertical bending 1", "Orders of drive1 and drive3", "Orders of drive2"):
+        assert words in out
+    pictures = [f"pictures/{NAME}.spectrum{end}.png" for end in ("", ".orders", ".x", ".z")]
+    assert [name for name in files(tmp_path) if name.startswith("pictures")] == sorted(pictures)
+
+
+def sine(path, header, amplitude, frequency):
+    time = np.arange(1000) / 100
+    rows = np.column_stack([time, amplitude * np.sin(2 * np.pi * frequency * time)])
+    np.savetxt(path, rows, header=header, comments="", delimiter=",")
+
+
+def test_spectrum_measures_a_sine_and_sets_acceleration_beside_displacement(run, tmp_path):
+    sine(tmp_path / "a.csv", "time [s],x [mm]", 0.4, 5.0)
+    sine(tmp_path / "b.csv", "time [s],x [m/s^2]", 0.7, 7.0)
+    code, out, err = run("spectrum", "a.csv", "--no-figure")
+    assert (code, err) == (0, "")
+    assert re.search(r"^  x +5\.000 +0\.4000$", out, re.M)
+    code, out, err = run("spectrum", "a.csv", "--against=b.csv")
+    assert (code, err) == (0, "")
+    assert "a: a displacement, differentiated twice" in out
+    assert re.search(rf"^  x +5\.000 +{0.4e-3 * (10 * np.pi) ** 2:.4f}", out, re.M)
+    assert re.search(r"^  x +7\.000 +0\.7000$", out, re.M)
+    assert files(tmp_path) == ["a.csv", "b.csv", "out/a.spectrum.png"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--direction=y"], "--direction: got 'y'"),
+        (["--window=han"], "did you mean hann"),
+        (["--segments=0"], "--segments"),
+        (["--upto=0"], "--upto"),
+        (["--orders=1,2"], "no pulley's angle"),
+        (["--orders=one"], "'one'"),
+        (["--spectrogram", "--segment=9"], "--segment: got 9 s"),
+        (["--against=none.csv"], "none.csv: got no such file"),
+        (["--posture=0,0,0"], "--posture"),
+        (["--from=8", "--to=3"], "--from, --to"),
+    ],
+)
+def test_bad_spectra_are_one_line_and_nothing_is_written(run, tmp_path, options, words):
+    sine(tmp_path / "a.csv", "time [s],x [mm]", 0.4, 5.0)
+    code, out, err = run("spectrum", "a.csv", *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == ["a.csv"]

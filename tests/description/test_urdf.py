@@ -1,0 +1,236 @@
+import builtins
+
+import jax
+import numpy as np
+import pytest
+
+from ident.description.urdf import read_urdf
+from ident.errors import InputError
+
+jax.config.update("jax_enable_x64", True)
+
+URDF = """\
+<?xml version="1.0"?>
+<robot name="three">
+  <link name="base"><inertial><mass value="99"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="mount" type="fixed">
+    <parent link="base"/><child link="stand"/><origin xyz="0.1 0 0.3" rpy="0 0 0.4"/></joint>
+  <link name="stand"/>
+  <joint name="j1" type="revolute">
+    <parent link="stand"/><child link="a"/><origin xyz="0 0.05 0.2" rpy="0.1 -0.2 0.3"/>
+    <axis xyz="0 0 2"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
+  <link name="a"><inertial><origin xyz="0.3 0.1 0" rpy="0.5 0.6 0.7"/><mass value="7"/>
+    <inertia ixx="0.3" iyy="0.4" izz="0.5" ixy="0.01" ixz="0.02" iyz="0.03"/></inertial>
+    <visual><geometry><mesh filename="package://nowhere/a.stl"/></geometry></visual></link>
+  <joint name="j2" type="continuous">
+    <parent link="a"/><child link="b"/><origin xyz="0.6 0 0.1" rpy="1.5707963267948966 0 0"/>
+    <axis xyz="0 1 0"/></joint>
+  <link name="b"><inertial><origin xyz="0 0.2 0.1"/><mass value="5"/>
+    <inertia ixx="0.2" iyy="0.1" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="bolted" type="fixed">
+    <parent link="b"/><child link="motor"/><origin xyz="0 0 0.3" rpy="0 0.3 0"/></joint>
+  <link name="motor"><inertial><mass value="2"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="j3" type="revolute">
+    <parent link="motor"/><child link="c"/><origin xyz="0.2 0 0.1" rpy="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <link name="c"><inertial><origin xyz="0.1 0 0" rpy="0 0 1"/><mass value="1.5"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="flange" type="fixed">
+    <parent link="c"/><child link="tool0"/><origin xyz="0.25 0 0"/></joint>
+  <link name="tool0"/>
+</robot>
+"""
+STIFFNESS = {"j1": (1e5, 2e5), "j2": (3e5, 4e5), "j3": (5e5, 6e5)}
+
+
+@pytest.fixture
+def load(tmp_path):
+    def read(text=URDF, **options):
+        path = tmp_path / "arm.urdf"
+        path.write_text(text)
+        return read_urdf(path, **{"stiffness": STIFFNESS} | options)
+
+    return read
+
+
+@pytest.fixture
+def poses(tmp_path):
+    """Pose of every URDF frame in the base frame at zero posture, by yourdfpy's own forward kinematics."""
+    import yourdfpy
+
+    path = tmp_path / "oracle.urdf"
+    path.write_text(URDF)
+    robot = yourdfpy.URDF.load(str(path), load_meshes=False)
+    return {link.name: robot.get_transform(link.name) for link in robot.robot.links}, robot
+
+
+def in_base(arm):
+    """Origin of every joint in the base frame at zero posture."""
+    return np.cumsum([joint.offset for joint in arm.joints], axis=0)
+
+
+def test_joints_stand_where_forward_kinematics_puts_them(load, poses):
+    expected = [poses[0][link][:3, 3] for link in "abc"]
+    np.testing.assert_allclose(in_base(load()), expected, atol=1e-12)
+
+
+def test_axes_point_where_forward_kinematics_turns_them(load, poses):
+    axes = {"a": [0, 0, 1], "b": [0, 1, 0], "c": [1, 0, 0]}
+    expected = [poses[0][link][:3, :3] @ axis for link, axis in axes.items()]
+    np.testing.assert_allclose([joint.axis for joint in load().joints], expected, atol=1e-12)
+
+
+def test_bodies_have_their_mass_centres_and_inertias_in_the_base_frame(load, poses):
+    arm, (frames, robot) = load(), poses
+    inertials = {link.name: link.inertial for link in robot.robot.links if link.inertial}
+    for joint, origin in zip(arm.joints, in_base(arm), strict=True):
+        for body in joint.link:
+            inertial = inertials[body.name]
+            pose = frames[body.name] @ (np.eye(4) if inertial.origin is None else inertial.origin)
+            inertia = pose[:3, :3] @ inertial.inertia @ pose[:3, :3].T
+            np.testing.assert_allclose(body.com + origin, pose[:3, 3], atol=1e-12)
+            np.testing.assert_allclose(body.inertia, inertia, atol=1e-12)
+
+
+def first_frame_by_hand():
+    pose = np.eye(4)
+    for xyz, rpy in (((0.1, 0, 0.3), (0, 0, 0.4)), ((0, 0.05, 0.2), (0.1, -0.2, 0.3))):
+        (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+        about_x = [[1, 0, 0], [0, cr, -sr], [0, sr, cr]]
+        about_y = [[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]
+        about_z = [[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]
+        step = np.eye(4)
+        step[:3, :3], step[:3, 3] = np.array(about_z) @ about_y @ about_x, xyz
+        pose = pose @ step
+    return pose
+
+
+def test_second_joint_stands_where_rpy_by_hand_puts_it(load):
+    pose = first_frame_by_hand()
+    np.testing.assert_allclose(in_base(load())[1], (pose @ [0.6, 0, 0.1, 1])[:3], atol=1e-12)
+
+
+def test_fixed_links_move_with_the_link_before_and_the_base_is_left_out(load):
+    arm = load()
+    assert [[body.name for body in joint.link] for joint in arm.joints] == [["a"], ["b", "motor"], ["c"]]
+    assert all(joint.shaft == () and joint.driven for joint in arm.joints)
+    assert sum(float(body.mass) for joint in arm.joints for body in joint.link) == pytest.approx(15.5)
+
+
+def test_stiffness_damping_and_limits_belong_to_their_joint(load):
+    arm = load(damping=(0.1, 0.2))
+    assert [(joint.k_bend, joint.k_tors) for joint in arm.joints] == list(STIFFNESS.values())
+    assert all((joint.tau_bend, joint.tau_tors) == (0.1, 0.2) for joint in arm.joints)
+    assert [joint.limits for joint in arm.joints] == [(-1, 2), (-np.inf, np.inf), (-1, 1)]
+    assert load(stiffness=(1.0, 2.0)).joints[2].k_tors == 2.0
+
+
+def test_tip_is_the_end_of_the_chain_or_the_named_link(load, poses):
+    arm, (frames, _) = load(), poses
+    assert arm.points[-1].joint == "j3"
+    np.testing.assert_allclose(in_base(arm)[2] + arm.points[-1].position, frames["tool0"][:3, 3], atol=1e-12)
+    np.testing.assert_allclose(load(tip="c").points[-1].position, np.zeros(3), atol=1e-12)
+    assert load(tip="motor").points[-1].joint == "j2"
+
+
+BRANCH = '<joint name="j4" type="revolute"><parent link="b"/><child link="d"/></joint><link name="d"/></robot>'
+LOOSE = '<link name="d"/></robot>'
+
+# Each row: what is replaced, by what, and words that the message must contain.
+BAD = [
+    (
+        'type="continuous"',
+        'type="prismatic"',
+        ("arm.urdf, joint j2", "type prismatic", "revolute, continuous or fixed"),
+    ),
+    ('type="continuous"', 'type="floating"', ("joint j2", "type floating")),
+    ('<axis xyz="0 1 0"/>', '<mimic joint="j1"/>', ("joint j2", "a mimic of j1")),
+    ("</robot>", BRANCH, ("a branch into", "j3", "j4", "a serial arm")),
+    ("</robot>", LOOSE, ("root links: base, d", "one tree with one root")),
+    ('<child link="c"/>', '<child link="cc"/>', ("joint j3", "unknown link cc")),
+    ('<child link="c"/>', '<child link="b"/>', ("joint j3", "which another joint carries too")),
+    (
+        '<child link="tool0"/>',
+        '<child link="base"/>',
+        ("links that do not hang on tool0: a, b, base", "one tree"),
+    ),
+    ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', ("joint j2", "a direction")),
+    ('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>', ("joint j2", "a direction")),
+    ('<axis xyz="0 1 0"/>', '<axis xyz="0 1e300 0"/>', ("joint j2, axis", "finite numbers")),
+    ('lower="-1" upper="2"', 'lower="3" upper="2"', ("joint j1", "limits 3, 2")),
+    ('<mass value="5"/>', '<mass value="-5"/>', ("link b", "mass -5.0", ">= 0")),
+    ('<mass value="5"/>', '<mass value="nan"/>', ("link b, mass", "finite numbers")),
+    ('<mass value="5"/>', "", ("link b", "not complete")),
+    ('<mass value="5"/>', '<mass value="heavy"/>', ("yourdfpy cannot read", "heavy")),
+    ('ixx="0.2" iyy="0.1"', 'ixx="0.9" iyy="0.1"', ("link b", "sum of the other two")),
+    ('xyz="0 0.2 0.1"', 'xyz="0 inf 0.1"', ("link b, origin", "finite numbers")),
+    ('xyz="0.6 0 0.1"', 'xyz="nan 0 0.1"', ("joint j2, origin", "finite numbers")),
+    ('<link name="tool0"/>', "<link/>", ("yourdfpy cannot read",)),
+    ('<link name="tool0"/>', '<link name="tool0">', ("arm.urdf:31, column 3", "XML")),
+    ('<link name="tool0"/>', '<link name="tool0"/><link name="c"/>', ("two links c", "unique names")),
+    ('joint name="j2"', 'joint name="j.2"', ("the joint name 'j.2'", "letters, digits, _ and - only")),
+    ('<mass value="1.5"/>', '<mass value="0"/>', ("joint j3", "no mass beyond the bushing")),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "words"), BAD)
+def test_a_urdf_that_is_no_serial_arm_is_refused(load, old, new, words):
+    assert old in URDF
+    with pytest.raises(InputError) as caught:
+        load(URDF.replace(old, new, 1))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_another_format_is_refused(load):
+    with pytest.raises(InputError, match=r"arm\.urdf:1: got <sdf>, expected <robot>"):
+        load("<sdf/>")
+
+
+def test_a_robot_without_moving_joints_is_refused(load):
+    with pytest.raises(InputError, match="no moving joint"):
+        load('<robot name="r"><link name="a"/></robot>')
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"stiffness": {"j1": (1, 1), "j2": (1, 1)}}, "joint j3: got no stiffness"),
+        ({"stiffness": STIFFNESS | {"J3": (1, 1)}}, "stiffness of J3: got no such joint"),
+        ({"stiffness": STIFFNESS | {"j3": (1, 0)}}, "joint j3: got stiffness"),
+        ({"stiffness": (1, float("nan"))}, "two numbers > 0"),
+        ({"stiffness": (1, 2, 3)}, "two numbers > 0"),
+        ({"damping": (0, -1)}, "two numbers >= 0"),
+        ({"tip": "tool1"}, "did you mean tool0"),
+        ({"tip": "base"}, "a moving link"),
+    ],
+)
+def test_values_that_do_not_fit_the_robot_are_refused(load, options, words):
+    with pytest.raises(InputError, match=words):
+        load(**options)
+
+
+def test_every_missing_stiffness_is_named(load):
+    with pytest.raises(InputError) as caught:
+        load(stiffness={})
+    assert [problem.where for problem in caught.value.problems] == ["joint j1", "joint j2", "joint j3"]
+
+
+def test_without_yourdfpy_the_remedy_is_named(load, monkeypatch):
+    original = builtins.__import__
+
+    def without(name, *args, **kwargs):
+        if name == "yourdfpy":
+            raise ImportError(name)
+        return original(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match=r"pip install 'ident\[urdf\]'"):
+        load()
+
+
+def test_an_absent_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_urdf(tmp_path / "none.urdf", stiffness=(1, 1))

@@ -1,0 +1,229 @@
+"""The fit: exact recovery, all optima, flat valleys, damping, masses, and a model that is no arm."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arms import lcd_arm
+
+from ident.errors import InputError, ModelError
+from ident.identify.build_problem import arm_problem
+from ident.identify.conditions import bind
+from ident.identify.data_checks import check_values
+from ident.identify.fit import fit_campaign
+from ident.identify.predict import predict
+from ident.identify.unknowns import parameter, stiffness_parameters
+from ident.inference.cross_prediction import cross_predictions
+from ident.inference.fit import evaluate, fit
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.problem import InverseProblem
+from ident.measure import Campaign, Measurement, read_campaign
+
+DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
+ALPHA = np.deg2rad([0.0, 30.0, 60.0, 80.0])
+
+
+def exact(campaign, parameters=None):
+    """The campaign with the arm's own predictions in place of what was measured; sigma keeps its proportion."""
+    arm = lcd_arm()
+    values = np.asarray(jax.jit(lambda: predict(arm, parameters or {}, bind(arm, campaign)))())
+    return Campaign(
+        measurements=tuple(
+            Measurement(
+                kind=m.kind,
+                posture=m.posture,
+                value=float(v),
+                sigma=m.sigma * float(v) / m.value,
+                mode=m.mode,
+                point=m.point,
+                load=m.load,
+            )
+            for m, v in zip(campaign, values, strict=True)
+        )
+    )
+
+
+def shipped():
+    return read_campaign(DATA / "campaign.csv")
+
+
+def table_1():
+    return read_campaign(DATA / "table1.csv")
+
+
+def started_at(problem, factor):
+    """The same problem, its stiffnesses started at these multiples of the arm's."""
+    items = tuple(
+        parameter(lcd_arm(), *item.paths, start=float(item.start) * f, prior_sd=math.inf)
+        for item, f in zip(problem.parameters.items, factor, strict=True)
+    )
+    return InverseProblem(problem.model, problem.measured, problem.sigma, Parameters(items), problem.kinds)
+
+
+def test_exact_data_give_all_six_from_any_of_a_hundred_starts():
+    problem = arm_problem(lcd_arm(), exact(shipped()), stiffness_parameters(lcd_arm(), prior_sd=math.inf))
+    truth = np.asarray(problem.parameters.column("start"))
+    rng = np.random.default_rng(0)
+    worst = 0.0
+    for _ in range(100):
+        found = fit(started_at(problem, 10 ** rng.uniform(-1, 1, 6)))
+        worst = max(worst, np.abs(found.best.values / truth - 1).max())
+        assert found.best.converged
+        assert found.information.rank == 6
+    assert worst < 1e-6
+
+
+def test_the_noisy_campaign_gives_all_six_within_three_standard_deviations():
+    found = fit_campaign(lcd_arm(), shipped()).fit
+    truth = np.log(np.asarray(found.problem.parameters.column("start")))
+    assert (np.abs(found.best.theta - truth) < 3 * found.information.sd).all()
+    assert (found.information.sd < 0.03).all()
+    assert found.information.supported.all()
+    assert (found.information.prior_share < 0.001).all()
+    assert 0.01 < found.p_value < 0.99
+
+
+def test_three_numbers_are_three_directions_of_six():
+    found = fit(arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm())))
+    assert found.information.rank == 3
+    assert len(found.information.trade_offs()) == 3
+    assert np.isinf(found.information.data_sd).all()
+    assert not found.information.supported.any()
+    np.testing.assert_allclose(found.predicted, found.problem.measured, rtol=1e-6)
+
+
+def test_without_prior_three_numbers_fit_exactly_and_no_interval_is_finite():
+    problem = arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm(), prior_sd=math.inf))
+    found = fit(started_at(problem, [1.3, 0.8, 1.1, 0.9, 1.2, 1.0]), starts=4, spread=0.2)
+    assert found.best.cost < 1e-12
+    assert found.information.rank == 3
+    assert np.isinf(found.information.sd).all()
+    assert not found.information.supported.any()
+
+
+def test_the_measured_numbers_of_the_paper_contradict_each_other():
+    found = fit_campaign(lcd_arm(), table_1())
+    assert found.contradictory
+    assert not found.supported.any(), "no interval is quoted from data that contradict each other"
+    by_kind = {tension.kind: tension for tension in found.cross_predictions}
+    assert by_kind["deflection"].predicted[0] > 0.029, "frequencies alone ask for some 31 mm; 22 were measured"
+    assert by_kind["deflection"].z[0] < -5
+    assert by_kind["frequency"].z[0] < -5
+
+
+def test_consistent_numbers_do_not():
+    found = fit(arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm())))
+    assert max(np.abs(t.z).max() for t in cross_predictions(found.problem)) < 0.1
+
+
+def test_damping_ratios_give_the_damping_times():
+    arm = lcd_arm()
+    ratios = tuple(
+        Measurement(kind="damping_ratio", posture=(0.0, 0.0, 0.0), value=0.01, sigma=0.0005, mode=mode)
+        for mode in ("lateral torsion 1", "vertical bending 1")
+    )
+    campaign = exact(Campaign(measurements=(*shipped().measurements, *ratios)))
+    start = arm.replace({f"joint{j}.{tau}": 1e-3 for j in (1, 2, 3) for tau in ("tau_bend", "tau_tors")})
+    found = fit_campaign(start, campaign, prior_sd=math.inf, starts=1, trust_values=True).fit
+    assert found.parameters["joint2.tau_bend"] == pytest.approx(0.0002, rel=1e-5)
+    assert found.parameters["joint3.tau_tors"] == pytest.approx(0.002, rel=1e-5)
+
+
+def test_a_mass_and_a_length_may_be_unknown_too():
+    truth = {"link2.mass": float(lcd_arm().get("link2.mass")) * 1.05, "joint3.offset.x": 0.96}
+    campaign = exact(shipped(), truth)
+    free = {"link2.mass": 0.3, "joint3.offset.x": 0.05}
+    found = fit_campaign(lcd_arm(), campaign, free=free, prior_sd=3.0, starts=1)
+    assert found.fit.chi_squared < 0.1
+    assert found.fit.parameters["link2.mass"] == pytest.approx(truth["link2.mass"], rel=0.05)
+    assert float(found.fitted_arm.get("joint3.offset.x")) == pytest.approx(0.96, abs=0.02)
+
+
+def test_radians_per_second_taken_for_hertz_are_questioned():
+    wrong = tuple(
+        Measurement(kind="frequency", posture=(0.0, 0.0, 0.0), value=27.5, sigma=0.1, mode=mode, where=f"t.csv:{row}")
+        for row, mode in ((2, "vertical bending 1"), (3, "lateral torsion 1"))
+    )
+    campaign = Campaign(measurements=wrong)
+    with pytest.raises(InputError, match="rad/s written as Hz") as error:
+        check_values(arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm())), campaign, lcd_arm())
+    assert [p.where for p in error.value.problems] == ["t.csv:2", "t.csv:3"]
+
+
+def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():
+    first, second, *rest = shipped().of_kind("frequency")
+    mistyped = dataclasses.replace(second, value=second.value + 1.0, sigma=second.sigma)
+    result = fit_campaign(lcd_arm(), Campaign(measurements=(first, mistyped, *rest)))
+    assert result.outliers[1]
+    assert result.fit.p_value < 1e-6
+    assert result.doubts
+    assert not result.supported.any()
+
+
+def test_a_posture_beyond_the_limits_is_questioned():
+    beyond = Measurement(kind="frequency", posture=(30.0, -60.0, 30.0), value=4.4, sigma=0.02, where="t.csv:2")
+    with pytest.raises(InputError, match="limits in the arm file"):
+        fit_campaign(lcd_arm(), Campaign(measurements=(beyond,)))
+
+
+def test_without_prior_the_contradiction_is_still_found_and_the_valley_is_one_optimum():
+    result = fit_campaign(lcd_arm(), table_1(), prior_sd=math.inf, starts=8)
+    assert result.contradictory
+    assert sum(o.cost < result.fit.best.cost + 1e-3 for o in result.fit.optima) == 1
+
+
+def test_an_arm_that_collapses_is_said_to():
+    soft = lcd_arm().replace({f"joint{j}.k_bend": 10.0 for j in (1, 2, 3)})
+    with pytest.raises(ModelError, match="no stable equilibrium"):
+        fit_campaign(soft, table_1(), starts=1, prior_sd=0.01)
+
+
+def chain_frequencies(parameters):
+    """Natural frequencies [Hz] of a spring-mass chain, one end on the ground, masses of 1000 kg.
+
+    Clough, Penzien, "Dynamics of Structures", 3rd ed., ch. 8 (shear building).
+    """
+    k = jnp.stack([parameters[f"k{i}"] for i in range(4)])
+    K = jnp.diag(k + jnp.append(k[1:], 0.0)) - jnp.diag(k[1:], 1) - jnp.diag(k[1:], -1)
+    return jnp.sqrt(jnp.linalg.eigvalsh(K / 1000.0)) / (2 * jnp.pi)
+
+
+def chain_problem(measured):
+    items = tuple(Parameter((f"k{i}",), True, 1e6, 1e6) for i in range(4))
+    return InverseProblem(chain_frequencies, measured, 0.002 * measured, Parameters(items), ("frequency",) * 4)
+
+
+def test_a_chain_of_four_has_several_exact_solutions_and_all_are_listed():
+    truth = {f"k{i}": jnp.asarray(k) for i, k in enumerate((1.2e6, 1.0e6, 0.8e6, 0.9e6))}
+    found = fit(chain_problem(chain_frequencies(truth)), starts=60, seed=3)
+    perfect = [o for o in found.optima if o.cost < 1e-12]
+    assert len(perfect) == 4, "a Jacobi matrix of this form is not fixed by its spectrum alone"
+    for optimum in perfect:
+        values = {f"k{i}": jnp.asarray(v) for i, v in enumerate(optimum.values)}
+        np.testing.assert_allclose(chain_frequencies(values), found.problem.measured, rtol=1e-7)
+    assert any(np.allclose(o.values, [float(k) for k in truth.values()], rtol=1e-6) for o in perfect)
+
+
+def test_evaluate_predicts_at_the_start():
+    problem = arm_problem(lcd_arm(), table_1(), stiffness_parameters(lcd_arm()))
+    assert np.asarray(evaluate(problem).predicted) == pytest.approx([4.80, 4.12, 0.0263], rel=1e-3)
+
+
+def test_the_same_seed_gives_the_same_fit():
+    problem = arm_problem(lcd_arm(), table_1(), stiffness_parameters(lcd_arm()))
+    first, second = (fit(problem, seed=5) for _ in range(2))
+    np.testing.assert_array_equal(first.best.theta, second.best.theta)
+    assert [o.starts for o in first.optima] == [o.starts for o in second.optima]
+
+
+def test_a_label_of_no_mode_is_refused_with_its_row_and_the_modes_that_there_are():
+    wrong = Measurement(
+        kind="frequency", posture=(0, 0, 0), value=4.1, sigma=0.1, mode="lateral torsion 9", where="c.csv:7"
+    )
+    with pytest.raises(InputError, match=r"c.csv:7, mode: got 'lateral torsion 9', .*vertical bending 1") as raised:
+        fit_campaign(lcd_arm(), Campaign(measurements=(wrong,)), starts=1)
+    assert len(raised.value.problems) == 1

@@ -1,0 +1,153 @@
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import lcd_arm
+from figures import assert_tidy, fitted, made_up
+from matplotlib.colors import to_rgba
+from matplotlib.image import imread
+
+from ident.arm.arm import Arm
+from ident.errors import InputError
+from ident.inference.cross_prediction import CrossPrediction
+from ident.present.figures.fit import fit_figure, save
+from ident.present.figures.modes import mode_figure, posture_figure
+
+HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
+
+
+def panel(figure, start):
+    return next(a for a in figure.axes if a.get_legend() and a.get_legend().get_title().get_text().startswith(start))
+
+
+def markers(axes):
+    """Single markers as (x, y, filled)."""
+    lines = [line for line in axes.lines if line.get_marker() not in ("None", None, "")]
+    white = to_rgba("white")
+    return [
+        (float(line.get_xdata()[0]), float(line.get_ydata()[0]), to_rgba(line.get_markerfacecolor()) != white)
+        for line in lines
+    ]
+
+
+def labels_have_units(figure):
+    labelled = [a.get_xlabel() for a in figure.axes if a.get_xlabel()]
+    return bool(labelled) and all("[" in label and "]" in label for label in labelled)
+
+
+@pytest.mark.parametrize(("name", "count"), [("table1", 3), ("campaign", 20)])
+def test_fit_figure_shows_every_parameter_direction_and_measurement(name, count, tmp_path):
+    result = fitted(name)
+    figure = fit_figure(result)
+    known = result.fit.information
+    parameters, directions = panel(figure, "Parameters"), panel(figure, "Directions")
+    assert [filled for _, _, filled in markers(parameters)] == result.supported.tolist()
+    ratios = result.fit.best.values / np.asarray(result.fit.problem.parameters.column("centre"))
+    np.testing.assert_allclose([x for x, _, _ in markers(parameters)], ratios)
+    assert [filled for _, _, filled in markers(directions)] == [d.seen for d in known.directions]
+    assert sum(t.get_text() == "open" for t in directions.texts) == sum(not d.seen for d in known.directions)
+    residuals = markers(panel(figure, "Measured"))
+    assert len(residuals) == count
+    assert sorted(x for x, _, _ in residuals) == pytest.approx(sorted(-result.fit.residuals))
+    assert labels_have_units(figure)
+    assert_tidy(figure)
+    save(figure, tmp_path / "new" / f"{name}.png")
+    assert imread(tmp_path / "new" / f"{name}.png").shape[1] > 1000
+
+
+def test_what_the_data_leave_open_is_hollow():
+    filled = [marker[2] for marker in markers(panel(fit_figure(fitted("table1")), "Directions"))]
+    assert filled == [True, True, True, False, False, False]
+
+
+@pytest.mark.parametrize("prior_sd", [1.0, np.inf])
+@pytest.mark.parametrize(("parameters", "measurements"), [(1, 1), (12, 3), (12, 20), (6, 59), (9, 300)])
+def test_any_size_is_tidy(parameters, measurements, prior_sd, tmp_path):
+    figure = fit_figure(made_up(parameters, measurements, prior_sd=prior_sd))
+    assert len(markers(panel(figure, "Measured"))) == measurements
+    assert_tidy(figure)
+    save(figure, tmp_path / "f.png")
+
+
+def test_lengths_are_drawn_as_shifts():
+    figure = fit_figure(made_up(6, 20))
+    assert len(markers(panel(figure, "Parameters"))) == 4
+    assert panel(figure, "Lengths").get_xlabel().endswith("[mm]")
+
+
+def test_contradictions_are_told_in_words():
+    result = fitted("table1")
+    tension = CrossPrediction("deflection", (2,), np.array([0.022]), np.array([0.0316]), np.array([0.00076]))
+    said = [t.get_text() for a in fit_figure(replace(result, tensions=(tension,))).axes for t in a.texts]
+    assert any("CONTRADICTION" in text for text in said)
+    assert any("31.6 ± 0.76 mm, 12.6 sd" in text for text in said)
+
+
+def test_hostile_names_are_drawn_as_they_are(tmp_path):
+    result = fitted("table1")
+    arm = Arm(HOSTILE, lcd_arm().joints, lcd_arm().points)
+    measured = tuple(replace(m, mode=None, point="$tip_$" if m.point else None) for m in result.campaign)
+    campaign = replace(result.campaign, name=HOSTILE, measurements=measured)
+    figure = fit_figure(replace(result, arm=arm, campaign=campaign))
+    assert_tidy(figure)
+    save(figure, tmp_path / "$hostile$.png")
+    save(mode_figure(arm, (0.0, 0.0, 0.0), count=1), tmp_path / "modes.png")
+    save(posture_figure(arm, (1.0, -2.0, 1.0), (0.0, 0.5)), tmp_path / "posture.png")
+
+
+def test_modes_are_drawn_in_two_views(tmp_path):
+    figure = mode_figure(lcd_arm(), (0.0, 0.0, 0.0))
+    assert len(figure.axes) == 8
+    titles = [a.get_title(loc="left") for a in figure.axes]
+    assert titles[0] == "1: lateral torsion 1, 4.12 Hz, from the side"
+    assert titles[3] == "2: vertical bending 1, 4.80 Hz, from above"
+    assert "drawn as 0.57 m" in figure.get_suptitle()
+    assert all("[m]" in a.get_ylabel() for a in figure.axes)
+    assert_tidy(figure)
+    save(figure, tmp_path / "modes.png")
+
+
+def test_branches_cross_along_the_motion():
+    figure = posture_figure(lcd_arm(), (1.0, -2.0, 1.0), np.radians([0.0, 80.0]), count=2)
+    (axes,) = figure.axes
+    drawn = {
+        round(float(x)): round(float(y), 2)
+        for line in axes.lines
+        if line.get_marker() == "o" and len(line.get_xdata())
+        for x, y in zip(line.get_xdata(), line.get_ydata(), strict=True)
+    }
+    grey = [line for line in axes.lines if line.get_marker() == "None"]
+    low, high = (np.asarray(line.get_ydata()) for line in grey)
+    assert drawn[0] == round(high[0], 2)
+    assert drawn[80] == round(low[1], 2)
+    assert "[Hz]" in axes.get_ylabel()
+    assert "[deg]" in axes.get_xlabel()
+    assert_tidy(figure)
+
+
+def test_a_figure_is_saved_whole_or_not_at_all(tmp_path, monkeypatch):
+    figure = posture_figure(lcd_arm(), (1.0, -2.0, 1.0), (0.0, 0.5))
+    old = tmp_path / "f.png"
+    old.write_bytes(b"old")
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(InputError, match="no space left on device"):
+        save(figure, old)
+    assert old.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["f.png"]
+
+
+@pytest.mark.parametrize("bad", ["file/f.png", "folder"])
+def test_what_cannot_be_written_is_one_line(bad, tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    figure = posture_figure(lcd_arm(), (1.0, -2.0, 1.0), (0.0, 0.5))
+    with pytest.raises(InputError) as error:
+        save(figure, tmp_path / bad)
+    assert len(str(error.value).splitlines()) == 1
+    assert sorted(p.name for p in Path(tmp_path).iterdir()) == ["file", "folder"]

@@ -1,0 +1,127 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Annotation
+
+from ident.description.file import read_arm_file
+from ident.present.figures.resonance import resonance_figure
+from ident.present.text.resonance import resonance_document, resonance_report, verdict
+from ident.present.text.resonance_words import grouped, same_lines, sources_words
+from ident.vibrate.modal.branches import branches
+from ident.vibrate.modal.excitation import Source, excitation
+from ident.vibrate.modal.resonance import resonance_crossings
+from ident.vibrate.motion.stroke import stroke
+
+MOTION = stroke(lcd_arm().stroke, percent=10)
+TIMES = np.linspace(0, float(MOTION.breaks[-1]), 401)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    found, driven = branches(lcd_arm(), MOTION, times=TIMES), excitation(lcd_arm(), MOTION, times=TIMES)
+    return found, driven, resonance_crossings(found, driven)
+
+
+@pytest.fixture(scope="module")
+def with_sets():
+    factors = np.linspace(0.8, 1.2, 5)
+    arm = lcd_arm().replace({f"joint{j}.k_tors": float(lcd_arm().get(f"joint{j}.k_tors")) * factors for j in (1, 2, 3)})
+    found, driven = branches(arm, MOTION, times=TIMES), excitation(arm, MOTION, times=TIMES)
+    return found, driven, resonance_crossings(found, driven)
+
+
+def written(axes):
+    return [text for text in axes.texts if isinstance(text, Annotation)]
+
+
+def test_every_branch_pulley_and_encounter_is_named(plain):
+    found, driven, met = plain
+    upper, lower = resonance_figure(found, driven, met, title="extension").axes
+    words = [text.get_text() for text in written(upper)]
+    assert set(map(str, found.labels)) <= set(words)
+    assert "pulley 2" in words
+    assert "pulleys 1 and 3" in words
+    numbers = [word for word in words if word.isdigit()]
+    assert sorted(map(int, numbers)) == list(range(1, len(grouped(met)) + 1))
+    assert [text.get_text() for text in written(lower)] == ["q1, q3", "q2"]
+
+
+def test_lines_are_the_frequencies(plain):
+    found, driven, met = plain
+    upper, _ = resonance_figure(found, driven, met).axes
+    broken = [line for line in upper.lines if line.get_linestyle() != "-" and line.get_linestyle() != "None"]
+    assert [line.get_ydata().max() for line in broken] == pytest.approx([4.0, 8.0], rel=1e-3)
+    solid = [line for line in upper.lines if line.get_linestyle() == "-"]
+    assert solid[0].get_ydata() == pytest.approx(found.median[0])
+
+
+def test_names_at_the_line_ends_do_not_overlap(plain):
+    found, driven, met = plain
+    figure = resonance_figure(found, driven, met)
+    FigureCanvasAgg(figure).draw()
+    renderer, (upper, _) = figure.canvas.get_renderer(), figure.axes
+    ends = [text.get_window_extent(renderer) for text in written(upper) if text.get_text() in map(str, found.labels)]
+    ends = [end for end in ends if end.x0 > upper.bbox.x1]
+    assert len(ends) == len(found.labels)
+    assert not any(a.overlaps(b) for i, a in enumerate(ends) for b in ends[i + 1 :])
+    assert all(end.x1 <= figure.bbox.x1 for end in ends)
+
+
+def test_sets_have_bands(plain, with_sets):
+    counts = [len(resonance_figure(*drawn).axes[0].collections) - len(drawn[2]) for drawn in (plain, with_sets)]
+    assert counts == [0, 3]
+
+
+def test_report_names_drive_mode_time_and_posture(plain):
+    text = resonance_report(*plain, title="extension")
+    first = grouped(plain[2])[0][0]
+    assert "pulley 2 (drive2) meets vertical bending 1 at 2.06 s, 6.22 Hz, (72.49, -145, 72.49) deg" in text
+    assert "pulleys 1 and 3 (drive1, drive3) come within 5.6%" in text
+    assert "passes too fast to build up" in text
+    assert "is called lateral torsion 2 until" in text
+    assert first.source.drive == "drive2"
+    assert "sets" not in text
+
+
+def test_report_of_sets_tells_the_probability(with_sets):
+    text = resonance_report(*with_sets)
+    assert "near in 100% of 5 sets" in text
+    assert "5 to 95 % of 5 sets of numbers" in text
+
+
+def test_report_without_an_encounter_says_so(plain):
+    found, driven, _ = plain
+    text = resonance_report(found, driven, ())
+    assert "No pulley comes near a natural frequency." in text
+    assert "Lewis" not in text
+
+
+def test_the_words_follow_the_share_that_builds_up(plain):
+    found, _, met = plain
+    crossing = next(e for e in met if e.crossings)
+    steady = 1 / (2 * crossing.damping_ratio)
+    words = [verdict(found, [replace(crossing, magnification=share * steady)]) for share in (0.95, 0.6, 0.2)]
+    for text, expected in zip(words, ("dwells and builds up", "in part", "too fast"), strict=True):
+        assert expected in text
+
+
+def test_document_is_json_with_all_of_it(with_sets):
+    found, driven, met = with_sets
+    document = json.loads(json.dumps(resonance_document(*with_sets, read_arm_file(DATA / "lcd_arm" / "arm.toml"), {})))
+    assert document["format"] == "ident-resonance/1"
+    assert np.asarray(document["branches"][0]["band_5_95"]).shape == (2, len(TIMES))
+    assert np.asarray(document["branches"][1]["frequency"]) == pytest.approx(found.median[1])
+    assert [e["drive"] for e in document["encounters"]] == [e.source.drive for e in met]
+    assert [e["number"] for e in document["encounters"]] == sorted(e["number"] for e in document["encounters"])
+    assert len(document["excitation"]) == len(driven.sources)
+
+
+def test_pulleys_that_turn_alike_are_one_line():
+    driven = excitation(lcd_arm(), MOTION, times=TIMES, orders=(1, 2))
+    names = [sources_words([driven.sources[i] for i in group]) for group in same_lines(driven)]
+    assert names == ["pulleys 1 and 3", "pulley 2, pulleys 1 and 3 x 2", "pulley 2 x 2"]
+    assert sources_words([Source("d", "j", n, 2) for n in (1, 2, 4)]) == "pulleys 1, 2 and 4 x 2"

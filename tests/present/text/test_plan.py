@@ -1,0 +1,120 @@
+"""The plan in words, as a figure and as files."""
+
+import csv
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+
+from ident.arm.arm import Arm
+from ident.description.file import read_arm_file
+from ident.errors import InputError
+from ident.identify.plan import plan_campaign
+from ident.measure import read_campaign
+from ident.present.figures.fit import save
+from ident.present.figures.plan import gain_of_postures, main_joints, plan_figure
+from ident.present.files.fit import write_json
+from ident.present.files.plan import plan_document, write_form
+from ident.present.text.plan import plan_report
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_campaign(lcd_arm(), step=math.radians(45.0), draws=2, count=3, costs={"dial": 1.0})
+
+
+def texts(figure):
+    return [text.get_text() for text in figure.findobj(lambda a: hasattr(a, "get_text")) if text.get_text()]
+
+
+def test_the_report_says_what_to_do_and_what_it_gives(plan):
+    report = plan_report(plan)
+    assert "the prior alone" in report
+    first = plan.visits[plan.ranked(1)[0]]
+    assert f"   1  ({', '.join(f'{math.degrees(q):.4g}' for q in first.posture)}) deg" in report
+    assert f"{plan.steps[0].nats:.3g} nat for {plan.steps[0].cost:.0f} min" in report
+    for name in plan.known.names:
+        row = next(line for line in report.splitlines() if re.match(rf"  {name} +factor 2\.7", line))
+        assert row.count("%") + row.count("factor") >= 4
+    assert "Assumed" in report
+    assert "0.5 % of each frequency" in report
+    assert max(map(len, report.splitlines())) < 160
+
+
+def test_a_fit_in_doubt_is_said():
+    table = read_campaign(DATA / "lcd_arm" / "table1.csv")
+    doubtful = plan_campaign(lcd_arm(), table, step=math.radians(90.0), draws=1, count=1, starts=2)
+    report = plan_report(doubtful)
+    assert "WARNING: the kinds of measurement contradict each other\n" in report
+    assert "a fit that is in doubt" in report
+
+
+def test_the_ranking_has_each_posture_once_and_falls(plan):
+    best = plan.ranked(100)
+    assert len({plan.visits[i].place for i in best}) == len(best) == len(plan.view.postures)
+    assert (np.diff(plan.per_cost[best]) <= 0).all()
+    assert best[0] == plan.steps[0].visit
+
+
+def test_the_figure_names_joints_units_and_visits(plan, tmp_path):
+    figure = plan_figure(plan)
+    words = texts(figure)
+    assert {"joint2 [deg]", "joint3 [deg]"} <= set(words)
+    assert any("nat/h" in word for word in words)
+    numbers = [word for word in words if re.fullmatch(r"\d(, \d)*", word)]
+    assert sorted(", ".join(numbers).split(", "))[:3] == ["1", "2", "3"]
+    save(figure, tmp_path / "plan.png")
+    assert (tmp_path / "plan.png").stat().st_size > 20_000
+
+
+def test_joints_that_do_not_matter_are_not_drawn(plan):
+    gain = gain_of_postures(plan)
+    assert np.isfinite(gain).all()
+    assert main_joints(plan.grid.postures, gain) == [1, 2]
+
+
+def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):
+    sampled = plan_campaign(lcd_arm(), step=math.radians(4.0), draws=0, count=1)
+    assert sampled.grid.sampled
+    assert "a sample" in plan_report(sampled)
+    save(plan_figure(sampled), tmp_path / "sampled.png")
+    arm = lcd_arm()
+    last = arm.joints[-1]
+    points = [point for point in arm.points if point.joint == last.name]
+    single = Arm("single", (last,), tuple(points))
+    alone = plan_campaign(single, step=math.radians(45.0), draws=0, count=2, modes=2)
+    assert len(alone.view.postures) == 1, "about a vertical axis nothing changes"
+    assert "joint3 [deg]" in texts(plan_figure(alone))
+
+
+def test_the_document_is_plain_json(plan, tmp_path):
+    arm_file = read_arm_file(DATA / "lcd_arm" / "arm.toml")
+    write_json(plan_document(plan, arm_file, {"count": 3}), tmp_path / "p.json")
+    read = json.loads((tmp_path / "p.json").read_text())
+    assert read["format"] == "ident-plan/1"
+    assert [visit["nats"] for visit in read["batch"]] == pytest.approx([step.nats for step in plan.steps])
+    assert read["inputs"]["campaign"] is None
+    assert len(read["ranking"]) == len(plan.view.postures)
+
+
+def test_the_form_is_refused_empty_and_read_when_filled_in(plan, tmp_path):
+    write_form(plan, tmp_path / "form.csv")
+    with pytest.raises(InputError, match="value"):
+        read_campaign(tmp_path / "form.csv")
+    lines = (tmp_path / "form.csv").read_text().splitlines()
+    comments, table = [line for line in lines if line.startswith("#")], [line for line in lines if line[0] != "#"]
+    rows = list(csv.DictReader(table))
+    for row in rows:
+        row["value"] = re.match(r"expected ([0-9.e+-]+) ", row["note"])[1]
+    with (tmp_path / "filled.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    assert comments
+    filled, expected = read_campaign(tmp_path / "filled.csv"), plan.campaign()
+    assert [m.kind for m in filled] == [m.kind for m in expected]
+    np.testing.assert_allclose([m.value for m in filled], [m.value for m in expected], rtol=1e-3)
+    np.testing.assert_allclose([m.sigma for m in filled], [m.sigma for m in expected], rtol=2e-3)

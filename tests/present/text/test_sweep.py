@@ -1,0 +1,143 @@
+"""The report of a sweep says what the numbers say; figure and summary agree with it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import DATA
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from ident.assess.sweep import SweepStudy
+from ident.description.file import read_arm_file
+from ident.measure import Load
+from ident.present.figures.sweep import sweep_figure
+from ident.present.files.sweep import sweep_document, write_csv
+from ident.present.text.sweep import sweep_report
+from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.sweep import Sweep, axis
+
+FILE = read_arm_file(DATA / "lcd_arm" / "arm.toml")
+MOTION = stroke(FILE.arm.stroke, percent=10.0, dwell=2.0)
+K = "joint1.k_tors"
+STIFF = axis(FILE.arm, [K], float(FILE.arm.get(K)) * np.geomspace(0.5, 2, 5), 10.0)
+CENTRE = axis(FILE.arm, ["bracket.com.x"], np.linspace(0.0, 0.29, 4), 10.0)
+SPEED = axis(FILE.arm, ["speed"], np.array([12.0, 14.0, 18.0]), 10.0)
+PRESENT = np.array([0.2, 0.65, 0.1]) * 1e-3
+FALLS, DIPS, FLAT = [0.4, 0.3, 0.2, 0.15, 0.1], [1.1, 0.9, 0.65, 0.8, 1.2], [0.1, 0.101, 0.1, 0.102, 0.101]
+STIFFNESS = Sweep((STIFF,), "peak", 1e-3 * np.array([FALLS, DIPS, FLAT]), PRESENT)
+
+
+def swept(*sweeps, draws=0, **more):
+    trial = Evaluator(FILE.arm, MOTION, (), draws={K: np.ones(draws)} if draws else {})
+    return SweepStudy(FILE, trial, Load(), sweeps, **more)
+
+
+def drawn(sweep, count=20):
+    spread = np.linspace(0.8, 1.2, count)
+    return replace(sweep, draws=sweep.amplitude[..., None] * spread)
+
+
+def test_table_and_trends_of_a_stiffness():
+    report = sweep_report(swept(STIFFNESS))
+    assert "at present 3.598e+05 N m/rad = 6.28e+06 N mm/deg; 5 values from 3.14e+06 N mm/deg to 1.256e+07" in report
+    row = next(line for line in report.splitlines() if line.endswith("  present"))
+    assert row.split() == ["3.5982e+05", "6.28e+06", "1", "0.2000", "0.6500", "0.1000", "present"]
+    for words in (
+        "x:       falls from 0.4000 to 0.1000 mm",
+        "y:       has a minimum, 0.6500 mm at 6.28e+06 N mm/deg",
+        "z:       is hardly changed (by less than 5 %)",
+        "largest: that in y",
+        "about the present value, 0.707x to 1.41x: x falls; y has a minimum at 6.28e+06 N mm/deg; z is hardly changed",
+        "least: x 0.1000 mm at 1.256e+07 N mm/deg; y 0.6500 mm at 6.28e+06 N mm/deg; z 0.1000 mm at 3.14e+06",
+        "as the arm is: x 0.2000 mm, y 0.6500 mm, z 0.1000 mm",
+    ):
+        assert words in report
+    assert "limit" not in report
+
+
+def test_where_the_limit_is_kept():
+    report = sweep_report(swept(STIFFNESS, limit=0.9e-3))
+    assert "limit of 0.9 mm: kept in all directions\n" in report
+    assert "limit of 0.9 mm, in all directions: kept from 4.441e+06 N mm/deg to 9.8" in report
+    assert "kept nowhere in the range" in sweep_report(swept(STIFFNESS, limit=0.1e-3))
+    assert "limit of 0.5 mm: exceeded in y" in sweep_report(swept(STIFFNESS, limit=0.5e-3))
+    below = sweep_document(swept(STIFFNESS, limit=0.9e-3), {})["sweeps"][0]["below_limit"]
+    assert below[0] == pytest.approx([STIFF.values[1], STIFF.values[3] + 0.25 * (STIFF.values[4] - STIFF.values[3])])
+
+
+def test_bands_and_probability():
+    found = drawn(STIFFNESS)
+    report = sweep_report(swept(found, draws=20, limit=0.65e-3))
+    low, high = 1e3 * found.band[:, 1, 2]
+    assert f"{low:.4f}-{high:.4f}" in report
+    row = next(line for line in report.splitlines() if line.endswith("  present"))
+    assert row.split()[-2] == "50%"
+    assert sweep_document(swept(found, draws=20, limit=0.65e-3), {})["sweeps"][0]["exceeds_in_any"][2] == 0.5
+
+
+def test_a_present_value_out_of_range_is_told():
+    speed = Sweep((SPEED,), "rms", 1e-3 * np.array([[1, 2, 3], [3, 2, 1], [1, 2, 1.0]]), PRESENT)
+    report = sweep_report(swept(speed))
+    for words in ("the present value is outside the range", "y:       falls", "pauses included", "from 12 % to 18 %"):
+        assert words in report
+    assert "z:       has a maximum, 2.0000 mm at 14 %" in report
+
+
+def test_a_map_names_its_best_point():
+    sizes = 1e-3 * np.arange(1.0, 61.0).reshape(3, 5, 4)[:, ::-1]
+    found = drawn(Sweep((STIFF, CENTRE), "peak", sizes, PRESENT))
+    report = sweep_report(swept(found, draws=20, limit=50e-3))
+    assert "largest: least 41.0000 mm at joint1.k_tors 1.256e+07 N mm/deg, bracket.com.x 0 m; largest 60.0000" in report
+    assert "kept at 10 of 20 points" in report
+    assert "least probability of exceeding it: 0%, at joint1.k_tors 1.256e+07 N mm/deg, bracket.com.x 0 m" in report
+    (told,) = sweep_document(swept(found, draws=20), {})["sweeps"]
+    assert told["least"]["values"] == pytest.approx([STIFF.values[-1], 0.0])
+    assert np.shape(told["band"]["amplitude"]) == (2, 3, 5, 4)
+
+
+def test_the_table_is_long_and_the_summary_is_json(tmp_path):
+    centre = Sweep((CENTRE,), "peak", np.full((3, 4), 1e-3), PRESENT)
+    both = swept(drawn(STIFFNESS), drawn(centre), draws=20)
+    write_csv(both, {}, tmp_path / "a.csv")
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines[0].startswith("# ident-sweep/1 ")
+    assert lines[4] == "parameter,value,unit,direction,amplitude [mm],q05 [mm],q95 [mm]"
+    assert lines[5] == "joint1.k_tors,179908.7477,N m/rad,x,0.4,0.328,0.472"
+    assert len(lines) == 5 + 3 * (5 + 4)
+    assert lines[-1].split(",")[:5] == ["bracket.com.x", "0.29", "m", "z", "1"]
+    json.dumps(sweep_document(both, {}), allow_nan=False)
+
+
+def test_the_figure_has_the_numbers_in_their_units():
+    centre = Sweep((CENTRE,), "peak", np.full((3, 4), 1e-3), PRESENT)
+    figure = sweep_figure(swept(drawn(STIFFNESS), drawn(centre), draws=20, limit=1e-3))
+    first, second = figure.axes[:2]
+    assert first.get_xlabel() == "joint1.k_tors, torsional stiffness of joint1 [10⁶ N mm/deg]"
+    assert second.get_xlabel() == "bracket.com.x, mass centre of bracket, x [m]"
+    lines = [line for line in first.lines if len(line.get_xdata()) == 5]
+    np.testing.assert_allclose(lines[1].get_xdata(), 6.28e6 * np.geomspace(0.5, 2, 5))
+    np.testing.assert_allclose(lines[1].get_ydata(), DIPS)
+    FigureCanvasAgg(figure).draw()
+    assert "6" in [text.get_text() for text in first.get_xticklabels()]
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names == ["X", "Y", "Z", "present", "5 to 95 % of 20 draws", "limit, 1 mm"]
+    far = sweep_figure(swept(STIFFNESS, limit=1.0))
+    assert "the limit of 1000 mm lies far above" in far.legends[0].get_title().get_text()
+
+
+def test_the_map_is_turned_the_right_way():
+    sizes = 1e-3 * np.arange(1.0, 61.0).reshape(3, 5, 4)
+    figure = sweep_figure(swept(Sweep((STIFF, CENTRE), "peak", sizes, PRESENT), limit=50e-3))
+    axes = figure.axes[0]
+    assert axes.get_xlabel().startswith("joint1.k_tors")
+    assert axes.get_ylabel().startswith("bracket.com.x")
+    marks = {line.get_marker(): (line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines}
+    assert marks["o"] == pytest.approx((6.28e6, 0.145))
+    assert marks["s"] == pytest.approx((3.14e6, 0.0))
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names == ["present, 0.65 mm", "least, 41 mm", "limit, 50 mm"]
+    FigureCanvasAgg(figure).draw()
+    flat = sweep_figure(swept(Sweep((STIFF, CENTRE), "peak", np.full((3, 5, 4), 1e-3), PRESENT)))
+    FigureCanvasAgg(flat).draw()

@@ -1,0 +1,94 @@
+"""What tests of figures share: fits made up of any size, and whether a figure is tidy."""
+
+from functools import cache
+
+import jax.numpy as jnp
+import numpy as np
+from arms import DATA, lcd_arm
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from ident.identify.build_problem import arm_problem
+from ident.identify.fit import CampaignFit
+from ident.identify.unknowns import stiffness_parameters
+from ident.inference.fit import Fit, Optimum, fit
+from ident.inference.information import information
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.problem import InverseProblem
+from ident.measure import Campaign, Load, Measurement, read_campaign
+
+
+@cache
+def fitted(name):
+    """One start and no tensions: a figure needs no more."""
+    campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
+    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
+    return CampaignFit(lcd_arm(), campaign, fit(problem, starts=1), ())
+
+
+def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
+    """A fit of a linear model that was never run, as large as one likes; half the parameters are left open."""
+    rng = np.random.default_rng(seed)
+    kinds = ("frequency", "deflection", "deflection_difference", "damping_ratio")
+    measured = []
+    for i in range(measurements):
+        kind = kinds[i % 4]
+        point = "tip" if "deflection" in kind else None
+        load = Load.parse("glass + 5 kg @ tip") if kind == "deflection_difference" else Load()
+        posture = tuple(rng.uniform(-2, 2, 6))
+        measured.append(Measurement(kind=kind, posture=posture, value=0.03, sigma=1e-4, point=point, load=load))
+    campaign = Campaign("made up", measurements=tuple(measured))
+    fields = ("k_bend", "k_tors", "tau_bend", "mass", "com.x", "offset.z")
+    names = [f"a_rather_long_joint_name{i}.{fields[i % 6]}" for i in range(parameters)]
+    positive = [not name.endswith((".x", ".z")) for name in names]
+    centres = [3.2e5 if p else 0.1 for p in positive]
+    items = tuple(
+        Parameter((name,), p, centre, centre, prior_sd)
+        for name, p, centre in zip(names, positive, centres, strict=True)
+    )
+    theta = np.log(centres) * positive + np.array(centres) * (1 - np.array(positive))
+    theta = theta + rng.normal(size=parameters) * 0.02
+    jacobian = rng.normal(size=(measurements, parameters)) * (np.arange(parameters) % 2)
+    unknowns = Parameters(items)
+    values = np.asarray(unknowns.values(jnp.asarray(theta)))
+    sigma = np.full(measurements, 1e-4)
+    known = information(jacobian / 1e-2, np.full(parameters, prior_sd), tuple(names))
+    problem = InverseProblem(
+        lambda p: p, jnp.full(measurements, 0.03), jnp.asarray(sigma), unknowns, tuple(m.kind for m in campaign)
+    )
+    predicted = 0.03 + rng.normal(size=measurements) * 1e-4
+    optimum = Optimum(values, theta, 1.0, 3, True)
+    return CampaignFit(lcd_arm(), campaign, Fit(problem, (optimum,), 0, predicted, jacobian, known), ())
+
+
+def boxes(figure):
+    """Bounding boxes of all that is written, and of the panels, after the layout was made."""
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw_without_rendering()
+    words = []
+    for axes in figure.axes:
+        texts = [*axes.texts, axes.title, axes.xaxis.label, axes.yaxis.label]
+        texts += axes.get_legend().get_texts() if axes.get_legend() else []
+        for axis in (axes.xaxis, axes.yaxis) if axes.axison else ():
+            low, high = sorted(axis.get_view_interval())
+            for tick in axis.get_major_ticks():
+                if low <= tick.get_loc() <= high and axis.get_visible():
+                    texts += [label for label in (tick.label1, tick.label2) if label.get_visible()]
+        words += [(t.get_text(), t.get_window_extent(renderer)) for t in texts if t.get_text() and t.get_visible()]
+    words += [(t.get_text(), t.get_window_extent(renderer)) for t in figure.texts]
+    return words
+
+
+def assert_tidy(figure):
+    """No two texts overlap, and none leaves the picture."""
+    words = boxes(figure)
+    width, height = figure.bbox.width, figure.bbox.height
+    for text, box in words:
+        assert box.x0 >= -1, text
+        assert box.x1 <= width + 1, text
+        assert box.y0 >= -1, text
+        assert box.y1 <= height + 1, text
+    for i, (one, a) in enumerate(words):
+        for other, b in words[i + 1 :]:
+            across = min(a.x1, b.x1) - max(a.x0, b.x0)
+            along = min(a.y1, b.y1) - max(a.y0, b.y0)
+            assert min(across, along) < 2.0, f"{one!r} lies on {other!r}"

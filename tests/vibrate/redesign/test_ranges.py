@@ -1,0 +1,65 @@
+"""What is swept from where to where, and what is refused."""
+
+import numpy as np
+import pytest
+from arms import DATA
+
+from ident.description.file import read_arm_file
+from ident.errors import InputError
+from ident.vibrate.redesign.ranges import Bound, Range, axis_of
+
+FILE = read_arm_file(DATA / "lcd_arm" / "arm.toml")
+
+
+def values(*paths, bounds=None, count=None, percent=10.0, arm=FILE.arm):
+    pair = bounds and tuple(bound if isinstance(bound, Bound) else Bound(bound) for bound in bounds)
+    return axis_of(arm, Range(paths, pair, count), percent, FILE.extents)
+
+
+def test_usual_ranges():
+    stiffness = values("joint1.k_tors")
+    present = float(FILE.arm.get("joint1.k_tors"))
+    np.testing.assert_allclose(stiffness.values, present * np.geomspace(0.4, 2.5, 21))
+    assert (stiffness.present, len(stiffness.values)) == (present, 21)
+    np.testing.assert_allclose(values("fingers.com.x").values, np.linspace(1.04, 2.04, 21), err_msg="a fifth of 2.5 m")
+    high = FILE.arm.replace({"bracket.com.x": 0.25})
+    np.testing.assert_allclose(values("bracket.com.x", arm=high).values[[0, -1]], [0.192, 0.29], err_msg="clipped")
+    np.testing.assert_allclose(values("tip.position.x").values[[0, -1]], [2.69, 2.89])
+    np.testing.assert_allclose(values("speed").values, np.geomspace(4, 25, 21))
+    np.testing.assert_allclose(values("drive1.phase").values[[0, -1]], [-np.pi, np.pi])
+
+
+def test_bounds_as_they_are_and_as_multiples():
+    np.testing.assert_allclose(values("speed", bounds=(4, 20), count=17).values, np.arange(4.0, 21.0))
+    np.testing.assert_allclose(values("fingers.com.x", bounds=(1.0, 2.2), count=13).values, np.linspace(1, 2.2, 13))
+    bounds = Bound(0.5, times=True), Bound(2.0, times=True)
+    factors = values("link1.mass", bounds=bounds, count=3).values
+    np.testing.assert_allclose(factors, [21, 42, 84])
+    np.testing.assert_allclose(values("speed", bounds=bounds, count=3).values, [5, 10, 20])
+
+
+@pytest.mark.parametrize(
+    ("paths", "more", "words"),
+    [
+        (["joint1.k_tor"], {}, "did you mean joint1.k_tors?"),
+        (["sped"], {}, "did you mean speed?"),
+        (["stroke.speed"], {}, "sweep 'speed'"),
+        (["link1.mass"], {"bounds": (2, 1)}, "got 2 to 1, expected a lower and a higher bound"),
+        (["link1.mass"], {"bounds": (1, np.inf)}, "a lower and a higher bound"),
+        (["link1.mass"], {"bounds": (0, 1)}, "got 0 to 1, expected bounds above 0"),
+        (["link1.mass"], {"count": 1}, "got 1 values, expected 2 to 500"),
+        (["link1.mass"], {"count": 501}, "got 501 values"),
+        (["drive1.error"], {}, "got 0 at present"),
+        (["bracket.inertia.xx"], {}, "got no bounds"),
+        (["bracket.com.x"], {"bounds": (0, 0.3)}, "got 0 to 0.3 m, expected 0 to 0.29 m, within the body"),
+        (["joint1.k_tors", "fingers.com.x"], {}, "a coordinate with other numbers"),
+        (["joint1.k_tors", "speed"], {}, "the speed with others"),
+        (["speed"], {"bounds": (4, 1001), "percent": 100.0}, "got 1001 %, expected at most 1000 %"),
+        (["speed"], {"bounds": (4, 101)}, "at most 100 %; start from a higher --speed"),
+    ],
+)
+def test_refused(paths, more, words):
+    with pytest.raises(InputError) as error:
+        values(*paths, **more)
+    assert words in str(error.value)
+    assert len(error.value.problems) == 1
