@@ -19,7 +19,7 @@ from ident.errors import IdentError
 
 KEPT_APART = 4096
 """Bytes from which an array is kept apart from the document, where there is a place for it."""
-SEQUENCES: dict[str, type] = {"tuple": tuple, "set": frozenset}
+SEQUENCES: dict[str, Any] = {"tuple": tuple, "set": frozenset}
 
 
 class CodecError(IdentError):
@@ -157,7 +157,7 @@ class _Reader:
 
 def _restored(kind: type, values: Mapping[str, Any]) -> Any:
     """Return an object with these fields; what its constructor would check was checked when it was first made."""
-    restored = object.__new__(kind)
+    restored: Any = object.__new__(kind)
     for name, value in values.items():
         object.__setattr__(restored, name, value)
     return restored

@@ -12,8 +12,9 @@ from matplotlib.image import imread
 from ident.arm.arm import Arm
 from ident.errors import InputError
 from ident.inference.cross_prediction import CrossPrediction
-from ident.present.figures.fit import fit_figure, save
+from ident.present.figures.fit import fit_figure
 from ident.present.figures.modes import mode_figure, posture_figure
+from ident.present.files.png import save
 
 HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
 
