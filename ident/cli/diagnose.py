@@ -191,7 +191,7 @@ class _Run:
         write_netcdf(
             inference_data(sampled.sample, sampled.posterior_predictive, rows(self.measured), origin), self._posterior
         )
-        known = fitted.fit.information
+        known = fitted.information
         facts = {"doubts": list(fitted.doubts), "rank": known.rank, "count": len(known.names)}
         return facts, stiffness_section(sampled)
 

@@ -49,7 +49,7 @@ def profile_command(
     measured, arm_file = running.read(campaign, arm)
     check(build_problem(arm_file.arm, measured, **unknown).parameters, parameter, reach=reach)
     result = running.fit(arm_file.arm, measured, asked, unknown)
-    profiles = profile(result.fit, parameter, reach=reach, progress=running.progress("profiles"))
+    profiles = profile(result, parameter, reach=reach, progress=running.progress("profiles"))
     typer.echo(profile_report(result, profiles))
     path = out / f"{measured.name}.profile.json"
     write_json(profile_document(result, profiles, arm_file, asked), path)

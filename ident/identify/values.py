@@ -42,7 +42,7 @@ class Values:
     @classmethod
     def of_fit(cls, fit: CampaignFit) -> "Values":
         """Return the fitted numbers of a fit that was made in this process."""
-        return cls("", "", {path: np.asarray(value) for path, value in fit.fit.parameters.items()})
+        return cls("", "", {path: np.asarray(value) for path, value in fit.parameters.items()})
 
     @property
     def medians(self) -> dict[str, float]:

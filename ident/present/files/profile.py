@@ -15,12 +15,12 @@ FORMAT = "ident-profile/1"
 
 
 def profile_document(
-    result: CampaignFit, profiles: Sequence[Profile], arm_file: ArmFile, options: Mapping[str, Any]
+    fit: CampaignFit, profiles: Sequence[Profile], arm_file: ArmFile, options: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Describe profiles as plain data, all numbers SI; where an interval is open, its end is null."""
-    document = provenance(FORMAT, arm_file, result.campaign, options) | {
-        "cost": result.fit.best.cost,
-        "doubts": list(result.doubts),
+    document = provenance(FORMAT, arm_file, fit.campaign, options) | {
+        "cost": fit.best.cost,
+        "doubts": list(fit.doubts),
         "parameters": [
             {
                 "name": profile.name,
