@@ -54,10 +54,11 @@ def values(
 ) -> "tuple[Values | None, Values | None, Arm]":
     """Read fitted values and draws, and return both with the arm that takes them over: of draws, the medians."""
     from ident.arm.drive_check import check_drives
-    from ident.identify.values import read_draws, read_fit
+    from ident.present.files.fit import read_fit
+    from ident.present.files.sample import read_posterior
 
     fitted = read_fit(fit, arm) if fit else None
-    found = read_draws(posterior, arm, draws, seed) if posterior else None
+    found = read_posterior(posterior).some(arm, draws, seed) if posterior else None
     central = fitted or found
     described = arm.replace((central.medians if central else {}) | changed)
     check_drives(described)

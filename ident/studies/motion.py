@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.assess.basis import Basis
     from ident.description.file import ArmFile
-    from ident.identify.values import Values
+    from ident.identify.values import Draws, Values
     from ident.measure import Log
     from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
     from ident.vibrate.motion.motion import Motion
 
 STROKE = (
@@ -106,11 +107,60 @@ def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm") -> "Values
     Raises:
         InputError: a file that holds none, or values of no number of this arm.
     """
-    from ident.identify.values import Values, read_fit
+    from ident.identify.values import Values
+    from ident.present.files.fit import read_fit
 
     if isinstance(fit, Values):
         return fit
-    return read_fit(fit, arm) if isinstance(fit, str | Path) else Values.of_fit(fit.fit)
+    return read_fit(fit, arm) if isinstance(fit, str | Path) else Values.of_fit(fit.fit, arm)
+
+
+def drawn_values(
+    posterior: "Values | SampleResult | str | Path", arm: "Arm", count: int, seed: int | None = None
+) -> "Values":
+    """Return draws of a posterior, whatever they are in; `Values` as they are.
+
+    Args:
+        posterior: a result, or its file.
+        arm: whose numbers are looked for.
+        count: draws, at most.
+        seed: of a choice at random; without one the draws are spread evenly over the chains.
+
+    Raises:
+        InputError: a file that holds none, or draws of no number of this arm.
+    """
+    from ident.identify.values import Values
+
+    return posterior if isinstance(posterior, Values) else _draws(posterior).some(arm, count, seed)
+
+
+def drawn_groups(
+    posterior: "Values | SampleResult | str | Path", arm: "Arm", count: int, fresh: int, seed: int = 0
+) -> "tuple[Values, Values | None]":
+    """Return two groups of draws that have none in common: to search with, and to verify with.
+
+    Args:
+        posterior: a result, or its file; `Values` are the first group as they are, without a second.
+        arm: whose numbers are looked for.
+        count: draws of the first group, at most.
+        fresh: draws of the second, at most.
+        seed: of the choice.
+
+    Raises:
+        InputError: a file that holds none, or draws of no number of this arm.
+    """
+    from ident.identify.values import Values
+
+    if isinstance(posterior, Values):
+        return posterior, None
+    return _draws(posterior).two_groups(arm, count, fresh, seed)
+
+
+def _draws(posterior: "SampleResult | str | Path") -> "Draws":
+    from ident.identify.values import Draws
+    from ident.present.files.sample import read_posterior
+
+    return read_posterior(posterior) if isinstance(posterior, str | Path) else Draws.of_sample(posterior.sample)
 
 
 def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":

@@ -173,10 +173,11 @@ def test_draws_of_a_posterior_give_bands(run, tmp_path):
 
 
 def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
-    from ident.identify.values import read_draws, read_fit
+    from ident.present.files.fit import read_fit
+    from ident.present.files.sample import read_posterior
 
     document = {
-        "format": "ident-fit/1",
+        "format": "ident-fit/2",
         "parameters": [
             {"paths": ["joint2.k_tors", "joint3.k_tors"], "value": 3e5},
             {"paths": ["discrepancy.deflection"], "value": 1.1},
@@ -192,7 +193,7 @@ def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
         tied = arviz.InferenceData(posterior=data.load())
     tied.posterior["joint2.k_tors"].attrs["paths"] = json.dumps(["joint2.k_tors", "joint3.k_tors"])
     tied.to_netcdf(str(tmp_path / "tied.nc"), engine="h5netcdf")
-    drawn = read_draws(tmp_path / "tied.nc", lcd_arm(), 100, seed=1)
+    drawn = read_posterior(tmp_path / "tied.nc").some(lcd_arm(), 100, seed=1)
     np.testing.assert_array_equal(drawn.values["joint3.k_tors"], drawn.values["joint2.k_tors"])
     np.testing.assert_array_equal(np.sort(drawn.values["joint3.k_tors"]), np.sort(values["joint2.k_tors"].ravel()))
 
