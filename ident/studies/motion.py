@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
-from ident.studies.options import Options, option
-from ident.studies.shared import as_file
+from ident.studies.options import option
+from ident.studies.shared import ArmOptions, as_file
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -25,7 +24,7 @@ STROKE = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotionOptions(Options):
+class MotionOptions(ArmOptions):
     """What the arm carries out, under which load, with which numbers changed."""
 
     speed: float | None = option(
@@ -34,13 +33,6 @@ class MotionOptions(Options):
     profile: str | None = option(None, "of the stroke's speed: s-curve (default), trapezoid or cycloid")
     retract: bool = option(False, "from unfolded to folded")
     smoothing: float = option(0.0, "noise of that path, rms [deg]")
-    load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
-    set: dict[str, float] = option(
-        {},
-        "number to change, in SI, as link2.mass=30 (inertia stays as it is); may be repeated",
-        repeated=True,
-        read=reading.numbers,
-    )
 
     @property
     def hold(self) -> float:

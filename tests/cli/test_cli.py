@@ -16,41 +16,6 @@ HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,point,value,unit,relative_sigma"
 ROW = "frequency,0,0,0,,,4.38,Hz,0.5%"
 
 
-def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path):
-    code, out, _ = run("fit", DATA / "table1.csv")
-    assert code == 0
-    assert "What the data fix: 3 of 6 directions" in out
-    assert "CONTRADICTION" in out
-    assert files(tmp_path) == ["out/table1.fit.json", "out/table1.fit.png"]
-    result = json.loads((tmp_path / "out/table1.fit.json").read_text())
-    assert result["format"] == "ident-fit/1"
-    assert result["rank"] == 3
-    assert len(result["inputs"]["campaign"]["sha256"]) == 64
-    assert result["software"]["ident"] == __version__
-    assert result["parameters"][0]["sd_by_data_alone"] is None, "infinite is null in JSON"
-
-
-def test_options_reach_the_fit(run, tmp_path):
-    code, out, _ = run(
-        "fit",
-        DATA / "campaign.csv",
-        "--fix=joint1.k_bend",
-        "--tie=joint2.k_tors=joint3.k_tors",
-        "--starts=1",
-        "--no-figure",
-        "--no-prior",
-        "--out=results",
-    )
-    assert code == 0
-    assert files(tmp_path) == ["results/campaign.fit.json"]
-    result = json.loads((tmp_path / "results/campaign.fit.json").read_text())
-    names = [p["name"] for p in result["parameters"]]
-    assert names == ["joint2.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors"]
-    assert result["parameters"][3]["paths"] == ["joint2.k_tors", "joint3.k_tors"]
-    assert result["options"]["fix"] == ["joint1.k_bend"]
-    assert "prior: none" in out
-
-
 def test_sample_goes_on_where_it_was_and_writes_draws_and_figures(run, tmp_path):
     import arviz
 
@@ -114,89 +79,6 @@ def test_a_prior_that_excludes_the_data_is_named(run, tmp_path):
     assert "a prior of joint3.k_bend that excludes the data" in err
     assert len(err.splitlines()) == 1
     assert files(tmp_path) == []
-
-
-def test_profile_prints_both_intervals_and_writes_a_result_and_a_figure(run, tmp_path):
-    options = ("--starts=1", "--parameter=joint3.k_bend", "--parameter=joint1.k_tors", "--reach=100")
-    code, out, err = run("profile", DATA / "table1.csv", *options)
-    assert (code, err) == (0, "")
-    assert "95 %, linear" in out
-    assert "95 %, profile" in out
-    assert "no interval below is to be quoted" in out, "the paper's three numbers contradict each other"
-    assert files(tmp_path) == ["out/table1.profile.json", "out/table1.profile.png"]
-    result = json.loads((tmp_path / "out/table1.profile.json").read_text())
-    assert result["format"] == "ident-profile/1"
-    assert [p["name"] for p in result["parameters"]] == ["joint3.k_bend", "joint1.k_tors"]
-    assert result["options"]["reach"] == 100
-    assert len(result["inputs"]["campaign"]["sha256"]) == 64
-    for parameter in result["parameters"]:
-        lows = [interval["low"] for interval in parameter["intervals"]]
-        assert lows == sorted(lows, reverse=True)
-
-
-def test_an_interrupted_profile_leaves_nothing(run, tmp_path, monkeypatch):
-    from ident.inference import profile
-
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(profile, "walk", interrupted)
-    code, out, err = run("profile", DATA / "table1.csv", "--starts=1")
-    assert code not in (0, 2)
-    assert out == ""
-    assert "Traceback" not in err
-    assert files(tmp_path) == []
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--parameter=joint1.kbend"], "did you mean joint1.k_bend"),
-        (["--parameter=joint1.k_bend", "--fix=joint1.k_bend"], "joint1.k_bend, which is not fitted"),
-        (["--reach=1"], "a reach of 1"),
-        (["--reach=nan"], "a reach of nan"),
-    ],
-)
-def test_bad_options_of_profile_are_named(run, tmp_path, options, words):
-    code, out, err = run("profile", DATA / "table1.csv", *options)
-    assert (code, out) == (2, "")
-    assert words in err
-    assert len(err.splitlines()) == 1
-    assert files(tmp_path) == []
-
-
-def test_check_prints_a_verdict_for_each_parameter_and_writes_nothing(run, tmp_path):
-    code, out, err = run("check", DATA / "table1.csv")
-    assert (code, err) == (0, "")
-    assert "0 of 6 identifiable" in out
-    assert out.count(" weak ") == 6
-    assert "torsion of joint2 against torsion of joint1: any trade-off fits equally well" in out
-    assert "CONTRADICTION" in out
-    assert files(tmp_path) == []
-
-
-def test_check_refuses_what_says_nothing_and_what_contradicts_itself(run, tmp_path):
-    path, arm = tmp_path / "c.csv", f"--arm={DATA / 'arm.toml'}"
-    row = "deflection,0,0,0,,tip,26.3,mm,2%"
-    path.write_text(f"{HEADER}\n{row}\n")
-    code, out, err = run("check", path, arm, *(f"--fix=joint{j}.k_bend" for j in (1, 2, 3)))
-    assert (code, out) == (2, "")
-    assert err.startswith(f"ident: {path}: got no measurement that depends on any of the unknowns")
-    path.write_text(f"{HEADER}\n{row}\n{row.replace('26.3', '29.3')}\n")
-    for command in ("check", "fit"):
-        code, out, more = run(command, path, arm)
-        assert (code, out) == (2, "")
-        assert more.startswith(f"ident: {path}:3, value: got 0.0293 (SI), 3.8 sd from row 2")
-        assert len(err.splitlines()) == len(more.splitlines()) == 1
-    assert files(tmp_path) == ["c.csv"]
-    assert "CONTRADICTION: rows 2 and 3" in run("check", path, arm, "--trust-values")[1]
-
-
-def test_predict_prints_modes_and_deflection(run):
-    code, out, _ = run("predict", DATA / "arm.toml", "--posture=0,0,0")
-    assert code == 0
-    for text in ("4.12", "lateral torsion 1", "4.80", "vertical bending 1", "26.3"):
-        assert text in out
 
 
 def test_version_and_help(run):
@@ -290,43 +172,6 @@ def test_a_bad_arm_is_one_clear_line_and_nothing_is_written(run, tmp_path, case)
     assert word in err
     assert all(line.startswith(f"ident: {arm}") for line in err.splitlines())
     assert files(tmp_path) == ["arm.toml"]
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--fix=joint1.kbend"], "did you mean"),
-        (["--tie=joint1.k_bend=joint9.k_bend"], "joint9.k_bend"),
-        (["--free=link2.mass:heavy"], "'heavy'"),
-        (["--free=link7.mass"], "link7.mass"),
-        (["--prior-sd=-1"], "width"),
-        (["--arm=nowhere.toml"], "nowhere.toml"),
-    ],
-)
-def test_bad_options_are_named(run, tmp_path, options, words):
-    code, out, err = run("fit", DATA / "table1.csv", *options)
-    assert (code, out) == (2, "")
-    assert words in err
-    assert len(err.splitlines()) == 1
-    assert files(tmp_path) == []
-
-
-@pytest.mark.parametrize(
-    "options", [["--posture=0,0"], ["--posture=a,b,c"], ["--load=glas"], ["--set=link2.mas=3"], ["--set=link2.mass"]]
-)
-def test_bad_predictions_are_named(run, options):
-    code, out, err = run("predict", DATA / "arm.toml", *options)
-    assert (code, out) == (2, "")
-    assert err.startswith("ident: ")
-    assert "Traceback" not in err
-
-
-def test_a_result_that_cannot_be_written_leaves_the_old_one(run, tmp_path):
-    (tmp_path / "out").write_text("a file, where a folder should be")
-    code, _, err = run("fit", DATA / "table1.csv", "--starts=1")
-    assert code == 2
-    assert "--out" in err
-    assert files(tmp_path) == ["out"]
 
 
 PLANNED = ["out/table1.plan.csv", "out/table1.plan.json", "out/table1.plan.png"]

@@ -9,14 +9,12 @@ from ident.measure import Campaign
 from ident.present.files.document import plain, provenance
 from ident.present.text.units import unit_of
 
-FORMAT = "ident-fit/2"
 
-
-def fit_document(fit: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
+def fit_document(form: str, fit: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a fit as plain data, all numbers SI; infinite and undefined ones become null."""
     known = fit.information
     items = fit.problem.parameters.items
-    document = provenance(FORMAT, arm_file, fit.campaign, options) | {
+    document = provenance(form, arm_file, fit.campaign, options) | {
         "parameters": [_parameter(fit, i) for i in range(len(items))],
         "covariance": known.covariance,
         "correlation": known.correlation,
