@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
-from ident.studies.options import Options, option
-from ident.studies.shared import as_file
+from ident.studies.options import option
+from ident.studies.shared import ArmOptions, as_file
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -26,7 +25,7 @@ STROKE = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotionOptions(Options):
+class MotionOptions(ArmOptions):
     """What the arm carries out, under which load, with which numbers changed."""
 
     speed: float | None = option(
@@ -35,13 +34,6 @@ class MotionOptions(Options):
     profile: str | None = option(None, "of the stroke's speed: s-curve (default), trapezoid or cycloid")
     retract: bool = option(False, "from unfolded to folded")
     smoothing: float = option(0.0, "noise of that path, rms [deg]")
-    load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
-    set: dict[str, float] = option(
-        {},
-        "number to change, in SI, as link2.mass=30 (inertia stays as it is); may be repeated",
-        repeated=True,
-        read=reading.numbers,
-    )
 
     @property
     def hold(self) -> float:
@@ -109,10 +101,11 @@ def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm") -> "Values
     """
     from ident.identify.values import Values
     from ident.present.files.fit import read_fit
+    from ident.studies.fit import FitResult
 
     if isinstance(fit, Values):
         return fit
-    return read_fit(fit, arm) if isinstance(fit, str | Path) else Values.of_fit(fit.fit, arm)
+    return read_fit(FitResult.form, fit, arm) if isinstance(fit, str | Path) else Values.of_fit(fit.fit, arm)
 
 
 def drawn_values(
@@ -159,8 +152,11 @@ def drawn_groups(
 def _draws(posterior: "SampleResult | str | Path") -> "Draws":
     from ident.identify.values import Draws
     from ident.present.files.sample import read_posterior
+    from ident.studies.sample import SampleResult
 
-    return read_posterior(posterior) if isinstance(posterior, str | Path) else Draws.of_sample(posterior.sample)
+    if isinstance(posterior, str | Path):
+        return read_posterior(SampleResult.form, posterior)
+    return Draws.of_sample(posterior.sample)
 
 
 def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":

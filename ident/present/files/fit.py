@@ -17,15 +17,14 @@ from ident.present.files.document import check_format, plain, provenance, read_d
 from ident.present.text.units import unit_of
 from ident.text import one_line, read_bytes
 
-FORMAT = "ident-fit/2"
 EXPECTED = "a result file of ident fit (.fit.json)"
 
 
-def fit_document(fit: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
+def fit_document(form: str, fit: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a fit as plain data, all numbers SI; infinite and undefined ones become null."""
     known = fit.information
     items = fit.problem.parameters.items
-    document = provenance(FORMAT, arm_file, fit.campaign, options) | {
+    document = provenance(form, arm_file, fit.campaign, options) | {
         "parameters": [_parameter(fit, i) for i in range(len(items))],
         "covariance": known.covariance,
         "correlation": known.correlation,
@@ -96,14 +95,14 @@ def parameter_rows(fit: CampaignFit) -> list[dict[str, Any]]:
     ]
 
 
-def read_fit(path: str | Path, arm: Arm) -> Values:
-    """Return the fitted values of a result file.
+def read_fit(form: str, path: str | Path, arm: Arm) -> Values:
+    """Return the fitted values of a result file of this format.
 
     Raises:
         InputError: the file is no such result, or has no number of this arm.
     """
     where, document = one_line(str(path)), read_document(path, EXPECTED)
-    check_format(document["format"], FORMAT, where, EXPECTED)
+    check_format(document["format"], form, where, EXPECTED)
     try:
         best = {tuple(p["paths"]): np.asarray(float(p["value"])) for p in document["parameters"]}
     except (ValueError, KeyError, TypeError):

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     import arviz
     import xarray
 
-FORMAT = "ident-sample/2"
 EXPECTED = "a posterior of ident sample (.sample.nc)"
 
 
@@ -82,8 +81,12 @@ def parameter_rows(result: CampaignSample) -> list[dict[str, Any]]:
     ]
 
 
-def read_posterior(path: str | Path) -> Draws:
+def read_posterior(form: str, path: str | Path) -> Draws:
     """Return the draws of a posterior file, of `ident sample` or of any tool that writes InferenceData.
+
+    Args:
+        form: the format that one of `ident sample` must have.
+        path: the file.
 
     Raises:
         InputError: the file is no posterior, or one of another version of ident.
@@ -94,14 +97,14 @@ def read_posterior(path: str | Path) -> Draws:
     data = read_bytes(path, EXPECTED)
     try:
         with xarray.open_dataset(path, engine="h5netcdf") as root:
-            form = json.loads(root.attrs.get("format", '""'))
+            own = str(json.loads(root.attrs.get("format", '""')))
         with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as posterior:
             chains, remark = _best(path)
             by_paths = dict(_variables(posterior.load(), chains))
     except (OSError, ValueError, KeyError, TypeError, IndexError):
         raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident sample wrote")) from None
-    if str(form).startswith("ident-sample/"):
-        check_format(form, FORMAT, where, EXPECTED)
+    if own.startswith("ident-sample/"):
+        check_format(own, form, where, EXPECTED)
     return Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark)
 
 
