@@ -6,7 +6,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.arm.drive import SCALARS
 from ident.description.file import ArmFile
 from ident.identify.values import Values
 from ident.measure import Log
@@ -71,7 +70,7 @@ def assumed(found: Basis) -> tuple[list[str], int]:
     told = {
         path: origin
         for path, origin in found.arm_file.origins.items()
-        if kinds.get(path.split(".")[0]) in SCALARS and not (found.log and path.split(".")[0] == "stroke")
+        if kinds.get(path.split(".")[0]) in PARTS and not (found.log and path.split(".")[0] == "stroke")
     }
     known = found.changed or {}
     return [path for path, origin in told.items() if origin == "assumed" and path not in known], len(told)
@@ -96,7 +95,7 @@ def assumed_in_words(found: Basis) -> Iterator[str]:
 
 def _guessed(found: Basis) -> tuple[int, int]:
     """Return how many of the arm's other numbers are assumed or calibrated, and how many are given at all."""
-    driving = {part.name for part in found.arm.parts() if type(part).__name__ in SCALARS}
+    driving = {part.name for part in found.arm.parts() if type(part).__name__ in PARTS}
     told = [o for path, o in found.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
     return sum(origin in ("assumed", "calibrated") for origin in told), len(told)
 
