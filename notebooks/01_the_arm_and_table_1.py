@@ -30,7 +30,7 @@ jax.config.update("jax_enable_x64", True)
 
 # %matplotlib inline
 
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load, read_campaign
@@ -40,7 +40,7 @@ from ident.present.text.fit import fit_report
 from ident.present.text.predict import predict_report
 
 data = Path("..") / "data" / "lcd_arm"
-arm_file = read_arm_file(data / "arm.toml")
+arm_file = read_arm(data / "arm.toml")
 arm = arm_file.arm
 
 # %% [markdown]

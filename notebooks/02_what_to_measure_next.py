@@ -48,7 +48,7 @@ from ident.present.text.check import check_report
 from ident.present.text.fit import fit_report, percent
 from ident.present.text.plan import plan_report
 
-true_arm = read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml")
+true_arm = read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml").arm
 
 # %% [markdown]
 # ## The arm as the engineer knows it

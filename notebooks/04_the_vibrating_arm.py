@@ -57,7 +57,7 @@ from ident.vibrate.signal.spectrogram import spectrogram
 from ident.vibrate.signal.spectrum import amplitude_spectrum, band_rms, peaks
 
 data = Path("..") / "data" / "lcd_arm"
-arm = read_arm(data / "arm.toml")
+arm = read_arm(data / "arm.toml").arm
 AXES = ("X", "Y", "Z")
 
 # %% [markdown]

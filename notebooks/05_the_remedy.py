@@ -39,7 +39,7 @@ jax.config.update("jax_enable_x64", True)
 from matplotlib.figure import Figure
 
 from ident.assess.sweep import SweepStudy
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load, read_campaign
@@ -54,7 +54,7 @@ from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.simulate import vibrations
 
 data = Path("..") / "data" / "lcd_arm"
-arm_file = read_arm_file(data / "arm.toml")
+arm_file = read_arm(data / "arm.toml")
 arm = arm_file.arm
 motion = stroke(arm.stroke, percent=10, dwell=2.0)
 

@@ -77,13 +77,13 @@ def design_command(
     set_by_user = options.assignments(assigned)
     running.start()
     from ident.assess.design import DesignStudy
-    from ident.description.file import read_arm_file
+    from ident.description.file import read_arm
     from ident.identify.conditions import loads_of
     from ident.measure import Load
     from ident.vibrate.redesign.evaluator import Evaluator
     from ident.vibrate.response.amplitude import amplitude
 
-    arm_file = read_arm_file(arm)
+    arm_file = read_arm(arm)
     fitted, drawn, others, described = _values(arm_file.arm, fit, posterior, asked, set_by_user)
     extents = arm_file.extents
     variables = () if sensitivities else changing.variables(described, change or (), extents)
@@ -179,7 +179,7 @@ def _verify(done: "Design", fresh: Any) -> Any:
 def _write(designing: "DesignStudy", asked: dict[str, Any], path: Path, no_figure: bool) -> None:
     """Print the report, and write summary, arm file and figures."""
     from ident.present.files.design import design_document, revised, write_arm
-    from ident.present.files.fit import write_json
+    from ident.present.files.document import write_json
     from ident.present.text.design import design_report
     from ident.present.text.sensitivity import sensitivity_report
 

@@ -174,7 +174,8 @@ class _Run:
     def _stiffness(self) -> Found:
         from ident.identify.sample import sample_campaign
         from ident.inference.sample import BLOCK, Settings
-        from ident.present.files.fit import plain, provenance, rows
+        from ident.present.files.document import plain, provenance
+        from ident.present.files.fit import rows
         from ident.present.files.sample import inference_data, write_netcdf
         from ident.present.html.diagnose_sections import stiffness_section
 
@@ -273,7 +274,7 @@ class _Run:
         return facts, proof_section(task, found, proofs)
 
     def _write(self, task: "Task") -> None:
-        from ident.present.files.fit import plain, provenance, write_json
+        from ident.present.files.document import plain, provenance, write_json
         from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import write_page
 

@@ -68,16 +68,16 @@ def plan_command(
     shares = options.numbers(sigma, "--sigma")
     costs = options.numbers(cost, "--cost")
     running.start()
-    from ident.description.file import read_arm_file
+    from ident.description.file import read_arm
     from ident.identify.plan import plan_campaign
     from ident.measure import OWN_WEIGHT, Load
-    from ident.present.files.fit import write_json
+    from ident.present.files.document import write_json
     from ident.present.files.plan import plan_document, write_form
     from ident.present.text.plan import plan_report
 
     if campaign is None:
         assert arm is not None
-        measured, arm_file = None, read_arm_file(arm)
+        measured, arm_file = None, read_arm(arm)
     else:
         measured, arm_file = running.read(campaign, arm)
     plan = plan_campaign(

@@ -26,7 +26,7 @@ def predict_command(
     from ident.measure import Load
     from ident.present.text.predict import predict_report
 
-    described = read_arm(arm).replace(options.assignments(change))
+    described = read_arm(arm).arm.replace(options.assignments(change))
     postures = [options.posture(text) for text in posture or ()] or [(0.0,) * len(described.driven)]
     for held in postures:
         typer.echo(predict_report(modal_analysis(described, held, Load.parse(load), modes)))

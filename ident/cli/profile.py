@@ -42,7 +42,7 @@ def profile_command(
     running.start()
     from ident.identify.build_problem import build_problem
     from ident.inference.profile import check, profile
-    from ident.present.files.fit import write_json
+    from ident.present.files.document import write_json
     from ident.present.files.profile import profile_document
     from ident.present.text.profile import profile_report
 

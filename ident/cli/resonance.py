@@ -44,16 +44,16 @@ def resonance_command(
     moving.check(asked, path)
     changed, multiples = options.assignments(change), _orders(orders)
     running.start()
-    from ident.description.file import read_arm_file
+    from ident.description.file import read_arm
     from ident.identify.conditions import loads_of
     from ident.measure import Load
-    from ident.present.files.fit import write_json
+    from ident.present.files.document import write_json
     from ident.present.text.resonance import resonance_document, resonance_report
     from ident.vibrate.modal.branches import branches
     from ident.vibrate.modal.excitation import excitation
     from ident.vibrate.modal.resonance import resonance_crossings
 
-    arm_file = read_arm_file(arm)
+    arm_file = read_arm(arm)
     _, found, described = moving.values(arm_file.arm, fit, posterior, draws, seed, changed)
     motion, _ = moving.motion(described, asked, path)
     of_draws = described.replace(moving.drawn(found, changed)) if found else described

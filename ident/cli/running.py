@@ -32,11 +32,11 @@ def start() -> None:
 
 def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
     """Read a campaign and its arm: arm.toml beside the campaign if no other is named."""
-    from ident.description.file import read_arm_file
+    from ident.description.file import read_arm
     from ident.measure import read_campaign
 
     measured = read_campaign(campaign)
-    return measured, read_arm_file(arm or campaign.parent / "arm.toml")
+    return measured, read_arm(arm or campaign.parent / "arm.toml")
 
 
 def fit(arm: "Arm", measured: "Campaign", asked: Mapping[str, Any], unknown: Mapping[str, Any]) -> "CampaignFit":
@@ -56,7 +56,7 @@ def fit(arm: "Arm", measured: "Campaign", asked: Mapping[str, Any], unknown: Map
 
 def draw(figures: Mapping[Path, Any]) -> None:
     """Write matplotlib figures, each to its path, and say so."""
-    from ident.present.figures.fit import save
+    from ident.present.files.png import save
 
     for path, figure in figures.items():
         save(figure, path)

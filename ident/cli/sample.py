@@ -55,7 +55,8 @@ def sample_command(
     from ident.identify.sample import sample_campaign
     from ident.inference.checkpoints import Checkpoints
     from ident.inference.sample import BLOCK, Settings
-    from ident.present.files.fit import plain, provenance, rows
+    from ident.present.files.document import plain, provenance
+    from ident.present.files.fit import rows
     from ident.present.files.sample import inference_data, write_netcdf
     from ident.present.text.sample import sample_report
 

@@ -57,12 +57,12 @@ def simulate_command(
     changed = options.assignments(change)
     running.start()
     from ident.assess.simulation import Simulation
-    from ident.description.file import read_arm_file
+    from ident.description.file import read_arm
     from ident.identify.conditions import loads_of
     from ident.measure import Load, read_trace
     from ident.vibrate.response.study import draw, simulate_motion
 
-    arm_file = read_arm_file(arm)
+    arm_file = read_arm(arm)
     fitted, drawn, described = moving.values(arm_file.arm, fit, posterior, draws, seed, changed)
     measured = read_trace(trace) if trace else None
     hung = Load.parse(load)
@@ -120,7 +120,7 @@ def _compared(done: "SimulatedMotion", measured: "Trace", band: tuple[float, flo
 
 def _write(simulation: "Simulation", asked: dict[str, Any], path: Path, no_figure: bool) -> None:
     """Print the report, and write series, summary and figures."""
-    from ident.present.files.fit import write_json
+    from ident.present.files.document import write_json
     from ident.present.files.simulate import dataset, simulate_document, write_csv, write_netcdf
     from ident.present.text.simulate import simulate_report
 

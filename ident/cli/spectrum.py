@@ -186,6 +186,6 @@ def _survey(arm: Path, posture: str | None, load: str) -> "ModalAnalysis":
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 
-    described = read_arm(arm)
+    described = read_arm(arm).arm
     held = options.posture(posture) if posture else (0.0,) * len(described.driven)
     return modal_analysis(described, held, Load.parse(load), 6)

@@ -53,7 +53,7 @@ def sweep_command(
     changed = options.assignments(change)
     running.start()
     from ident.assess.sweep import SweepStudy
-    from ident.description.file import read_arm_file
+    from ident.description.file import read_arm
     from ident.identify.conditions import loads_of
     from ident.measure import Load
     from ident.vibrate.redesign.evaluator import Evaluator
@@ -63,7 +63,7 @@ def sweep_command(
     wanted = varying.ranges(vary)
     if grid:
         varying.check_map(wanted)
-    arm_file = read_arm_file(arm)
+    arm_file = read_arm(arm)
     fitted, found, described = moving.values(arm_file.arm, fit, posterior, draws, seed, changed)
     hung = Load.parse(load)
     how: dict[str, Any] = {"loads": loads_of(described, hung), "elastic_belts": elastic_belts, "rate": rate}
@@ -92,7 +92,7 @@ def _swept(trial: "Evaluator", axes: "list[Axis]", grid: bool) -> "tuple[Sweep, 
 
 def _write(sweeping: "SweepStudy", asked: dict[str, Any], path: Path, no_figure: bool) -> None:
     """Print the report, and write table, summary and figure."""
-    from ident.present.files.fit import write_json
+    from ident.present.files.document import write_json
     from ident.present.files.sweep import sweep_document, write_csv
     from ident.present.text.sweep import sweep_report
 

@@ -42,16 +42,7 @@ class ArmFile:
     extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
 
 
-def read_arm(path: str | PathLike[str]) -> Arm:
-    """Return the arm that a TOML file describes.
-
-    Raises:
-        InputError: the file cannot be read or is not such a description; every problem is listed.
-    """
-    return read_arm_file(path).arm
-
-
-def read_arm_file(path: str | PathLike[str]) -> ArmFile:
+def read_arm(path: str | PathLike[str]) -> ArmFile:
     """Return the arm that a TOML file describes, with the origin of every number.
 
     Raises:

@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ident.arm.arm import Arm
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values
-from ident.identify.unknowns import WEAK_PRIOR
+from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import CrossPrediction, cross_predictions
 from ident.inference.fit import STARTS, Fit, fit
 from ident.measure import Campaign
@@ -71,32 +70,31 @@ class CampaignFit:
 def fit_campaign(
     arm: Arm,
     campaign: Campaign,
+    unknowns: Unknowns | None = None,
     *,
     starts: int = STARTS,
     seed: int = 0,
     trust_values: bool = False,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
-    **unknowns: Any,
 ) -> CampaignFit:
     """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
+        unknowns: what is unknown, and its priors.
         starts: number of starts.
         seed: of the starts.
         trust_values: take values that the arm file makes implausible.
         progress: wraps the numbers of the starts, to show a bar.
-        **unknowns: what is unknown, and its priors, as in `pose`.
 
     Raises:
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
         ModelError: no optimum was reached.
     """
-    problem = build_problem(arm, campaign, **unknowns)
+    problem = build_problem(arm, campaign, unknowns)
     if not trust_values:
         check_values(problem, campaign, arm)
     found = fit(problem, starts=starts, seed=seed, progress=progress)
-    # one kind of data alone may leave directions open, so the comparison needs some prior
-    unknowns["prior_sd"] = min(unknowns.get("prior_sd", WEAK_PRIOR), WEAK_PRIOR)
-    return CampaignFit(arm, campaign, found, cross_predictions(build_problem(arm, campaign, **unknowns)))
+    compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
+    return CampaignFit(arm, campaign, found, cross_predictions(compared))

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -23,6 +22,7 @@ from ident.identify.experiments import (
 )
 from ident.identify.fit import CampaignFit, fit_campaign
 from ident.identify.posture_grid import STEP, posture_grid
+from ident.identify.unknowns import Unknowns
 from ident.inference.fit import STARTS
 from ident.inference.optimal_design import D_OPTIMAL, Experiments, Step, criterion, gains, greedy, information_gain
 from ident.inference.parameters import Parameters
@@ -157,6 +157,7 @@ class CampaignPlan:
 def plan_campaign(
     arm: Arm,
     campaign: Campaign | None = None,
+    unknowns: Unknowns | None = None,
     *,
     count: int = COUNT,
     aim: str = D_OPTIMAL,
@@ -170,13 +171,13 @@ def plan_campaign(
     starts: int = STARTS,
     seed: int = 0,
     trust_values: bool = False,
-    **unknowns: Any,
 ) -> CampaignPlan:
     """Choose what to measure next on an arm.
 
     Args:
         arm: the arm; its limits say which postures can be held.
         campaign: what is measured already; None for nothing, so that the priors alone are known.
+        unknowns: what is unknown, and its priors.
         count: visits in the batch, at most.
         aim: `d` (information), `a` (mean variance) or the name of one parameter.
         target: standard deviation of theta below which all are to be brought; the batch ends there. 0 for none.
@@ -189,7 +190,6 @@ def plan_campaign(
         starts: of the fit.
         seed: of starts, draws and sampled postures.
         trust_values: take values of the campaign that the arm file makes implausible.
-        **unknowns: what is unknown, and its priors, as in `pose`.
 
     Raises:
         InputError: arm, campaign and options do not fit together.
@@ -204,8 +204,8 @@ def plan_campaign(
     postures, sampled = posture_grid(arm, step, seed=seed)
     found = None
     if campaign:
-        found = fit_campaign(arm, campaign, starts=starts, seed=seed, trust_values=trust_values, **unknowns)
-    parameters = found.fit.problem.parameters if found else build_problem(arm, _anything(arm), **unknowns).parameters
+        found = fit_campaign(arm, campaign, unknowns, starts=starts, seed=seed, trust_values=trust_values)
+    parameters = found.fit.problem.parameters if found else build_problem(arm, _anything(arm), unknowns).parameters
     gain = criterion(aim, parameters.names)
     spread = {"draws": draws, "seed": seed}
     known = fitted_knowledge(found.fit, **spread) if found else prior_knowledge(parameters, **spread)

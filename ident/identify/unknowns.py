@@ -1,7 +1,8 @@
 """Which numbers of an arm are unknown: joint stiffnesses, and what else is freed, with their priors."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.fields import DAMPING, field_of
@@ -56,34 +57,51 @@ def parameter(
     return Parameter(paths, positive, start, centre, prior_sd / scale, scale, flat)
 
 
-def stiffness_parameters(
-    arm: Arm,
-    *,
-    fixed: Iterable[str] = (),
-    tied: Iterable[tuple[str, ...]] = (),
-    free: Mapping[str, float] | None = None,
-    prior_sd: float = WEAK_PRIOR,
-    priors: Mapping[str, Prior] | None = None,
-    damping: bool = False,
-) -> Parameters:
+@dataclass(frozen=True)
+class Unknowns:
+    """Which numbers of an arm are sought, and what is known of them before the data.
+
+    The stiffnesses of all driven joints' bushings are unknown, and damping where damping ratios were measured.
+
+    Attributes:
+        fixed: paths to keep at the arm's value.
+        tied: groups of paths fitted as one number each.
+        free: further paths with the width of their priors (see `parameter`; `math.inf` for none).
+        prior_sd: width of the log-normal priors of stiffness and damping about the arm's values; `math.inf` for none.
+        priors: priors of single parameters by path, in place of that one.
+        discrepancy: by kind of measurement, the standard deviation of ln(factor) by which the model may be off.
+    """
+
+    fixed: tuple[str, ...] = ()
+    tied: tuple[tuple[str, ...], ...] = ()
+    free: Mapping[str, float] = field(default_factory=dict)
+    prior_sd: float = WEAK_PRIOR
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    discrepancy: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def with_prior(self) -> "Unknowns":
+        """The same with a prior on stiffness: one kind of data alone may leave directions open."""
+        return replace(self, prior_sd=min(self.prior_sd, WEAK_PRIOR))
+
+
+def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping: bool = False) -> Parameters:
     """Make the bushing stiffnesses of all driven joints unknown, and whatever else is asked for.
 
     Args:
         arm: the arm.
-        fixed: paths to keep at the arm's value.
-        tied: groups of paths fitted as one number each.
-        free: further paths with the width of their priors (see `parameter`; `math.inf` for none).
-        prior_sd: width of the stiffnesses' log-normal priors about the arm's values; `math.inf` for none.
-        priors: priors of single parameters by path, in place of that one.
+        unknowns: what else is unknown, and what is known of it.
         damping: whether damping per stiffness is unknown as well: one number for all bending, one for all torsion.
 
     Raises:
         InputError: a path that the arm has not, one that is named twice, or nothing left to fit.
     """
+    unknowns = unknowns or Unknowns()
+    prior_sd = unknowns.prior_sd
     undriven = {joint.name for joint in arm.joints if not joint.driven}
     widths = {path: prior_sd for path in stiffness_paths(arm) if path.split(".")[0] not in undriven}
-    widths |= dict(free or {})
-    fixed, groups = tuple(fixed), [tuple(group) for group in tied]
+    widths |= unknowns.free
+    fixed, groups = tuple(unknowns.fixed), [tuple(group) for group in unknowns.tied]
     taken = [*fixed, *(path for group in groups for path in group)]
     for path in (*widths, *taken):
         arm.get(path)
@@ -100,13 +118,12 @@ def stiffness_parameters(
             raise InputError(Problem("", got, "at least one unknown among them", remedy))
     if not unknown:
         raise InputError(Problem("", "no unknown", "at least one", "fix fewer parameters"))
-    own = dict(priors or {})
-    for path in own:
+    for path in unknowns.priors:
         if not any(path in group for group in unknown):
             known = [path for group in unknown for path in group]
             remedy = did_you_mean(path, known, "free it, or drop its prior")
             raise InputError(Problem("", f"a prior for {path}, which is not fitted", "an unknown", remedy))
-    return Parameters(tuple(_in_group(arm, group, widths, own) for group in unknown))
+    return Parameters(tuple(_in_group(arm, group, widths, unknowns.priors) for group in unknown))
 
 
 def _in_group(arm: Arm, group: tuple[str, ...], widths: Mapping[str, float], priors: Mapping[str, Prior]) -> Parameter:

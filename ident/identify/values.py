@@ -12,12 +12,13 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
+from ident.identify.fit import CampaignFit
 from ident.text import decode, one_line, read_bytes
 
 if TYPE_CHECKING:
     import xarray
 
-FIT = "ident-fit/1"
+FIT = "ident-fit/2"
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,11 @@ class Values:
     values: Mapping[str, Float[np.ndarray, "*draws"]]
     left_out: tuple[str, ...] = ()
     remark: str = ""
+
+    @classmethod
+    def of_fit(cls, fit: CampaignFit) -> "Values":
+        """Return the fitted numbers of a fit that was made in this process."""
+        return cls("", "", {path: np.asarray(value) for path, value in fit.fit.parameters.items()})
 
     @property
     def medians(self) -> dict[str, float]:

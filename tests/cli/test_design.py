@@ -8,7 +8,7 @@ import pytest
 from arms import lcd_arm
 from commands import ARM, files, posterior
 
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.identify.values import read_draws, read_two_groups
 
 K = ("joint1.k_tors", "joint2.k_tors", "joint3.k_tors")
@@ -70,7 +70,7 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
     assert set(strongest["quantiles"]) == {"0.05", "0.95"}
 
     text = (tmp_path / f"{base}.toml").read_text()
-    written = read_arm_file(tmp_path / f"{base}.toml")
+    written = read_arm(tmp_path / f"{base}.toml")
     for path, value in best["values"].items():
         assert float(written.arm.get(path)) == pytest.approx(value)
         assert written.origins[path] == "designed"

@@ -15,7 +15,7 @@ from ident.identify.build_problem import build_problem
 from ident.identify.check import check_campaign
 from ident.identify.data_checks import contradictory_repeats
 from ident.identify.label_checks import label_doubts
-from ident.identify.unknowns import parameter
+from ident.identify.unknowns import Unknowns, parameter
 from ident.inference.consistency import consistency
 from ident.inference.cross_prediction import cross_predictions
 from ident.inference.fit import evaluate
@@ -296,7 +296,7 @@ def test_an_arm_that_collapses_is_unknown():
 def test_a_campaign_without_any_information_is_refused():
     bent = [f"joint{j}.k_bend" for j in (1, 2, 3)]
     with pytest.raises(InputError, match="no measurement that depends on any of the unknowns") as error:
-        check_campaign(lcd_arm(), Campaign(measurements=(deflection(0.0263),)), fixed=bent)
+        check_campaign(lcd_arm(), Campaign(measurements=(deflection(0.0263),)), Unknowns(fixed=bent))
     assert len(str(error.value).splitlines()) == 1
 
 
@@ -362,6 +362,9 @@ def test_a_name_by_a_near_draw_is_in_doubt():
 def test_the_problem_that_check_and_fit_pose_is_the_same():
     campaign = read_campaign(DATA / "table1.csv")
     fixed = ("joint1.k_bend", "joint3.k_bend", "joint3.k_tors", "joint2.k_tors")
-    found = check_campaign(lcd_arm(), campaign, fixed=fixed, prior_sd=0.5)
-    assert found.check.problem.parameters.names == build_problem(lcd_arm(), campaign, fixed=fixed).parameters.names
+    found = check_campaign(lcd_arm(), campaign, Unknowns(fixed=fixed, prior_sd=0.5))
+    assert (
+        found.check.problem.parameters.names
+        == build_problem(lcd_arm(), campaign, Unknowns(fixed=fixed)).parameters.names
+    )
     assert found.check.verdicts == ("identifiable",) * 2

@@ -17,7 +17,7 @@ from ident.identify.candidate_predictions import candidate_predictions
 from ident.identify.experiments import COSTS, row_information
 from ident.identify.plan import plan_campaign
 from ident.identify.posture_grid import MOST, posture_grid
-from ident.identify.unknowns import stiffness_parameters
+from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.fit import fit, solve
 from ident.inference.optimal_design import Experiments, bundle, criterion, fewest, gains, greedy, information_gain
 from ident.inference.parameters import Parameter, Parameters
@@ -270,7 +270,7 @@ def test_any_model_can_be_planned_for():
 
 def test_flat_and_absent_priors_are_planned_for_as_normal_ones():
     flat = Prior.log_uniform(1e5, 1e5 * math.exp(2.0))
-    items = stiffness_parameters(lcd_arm(), prior_sd=math.inf, priors={"joint1.k_bend": flat})
+    items = stiffness_parameters(lcd_arm(), Unknowns(prior_sd=math.inf, priors={"joint1.k_bend": flat}))
     sd = prior_knowledge(items, draws=0).sd[0]
     place = items.names.index("joint1.k_bend")
     assert sd[place] == pytest.approx(2.0 / math.sqrt(12), rel=1e-3)
@@ -327,7 +327,7 @@ def test_a_joint_that_hardly_moves_is_held_in_the_middle():
         ({"costs": {"dial": -1.0}}, ">= 0"),
         ({"costs": dict.fromkeys(COSTS, 0.0)}, "a visit that costs 0"),
         ({"loads": (Load.parse("glas"),)}, "glass"),
-        ({"fixed": ["joint1.k_bendy"]}, "did you mean"),
+        ({"unknowns": Unknowns(fixed=("joint1.k_bendy",))}, "did you mean"),
     ],
 )
 def test_bad_options_are_one_line(options, words):

@@ -13,7 +13,7 @@ from scipy.optimize import brentq, minimize
 
 from ident.errors import InputError
 from ident.identify.build_problem import arm_problem
-from ident.identify.unknowns import stiffness_parameters
+from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.constrained_fit import ConstrainedFit, Point
 from ident.inference.fit import Fit, fit
 from ident.inference.information import half_width
@@ -270,7 +270,7 @@ def test_names_levels_and_reach_are_chosen_and_checked():
 def arm_profiles(name: str, prior_sd: float) -> tuple[Fit, tuple[Profile, ...]]:
     """Profiles of the paper's arm; without prior, of Table 1's computed values, which contradict nothing."""
     campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
-    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm(), prior_sd=prior_sd))
+    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm(), Unknowns(prior_sd=prior_sd)))
     if math.isinf(prior_sd):
         problem = dataclasses.replace(problem, measured=jnp.asarray([4.80, 4.12, 0.0263]))
     found = fit(problem, starts=1)

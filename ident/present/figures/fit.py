@@ -4,9 +4,7 @@ Figures are made without pyplot, so that nothing global is touched.
 """
 
 import math
-import warnings
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from ident.files import replace_file
 from ident.identify.fit import SUSPICIOUS, CampaignFit
 from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.parameters import Parameter
@@ -55,18 +52,6 @@ REACH = 30.0
 """Factor beyond the fitted values at which the frame cuts an interval off."""
 FARTHEST = 100.0
 """Standard deviation of a direction at which its marker stays within the frame."""
-DPI = 130
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all.
-
-    Raises:
-        InputError: the file can't be written; what was there before is untouched.
-    """
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        replace_file(path, lambda file: figure.savefig(file, format="png", dpi=DPI), make_folders=True)
 
 
 def fit_figure(result: CampaignFit) -> Figure:

@@ -9,7 +9,7 @@ from ident.assess.design import DesignStudy, bound_of, same
 from ident.description.file import update_file
 from ident.errors import InputError, Problem
 from ident.files import replace_file
-from ident.present.files.fit import plain, provenance
+from ident.present.files.document import plain, provenance
 from ident.present.text.basis import assumed
 from ident.present.text.design import verdict
 from ident.present.text.units import unit_of

@@ -1,24 +1,15 @@
 """The result file of a fit: JSON that says what was fitted, from what, how, and what came out."""
 
-import json
-import math
-import platform
 from collections.abc import Mapping
-from datetime import UTC, datetime
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ident.description.file import ArmFile
-from ident.files import replace_file
 from ident.identify.fit import CampaignFit
 from ident.measure import Campaign
+from ident.present.files.document import plain, provenance
 from ident.present.text.units import unit_of
 
-FORMAT = "ident-fit/1"
-LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "numpy", "scipy")
+FORMAT = "ident-fit/2"
 
 
 def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -26,31 +17,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
     fit, known = result.fit, result.fit.information
     items = fit.problem.parameters.items
     document = provenance(FORMAT, arm_file, result.campaign, options) | {
-        "parameters": [
-            {
-                "name": item.name,
-                "paths": list(item.paths),
-                "value": value,
-                "unit": unit_of(item.name),
-                "interval_95": list(interval),
-                "data_support_interval": bool(supported),
-                "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}",
-                "sd": sd,
-                "sd_by_data_alone": data_sd,
-                "prior_share": share,
-                "prior": {"median": item.centre, "sd": item.prior_sd, "flat_half_width": item.flat},
-            }
-            for item, value, interval, supported, sd, data_sd, share in zip(
-                items,
-                fit.best.values,
-                fit.interval(),
-                result.supported,
-                known.sd,
-                known.data_sd,
-                known.prior_share,
-                strict=True,
-            )
-        ],
+        "parameters": [_parameter(result, i) for i in range(len(items))],
         "covariance": known.covariance,
         "correlation": known.correlation,
         "directions": [{"weights": d.weights, "sd": d.sd, "seen": d.seen, "weak": d.weak} for d in known.directions],
@@ -75,7 +42,7 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
             }
             for m, predicted, sd in zip(result.campaign, fit.predicted, fit.predicted_sd, strict=True)
         ],
-        "tensions": [
+        "cross_predictions": [
             {"kind": t.kind, "rows": list(t.rows), "predicted": t.predicted, "sd": t.sd, "z": t.z}
             for t in result.cross_predictions
         ],
@@ -87,18 +54,37 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
     return plain(document)
 
 
-def provenance(form: str, arm_file: ArmFile, campaign: Campaign | None, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Say what a result was made from, with what and how: the head of every result file."""
+def _parameter(result: CampaignFit, i: int) -> dict[str, Any]:
+    fit, known, item = result.fit, result.fit.information, result.fit.problem.parameters.items[i]
     return {
-        "format": form,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
-        "options": dict(options),
-        "inputs": {
-            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
-            "campaign": {"path": campaign.path, "sha256": campaign.sha256} if campaign is not None else None,
-        },
+        "name": item.name,
+        "paths": list(item.paths),
+        "value": fit.best.values[i],
+        "unit": unit_of(item.name),
+        "interval_95": list(fit.interval()[i]),
+        "data_support_interval": bool(result.supported[i]),
+        "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}",
+        "sd": known.sd[i],
+        "sd_by_data_alone": known.data_sd[i],
+        "prior_share": known.prior_share[i],
+        "prior": {"median": item.centre, "sd": item.prior_sd, "flat_half_width": item.flat},
     }
+
+
+def parameter_rows(result: CampaignFit) -> list[dict[str, Any]]:
+    """Return a row for each parameter: value, interval [SI] and whether the data support it."""
+    documents = (_parameter(result, i) for i in range(len(result.fit.problem.parameters.items)))
+    return [
+        {
+            "parameter": one["name"],
+            "value": float(one["value"]),
+            "unit": one["unit"],
+            "low_95": float(one["interval_95"][0]),
+            "high_95": float(one["interval_95"][1]),
+            "supported": one["data_support_interval"],
+        }
+        for one in documents
+    ]
 
 
 def rows(campaign: Campaign) -> dict[str, list[Any]]:
@@ -110,26 +96,3 @@ def rows(campaign: Campaign) -> dict[str, list[Any]]:
         "point": [m.point or "" for m in campaign],
         "sigma": [m.sigma for m in campaign],
     }
-
-
-def write_json(document: Mapping[str, Any], path: Path) -> None:
-    """Write a document whole or not at all.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
-    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    replace_file(path, lambda file: file.write(text.encode("utf-8")), make_folders=True)
-
-
-def plain(value: Any) -> Any:
-    """Return a value as JSON knows it."""
-    if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if hasattr(value, "shape"):
-        return plain(np.asarray(value).tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

@@ -12,7 +12,7 @@ from ident.files import replace_file
 from ident.identify.experiments import Experiment
 from ident.identify.plan import CampaignPlan
 from ident.measure import format_campaign
-from ident.present.files.fit import plain, provenance
+from ident.present.files.document import plain, provenance
 from ident.text import one_line
 
 FORMAT = "ident-plan/1"

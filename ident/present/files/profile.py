@@ -7,7 +7,7 @@ from ident.description.file import ArmFile
 from ident.identify.fit import CampaignFit
 from ident.inference.profile import Interval, Profile
 from ident.inference.profile_path import Ending
-from ident.present.files.fit import plain, provenance
+from ident.present.files.document import plain, provenance
 from ident.present.text.profile import linear, remarks
 from ident.present.text.units import unit_of
 

@@ -12,7 +12,7 @@ import numpy as np
 from ident.assess.simulation import Simulation
 from ident.files import replace_file, replace_path
 from ident.identify.values import Values
-from ident.present.files.fit import plain, provenance
+from ident.present.files.document import plain, provenance
 from ident.present.text.basis import assumed
 from ident.present.text.units import MM
 from ident.text import one_line

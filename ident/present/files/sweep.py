@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.assess.sweep import SweepStudy
 from ident.files import replace_file
-from ident.present.files.fit import plain, provenance
+from ident.present.files.document import plain, provenance
 from ident.present.text.basis import assumed
 from ident.present.text.sweep_words import trends
 from ident.present.text.units import MM, unit_of

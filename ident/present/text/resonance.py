@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ident.description.file import ArmFile
-from ident.present.files.fit import plain, provenance
+from ident.present.files.document import plain, provenance
 from ident.present.text.resonance_words import band_words, grouped, sources_words
 from ident.present.text.words import cut, degrees, paragraphs
 from ident.vibrate.modal.branches import Branches

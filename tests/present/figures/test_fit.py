@@ -12,8 +12,9 @@ from matplotlib.image import imread
 from ident.arm.arm import Arm
 from ident.errors import InputError
 from ident.inference.cross_prediction import CrossPrediction
-from ident.present.figures.fit import fit_figure, save
+from ident.present.figures.fit import fit_figure
 from ident.present.figures.modes import mode_figure, posture_figure
+from ident.present.files.png import save
 
 HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
 
@@ -80,7 +81,7 @@ def test_lengths_are_drawn_as_shifts():
 def test_contradictions_are_told_in_words():
     result = fitted("table1")
     tension = CrossPrediction("deflection", (2,), np.array([0.022]), np.array([0.0316]), np.array([0.00076]))
-    said = [t.get_text() for a in fit_figure(replace(result, tensions=(tension,))).axes for t in a.texts]
+    said = [t.get_text() for a in fit_figure(replace(result, cross_predictions=(tension,))).axes for t in a.texts]
     assert any("CONTRADICTION" in text for text in said)
     assert any("31.6 ± 0.76 mm, 12.6 sd" in text for text in said)
 

@@ -7,7 +7,7 @@ from arms import DATA, lcd_arm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation
 
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.present.figures.resonance import resonance_figure
 from ident.present.text.resonance import resonance_document, resonance_report, verdict
 from ident.present.text.resonance_words import grouped, same_lines, sources_words
@@ -111,7 +111,7 @@ def test_the_words_follow_the_share_that_builds_up(plain):
 
 def test_document_is_json_with_all_of_it(with_sets):
     found, driven, met = with_sets
-    document = json.loads(json.dumps(resonance_document(*with_sets, read_arm_file(DATA / "lcd_arm" / "arm.toml"), {})))
+    document = json.loads(json.dumps(resonance_document(*with_sets, read_arm(DATA / "lcd_arm" / "arm.toml"), {})))
     assert document["format"] == "ident-resonance/1"
     assert np.asarray(document["branches"][0]["band_5_95"]).shape == (2, len(TIMES))
     assert np.asarray(document["branches"][1]["frequency"]) == pytest.approx(found.median[1])

@@ -100,7 +100,7 @@ def test_a_long_campaign_lists_what_matters_only(shipped):
         opened=part.opened * 2,
         lost=part.lost * 2,
     )
-    check = dataclasses.replace(shipped.check, influence=marked)
+    check = dataclasses.replace(shipped.check, leverage=marked)
     report = check_report(dataclasses.replace(shipped, campaign=twice, check=check))
     rows = measured_rows(report)
     assert [line.split("<-- ")[1] for line in rows] == ["dominates", "carries no information"]

@@ -10,14 +10,14 @@ import pytest
 from arms import DATA, lcd_arm
 
 from ident.arm.arm import Arm
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.plan import plan_campaign
 from ident.measure import read_campaign
-from ident.present.figures.fit import save
 from ident.present.figures.plan import gain_of_postures, main_joints, plan_figure
-from ident.present.files.fit import write_json
+from ident.present.files.document import write_json
 from ident.present.files.plan import plan_document, write_form
+from ident.present.files.png import save
 from ident.present.text.plan import plan_report
 
 
@@ -91,7 +91,7 @@ def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):
 
 
 def test_the_document_is_plain_json(plan, tmp_path):
-    arm_file = read_arm_file(DATA / "lcd_arm" / "arm.toml")
+    arm_file = read_arm(DATA / "lcd_arm" / "arm.toml")
     write_json(plan_document(plan, arm_file, {"count": 3}), tmp_path / "p.json")
     read = json.loads((tmp_path / "p.json").read_text())
     assert read["format"] == "ident-plan/1"

@@ -10,7 +10,7 @@ from arms import DATA
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from ident.assess.simulation import Simulation
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.identify.conditions import loads_of
 from ident.identify.values import Values
 from ident.measure import Load
@@ -21,7 +21,7 @@ from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.simulate import simulate
 from ident.vibrate.response.study import Draws, SimulatedMotion, draw, measures, simulate_motion
 
-FILE = read_arm_file(DATA / "lcd_arm" / "arm.toml")
+FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 MOTION = stroke(FILE.arm.stroke, percent=200, dwell=0.5)
 
 

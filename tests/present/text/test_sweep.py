@@ -9,7 +9,7 @@ from arms import DATA
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from ident.assess.sweep import SweepStudy
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.measure import Load
 from ident.present.figures.sweep import sweep_figure
 from ident.present.files.sweep import sweep_document, write_csv
@@ -18,7 +18,7 @@ from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.sweep import Sweep, axis
 
-FILE = read_arm_file(DATA / "lcd_arm" / "arm.toml")
+FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 MOTION = stroke(FILE.arm.stroke, percent=10.0, dwell=2.0)
 K = "joint1.k_tors"
 STIFF = axis(FILE.arm, [K], float(FILE.arm.get(K)) * np.geomspace(0.5, 2, 5), 10.0)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from arms import DATA
 
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.vibrate.redesign.ranges import Bound, Range, axis_of
 
-FILE = read_arm_file(DATA / "lcd_arm" / "arm.toml")
+FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 
 
 def values(*paths, bounds=None, count=None, percent=10.0, arm=FILE.arm):
