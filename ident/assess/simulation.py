@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -11,7 +12,7 @@ from ident.arm.arm import Arm
 from ident.description.file import ArmFile
 from ident.identify.values import Values
 from ident.measure import Load, Log, Trace
-from ident.vibrate.response.belt_tension import belt_tension
+from ident.vibrate.response.belt_tension import belt_tension, slack
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.study import Draws, SimulatedMotion, Sizes, measures
 from ident.vibrate.signal.compare import Comparison
@@ -87,6 +88,12 @@ class Simulation:
     def tension(self) -> Float[np.ndarray, "2 B T"]:
         """Tension of upper and lower span of each belt [N]."""
         return np.asarray(belt_tension(self.response))
+
+    @cached_property
+    def slack(self) -> tuple[tuple[int, str, float, float], ...]:
+        """Belt, span (`upper` or `lower`) and the times [s] between which it pulls with nothing, the earliest first."""
+        spans = slack(self.response.time, jnp.asarray(self.tension))
+        return tuple(sorted(spans, key=lambda span: span[2]))
 
     @cached_property
     def pulleys(self) -> dict[str, tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T"]]]:

@@ -8,7 +8,7 @@ from ident.identify.fit import CampaignFit
 from ident.inference.profile import Interval, Profile
 from ident.inference.profile_path import Ending
 from ident.present.files.document import plain, provenance
-from ident.present.text.profile import linear, remarks
+from ident.present.text.profile import remarks
 from ident.present.text.units import unit_of
 
 FORMAT = "ident-profile/1"
@@ -27,7 +27,7 @@ def profile_document(
                 "paths": list(profile.item.paths),
                 "value": profile.values([profile.optimum])[0],
                 "unit": unit_of(profile.name),
-                "linear": _interval(profile, linear(profile)),
+                "linear": _interval(profile, profile.linear_interval),
                 "intervals": [_interval(profile, interval) for interval in profile.intervals],
                 "flat": list(profile.flat),
                 "agrees_with_linear": profile.linear,

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.files import replace_path
 from ident.inference.posterior_predictive import PosteriorPredictive
+from ident.inference.posterior_summary import chains
 from ident.inference.sample import Sample
 
 if TYPE_CHECKING:
@@ -32,13 +32,10 @@ def inference_data(
     """
     import arviz
 
-    kept, log = sample.theta[sample.burn_in :], sample.log_density[sample.burn_in :]
-    _, ensembles, walkers, count = kept.shape
-    theta = np.moveaxis(kept, 3, 0).reshape(count, len(kept), -1)
-    values = np.asarray(sample.posterior.parameters.values(jnp.asarray(theta))).swapaxes(1, 2)
+    log, (ensembles, walkers) = sample.log_density[sample.burn_in :], sample.theta.shape[1:3]
     names, chain = sample.posterior.parameters.names, np.repeat(np.arange(ensembles), walkers)
     data = arviz.from_dict(
-        posterior=dict(zip(names, values, strict=True)),
+        posterior=dict(zip(names, chains(sample), strict=True)),
         posterior_predictive={"data": drawn.simulated[None], "predicted": drawn.predicted[None]},
         sample_stats={"lp": log.reshape(len(log), -1).T},
         observed_data={"data": np.asarray(sample.posterior.problem.measured)},
