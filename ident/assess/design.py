@@ -11,7 +11,6 @@ from ident.assess.basis import Basis
 from ident.description.file import ArmFile
 from ident.identify.values import Values
 from ident.measure import Load, Log
-from ident.present.text.units import unit_of
 from ident.vibrate.redesign.design import Design, Place
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.sensitivity import Sensitivities
@@ -113,10 +112,3 @@ def bound_of(arm: Arm, variable: Variable, change: float) -> str:
 def keeps(place: Place, limit: float) -> bool:
     """Tell whether a design keeps a limit, but for rounding."""
     return place.largest <= limit * (1 + SAME)
-
-
-def change_in_words(variable: Variable, change: float) -> str:
-    """Write a change as `1.26x` or `+0.05 m`."""
-    if variable.shifted:
-        return f"{change:+.4g} {unit_of(variable.paths[0])}".removesuffix(" -")
-    return f"{np.exp(change):.4g}x"
