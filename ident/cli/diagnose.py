@@ -206,6 +206,7 @@ class _Run:
         from ident.studies.motion import drawn_values
 
         found = drawn_values(self._posterior, self.arm_file.arm, DRAWS, self.asked["seed"])
+        assert found is not None
         described = self.arm_file.arm.replace(found.medians)
         motion, _ = moving.motion(described, self.asked, self.path)
         percent = moving.percent(self.asked, self.path)

@@ -1,6 +1,5 @@
 """The command line on good input and on bad: exit codes, one line that says what is wrong, nothing written."""
 
-import json
 import os
 import subprocess
 import sys

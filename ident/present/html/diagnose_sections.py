@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.assess.remedies import PROVED, Proof, Remedy, chosen
 from ident.assess.task import CONFIDENT, MOVED, STIFFER, Task
 from ident.assess.vibration import VibrationAssessment
 from ident.identify.sample import CampaignSample
+from ident.inference.posterior_summary import quantiles
 from ident.present.figures.diagnose import remedies_figure, sensitivities_figure, stiffness_figure, vibration_figure
 from ident.present.figures.resonance import resonance_figure
 from ident.present.html.page import Section, Table
@@ -51,8 +51,7 @@ def stiffness_section(sampled: CampaignSample) -> Section:
     found += [f"Warning: {doubt}." for doubt in fitted.doubts]
     if known.rank < count:
         found.append("The other directions are filled by the prior: what follows holds as far as that does.")
-    values = np.asarray(draws.posterior.parameters.values(jnp.asarray(draws.draws().T)))[:count]
-    low, middle, high = np.quantile(values, (0.025, 0.5, 0.975), axis=1)
+    low, _, middle, _, high = quantiles(draws)[:, :count]
     rows = tuple(
         (item.name, f"{m:.4g}", f"{a:.4g} to {b:.4g}", _paper(item.name, float(m)), unit_of(item.name))
         for item, a, m, b in zip(items, low, middle, high, strict=True)

@@ -3,14 +3,12 @@
 import math
 from collections.abc import Iterator
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.assess.simulation import Simulation
-from ident.present.text.basis import assumed_in_words, basis_in_words, motion_in_words
+from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
 from ident.present.text.units import MM
 from ident.present.text.words import cut, degrees, paragraphs
-from ident.vibrate.response.belt_tension import slack
 from ident.vibrate.response.study import DIRECTIONS
 
 METHODS = {
@@ -32,25 +30,24 @@ def simulate_report(simulation: Simulation) -> str:
         _methods(simulation),
         _belts(simulation),
         _moments(simulation),
-        assumed_in_words(simulation),
+        assumed_in_words(simulation.basis),
     ]
     return paragraphs(sections)
 
 
 def _heading(simulation: Simulation) -> Iterator[str]:
     response = simulation.response
-    yield from motion_in_words(simulation.arm, response.motion)
+    yield from motion_in_words(simulation.basis)
     if simulation.pulleys:
         fastest = ", ".join(f"{name} {frequency.max():.3g} Hz" for name, (_, frequency) in simulation.pulleys.items())
         yield f"  pulleys turn up to: {fastest}"
-    belts = ("elastic" if response.machine.elastic else "rigid") if simulation.arm.belts else "none"
     rate = (len(simulation.time) - 1) / (simulation.time[-1] - simulation.time[0])
-    yield f"  load: {simulation.load}; belts: {belts}; {rate:.4g} samples a second"
+    yield load_in_words(simulation.basis, response.machine.elastic, rate)
     yield f"  method: {METHODS[response.method]}"
-    yield from basis_in_words(simulation)
+    yield from basis_in_words(simulation.basis)
     if simulation.study.interrupted is not None:
         yield f"  INTERRUPTED: the exact method came to {simulation.study.interrupted:.4g} s"
-        if simulation.posterior:
+        if simulation.basis.posterior:
             yield "  so the draws were not simulated"
 
 
@@ -150,14 +147,14 @@ def _belts(simulation: Simulation) -> Iterator[str]:
         f"Belts: smallest tension {tension[span, belt, place]:.4g} N, {('upper', 'lower')[span]} span of {names[belt]}"
         f" at {simulation.time[place]:.4g} s"
     )
-    found = sorted(slack(simulation.response.time, jnp.asarray(tension)), key=lambda one: one[2])
-    for number, side, start, end in found[:MOST_SLACK]:
+    slack = simulation.slack
+    for number, side, start, end in slack[:MOST_SLACK]:
         yield f"  SLACK: {side} span of {names[number]} from {start:.4g} to {end:.4g} s"
-    if len(found) > MOST_SLACK:
-        yield f"  and {len(found) - MOST_SLACK} times more"
-    if found and not simulation.response.machine.elastic:
+    if len(slack) > MOST_SLACK:
+        yield f"  and {len(slack) - MOST_SLACK} times more"
+    if slack and not simulation.response.machine.elastic:
         yield "  The belts are taken as rigid, which a slack one is not: raise the pretension, or use --elastic-belts"
-    elif found and simulation.response.method == "fast":
+    elif slack and simulation.response.method == "fast":
         yield "  The fast method has slack spans pull on, below zero: use --method exact, or raise the pretension"
 
 
