@@ -43,6 +43,11 @@ class Axis:
         return self.paths == (SPEED,)
 
     @property
+    def by_factor(self) -> bool:
+        """Whether it is changed by a factor, not by a difference."""
+        return self.is_speed or not is_shifted(self.paths[0])
+
+    @property
     def variable(self) -> Variable:
         """The same as what may be changed."""
         return Variable(self.paths, float(self.values.min()), float(self.values.max()))
@@ -98,7 +103,7 @@ def axis(arm: Arm, paths: Sequence[str], values: Float[np.ndarray, "K"], percent
         if values[0] <= 0:
             raise InputError(Problem(name, f"{values[0]:g}", "values above 0", "it is changed by a factor"))
         if present <= 0:
-            raise InputError(Problem(name, f"{present:g} at present", "a number above 0", "set it first (--set)"))
+            raise InputError(Problem(name, f"{present:g} at present", "a number above 0", "set it first (`set`)"))
     return Axis(tuple(paths), values, present)
 
 

@@ -133,9 +133,9 @@ def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:
     elif not variable.shifted and not low > 0:
         yield Problem(name, got, "bounds above 0", "it is changed by a factor: correct them")
     elif not variable.shifted and not present > 0:
-        yield Problem(name, f"{present:g} at present", "a number above 0", "it is changed by a factor: set it (--set)")
+        yield Problem(name, f"{present:g} at present", "a number above 0", "it is changed by a factor: set it (`set`)")
     elif not low <= present <= high:
-        yield Problem(name, got, f"bounds about the present {present:g}", "correct them, or change it first (--set)")
+        yield Problem(name, got, f"bounds about the present {present:g}", "correct them, or change it first (`set`)")
     if not 0 < variable.weight < np.inf:
         yield Problem(name, f"weight {variable.weight:g}", "a weight above 0", "correct it")
 
