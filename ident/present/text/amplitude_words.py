@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.assess.basis import Basis
-from ident.present.text.basis import motion_in_words
+from ident.present.text.basis import load_in_words, motion_in_words
 from ident.present.text.units import MM, unit_of, value_in_words
 from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.amplitude import MEASURES
@@ -15,9 +15,8 @@ from ident.vibrate.response.study import DIRECTIONS
 
 def simulated_in_words(basis: Basis, *, elastic_belts: bool, rate: float) -> Iterator[str]:
     """Say what is moved and how that is simulated."""
-    yield from motion_in_words(basis.arm, basis.motion)
-    belts = ("elastic" if elastic_belts else "rigid") if basis.arm.belts else "none"
-    yield f"  load: {basis.load}; belts: {belts}; {rate:.4g} samples a second; fast method"
+    yield from motion_in_words(basis)
+    yield f"{load_in_words(basis, elastic_belts, rate)}; fast method"
 
 
 def present_in_words(
