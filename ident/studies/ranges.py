@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Limits = tuple[float | str, ...]
-"""Nothing, or a lower and an upper bound, each in SI or as text a multiple of the present value, and perhaps a third."""
+"""Nothing, or two bounds, each in SI or as text "0.5x" a multiple of the present value, and perhaps a third number."""
 
 
 def ranges(texts: Sequence[str], flag: str) -> dict[str, Limits]:

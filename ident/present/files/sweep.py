@@ -72,10 +72,9 @@ def _rows(sweep: Sweep) -> Iterator[dict[str, Any]]:
             names = (f"{name}{number}" for name in ("parameter", "value", "unit"))
             values |= zip(names, (axis.name, float(axis.values[k]), unit_of(axis.paths[0])), strict=True)
         for d, direction in enumerate(DIRECTIONS):
-            sizes = [MM * float(part[(d, *place)]) for part in parts]
-            bands = sizes[1:] or [None, None]
+            size, *band = (MM * float(part[(d, *place)]) for part in parts)
             columns = ("direction", "amplitude [mm]", "q05 [mm]", "q95 [mm]")
-            yield values | dict(zip(columns, (direction, sizes[0], *bands), strict=True))
+            yield values | dict(zip(columns, (direction, size, *(band or (None, None))), strict=True))
 
 
 def _sweep(sweep: Sweep, limit: float | None) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""From where to where a number is swept or may be changed: bounds as a user gives them, and those that he leaves out."""
+"""From where to where a number is swept, or may be changed: bounds as they are given, and the usual ones."""
 
 from dataclasses import dataclass
 
