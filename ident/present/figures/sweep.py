@@ -87,7 +87,7 @@ def _curves(axes: Axes, study: SweepStudy, sweep: Sweep) -> None:
     if _limit(study):
         axes.axhline(MM * _limit(study), color=GREY, linewidth=0.8, linestyle=":", zorder=2)
     _scale(axes, axis, "x")
-    if axis.by_factor and not axis.is_speed:
+    if not axis.shifted and not axis.is_speed:
         _multiples(axes, axis)
 
 
@@ -127,7 +127,7 @@ def _scale(axes: Axes, axis: Axis, which: str) -> None:
 
 def _is_log(axis: Axis) -> bool:
     """Tell whether an axis is drawn logarithmically: values above zero by equal factors, wide enough."""
-    return axis.by_factor and not axis.is_speed and bool(axis.values[-1] / axis.values[0] > WIDE)
+    return not axis.shifted and not axis.is_speed and bool(axis.values[-1] / axis.values[0] > WIDE)
 
 
 def _ticks(low: float, high: float) -> list[float]:

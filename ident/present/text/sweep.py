@@ -49,13 +49,13 @@ def _table(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     """Yield head and rows: value, amplitudes with bands [mm], probability that the limit is exceeded."""
     (axis,) = sweep.axes
     drawn, limit = sweep.draws is not None, study.limit
-    units = [f"[{name}]" for name in _units(axis)] + (["times"] if axis.by_factor else [])
+    units = [f"[{name}]" for name in _units(axis)] + ([] if axis.shifted else ["times"])
     head = "".join(f"{name:>12s}" for name in units)
     head += "".join(f"{d + ' [mm]':>11s}" + ("    5 to 95 % " if drawn else "") for d in DIRECTIONS)
     yield head + ("  exceeds" if drawn and limit is not None else "")
     shares = sweep.exceeds(limit) if drawn and limit is not None else None
     for k, value in enumerate(axis.values):
-        numbers = [value, nmm_per_deg(value)][: len(_units(axis))] + ([value / axis.present] if axis.by_factor else [])
+        numbers = [value, nmm_per_deg(value)][: len(_units(axis))] + ([] if axis.shifted else [value / axis.present])
         row = "".join(f"{number:12.5g}" for number in numbers)
         for d in range(3):
             row += f"{mm(sweep.amplitude[d, k]):>11s}"

@@ -4,20 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ident.arm.fields import field_of
 from ident.assess.sweep import trends
 from ident.present.text.amplitude_words import mm
 from ident.present.text.units import value_in_words
 from ident.vibrate.redesign.sweep import Axis, Sweep
 from ident.vibrate.redesign.trend import NOTABLE, Trend, below, curve
 from ident.vibrate.response.study import DIRECTIONS
-
-FIELD_WORDS = {
-    "k_bend": "bending stiffness of {}",
-    "k_tors": "torsional stiffness of {}",
-    "com": "mass centre of {}, {}",
-    "offset": "offset of {}, {}",
-    "position": "position of {}, {}",
-}
 
 
 def axis_in_words(axis: Axis, *, brief: bool = False) -> str:
@@ -26,10 +19,12 @@ def axis_in_words(axis: Axis, *, brief: bool = False) -> str:
         return "speed, percent of full speed"
     if len(axis.paths) > 1:
         names = f"{axis.paths[0]} and {len(axis.paths) - 1} more" if brief else f"{', '.join(axis.paths)} together"
-        return f"{names}, by one {'factor' if axis.by_factor else 'difference'}"
-    part, field, *component = axis.paths[0].split(".")
-    words = FIELD_WORDS.get(field)
-    return f"{axis.name}, {words.format(part, *component)}" if words else axis.name
+        return f"{names}, by one {'difference' if axis.shifted else 'factor'}"
+    part, name, *component = axis.name.split(".")
+    field = field_of(axis.name)
+    if field is None or (field.words == name.replace("_", " ") and not field.rank):
+        return axis.name
+    return f"{axis.name}, {', '.join([f'{field.words} of {part}', *component])}"
 
 
 def value_on(axis: Axis, value: float) -> str:
@@ -52,7 +47,7 @@ def trends_in_words(sweep: Sweep) -> Iterator[str]:
         return
     low, high = next(iter(near.values())).span
     span = f"{low:.4g} to {value_on(axis, high)}"
-    if axis.by_factor:
+    if not axis.shifted:
         span = f"{low / axis.present:.3g}x to {high / axis.present:.3g}x"
     ways = "; ".join(f"{name} {_about(axis, about)}" for name, about in near.items())
     yield f"  about the present value, {span}: {ways}"

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.arm.arm import COMPONENTS, Arm
+from ident.arm.arm import Arm
+from ident.arm.fields import COMPONENTS
 from ident.errors import InputError, Problem
 from ident.vibrate.motion.motion import FASTEST
 from ident.vibrate.redesign.sweep import SPEED, Axis, axis
-from ident.vibrate.redesign.variable import Extents, Variable, check, check_path, is_shifted, outside
+from ident.vibrate.redesign.variable import Extents, Variable, check, check_path, is_shifted, outside, refuse_factor
 
 SWEPT, CHANGED = (0.4, 2.5), (0.5, 2.0)
 """Factors on the present value between which a number is swept, the speed too, and between which it may be changed."""
@@ -73,12 +74,11 @@ def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None =
     is_speed, bounds = interval.paths == (SPEED,), interval.bounds
     shifted = _is_shifted(arm, interval)
     present = percent if is_speed else float(arm.get(interval.paths[0]))
-    if not shifted and not present > 0:
-        got, remedy = f"{present:g} at present", "it is changed by a factor: set it first (`set`)"
-        raise InputError(Problem("", got, "a number above 0", remedy))
     low, high = _ends(interval, present, shifted, SWEPT, SHARE, extents or {})
     count = usual if interval.third is None else interval.third
-    _check(low, high, count, shifted)
+    if problems := [] if shifted else list(refuse_factor(interval.paths[0], present, (low, high))):
+        raise InputError(problems)
+    _check(low, high, count)
     if is_speed:
         _check_speed(high, percent)
     even = shifted or (is_speed and bounds is not None and not any(bound.times for bound in bounds))
@@ -138,9 +138,10 @@ def _ends(
     """Return the ends of a range; where it has none, by factors, or by a share of a body's extent."""
     if interval.bounds is not None:
         low, high = (bound.of(present) for bound in interval.bounds)
-        return low, high
+        return (high, low) if present < 0 and all(bound.times for bound in interval.bounds) else (low, high)
     if not shifted:
-        return factors[0] * present, factors[1] * present
+        low, high = sorted(factor * present for factor in factors)
+        return low, high
     return _about(interval.paths[0], present, share, extents)
 
 
@@ -157,12 +158,10 @@ def _about(path: str, present: float, share: float | None, extents: Extents) -> 
     return present - half, present + half
 
 
-def _check(low: float, high: float, count: float, shifted: bool) -> None:
+def _check(low: float, high: float, count: float) -> None:
     got = f"{low:g} to {high:g}"
     if not (np.isfinite([low, high]).all() and low < high):
         raise InputError(Problem("", got, "a lower and a higher bound", "correct them"))
-    if not shifted and not low > 0:
-        raise InputError(Problem("", got, "bounds above 0", "it is changed by a factor: correct them"))
     if not 2 <= count <= MOST or count != int(count):
         raise InputError(Problem("", f"{count:.12g} values", f"a whole number from 2 to {MOST}", "correct the count"))
 
