@@ -69,7 +69,7 @@ def diagnose_command(
     running.start()
     from ident.identify.conditions import loads_of
     from ident.measure import Load
-    from ident.studies.stage_cache import StageCache
+    from ident.store import Store
     from ident.vibrate.response.simulate import refuse_jumps
 
     measured, arm_file = running.read(campaign, arm)
@@ -80,7 +80,7 @@ def diagnose_command(
     if restart:
         _discard(folder)
     fresh = not folder.exists()
-    kept = StageCache(folder, _identity(arm_file, measured, asked, path))
+    kept = Store(folder, _identity(arm_file, measured, asked, path))
     run = _Run(kept, arm_file, measured, asked, unknown, path, out)
     try:
         run.all()
@@ -95,11 +95,10 @@ def diagnose_command(
 
 
 def _discard(folder: Path) -> None:
-    from ident.inference.checkpoints import Checkpoints
-    from ident.studies.stage_cache import StageCache
+    from ident.store import Store
 
-    Checkpoints.discard(folder / "chains")
-    StageCache.discard(folder)
+    Store.discard(folder / "chains")
+    Store.discard(folder)
 
 
 def _identity(arm_file: "ArmFile", measured: "Campaign", asked: Mapping[str, Any], path: Path | None) -> dict[str, str]:
@@ -172,11 +171,12 @@ class _Run:
             typer.echo(f"   -> {section.onward}")
 
     def _stiffness(self) -> Found:
+        from ident.files import replace_path
         from ident.identify.sample import sample_campaign
-        from ident.inference.sample import BLOCK, Settings
+        from ident.inference.ensembles import BLOCK
+        from ident.inference.sample import Settings
         from ident.present.files.document import plain, provenance
-        from ident.present.files.fit import rows
-        from ident.present.files.sample import inference_data, write_netcdf
+        from ident.present.files.sample import inference_data
         from ident.present.html.diagnose_sections import stiffness_section
 
         fitted = running.fit(self.arm_file.arm, self.measured, self.asked, self.unknown)
@@ -189,10 +189,9 @@ class _Run:
             progress=running.progress("blocks of steps", settings.max_steps // BLOCK),
         )
         origin = provenance(FORMAT, self.arm_file, self.measured, self.asked) | {"trust": plain(sampled.trust)}
-        write_netcdf(
-            inference_data(sampled.sample, sampled.posterior_predictive, rows(self.measured), origin), self._posterior
-        )
-        known = fitted.fit.information
+        data = inference_data(sampled, origin)
+        replace_path(self._posterior, lambda part: data.to_netcdf(str(part), engine="h5netcdf"), make_folders=True)
+        known = fitted.information
         facts = {"doubts": list(fitted.doubts), "rank": known.rank, "count": len(known.names)}
         return facts, stiffness_section(sampled)
 
@@ -203,10 +202,10 @@ class _Run:
     def _task(self) -> "Task":
         from ident.assess.task import Task
         from ident.identify.conditions import loads_of
-        from ident.identify.values import read_draws
         from ident.measure import Load
+        from ident.studies.motion import drawn_values
 
-        found = read_draws(self._posterior, self.arm_file.arm, DRAWS, self.asked["seed"])
+        found = drawn_values(self._posterior, self.arm_file.arm, DRAWS, self.asked["seed"])
         described = self.arm_file.arm.replace(found.medians)
         motion, _ = moving.motion(described, self.asked, self.path)
         percent = moving.percent(self.asked, self.path)

@@ -41,12 +41,12 @@ KINDS = {
 def stiffness_section(sampled: CampaignSample) -> Section:
     """Say how stiff the joints are, and how sure that is."""
     fitted = sampled.fitted
-    known, draws = fitted.fit.information, sampled.sample
-    items = fitted.fit.problem.parameters.items
+    known, draws = fitted.information, sampled.sample
+    items = fitted.problem.parameters.items
     count = len(known.names)
     found = [
         f"{len(fitted.campaign)} measurements fix {known.rank} of {count} directions of the unknowns; "
-        f"chi-squared {fitted.fit.chi_squared:.3g} on {fitted.fit.degrees_of_freedom} degrees of freedom."
+        f"chi-squared {fitted.chi_squared:.3g} on {fitted.degrees_of_freedom} degrees of freedom."
     ]
     found += [f"Warning: {doubt}." for doubt in fitted.doubts]
     if known.rank < count:
