@@ -69,7 +69,7 @@ def diagnose_command(
     running.start()
     from ident.identify.conditions import loads_of
     from ident.measure import Load
-    from ident.studies.stage_cache import StageCache
+    from ident.store import Store
     from ident.vibrate.response.simulate import refuse_jumps
 
     measured, arm_file = running.read(campaign, arm)
@@ -80,7 +80,7 @@ def diagnose_command(
     if restart:
         _discard(folder)
     fresh = not folder.exists()
-    kept = StageCache(folder, _identity(arm_file, measured, asked, path))
+    kept = Store(folder, _identity(arm_file, measured, asked, path))
     run = _Run(kept, arm_file, measured, asked, unknown, path, out)
     try:
         run.all()
@@ -95,11 +95,10 @@ def diagnose_command(
 
 
 def _discard(folder: Path) -> None:
-    from ident.inference.checkpoints import Checkpoints
-    from ident.studies.stage_cache import StageCache
+    from ident.store import Store
 
-    Checkpoints.discard(folder / "chains")
-    StageCache.discard(folder)
+    Store.discard(folder / "chains")
+    Store.discard(folder)
 
 
 def _identity(arm_file: "ArmFile", measured: "Campaign", asked: Mapping[str, Any], path: Path | None) -> dict[str, str]:

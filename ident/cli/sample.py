@@ -53,18 +53,18 @@ def sample_command(
     unknown = options.unknowns(asked)
     running.start()
     from ident.identify.sample import sample_campaign
-    from ident.inference.checkpoints import Checkpoints
     from ident.inference.sample import BLOCK, Settings
     from ident.present.files.document import plain, provenance
     from ident.present.files.fit import rows
     from ident.present.files.sample import inference_data, write_netcdf
     from ident.present.text.sample import sample_report
+    from ident.store import Store
 
     measured, arm_file = running.read(campaign, arm)
     fitted = running.fit(arm_file.arm, measured, asked, unknown)
     folder = out / f"{measured.name}.sample.part"
     if restart:
-        Checkpoints.discard(folder)
+        Store.discard(folder)
     try:
         result = sample_campaign(
             fitted,
@@ -89,7 +89,7 @@ def sample_command(
     write_netcdf(written, path)
     typer.echo(f"wrote {path}")
     if all(found.enough(ess) for found in result.sample.diagnosis):
-        Checkpoints.discard(folder)
+        Store.discard(folder)
     else:
         typer.echo(f"kept {folder}: the same command with more --steps goes on from there")
     if not no_figure:
