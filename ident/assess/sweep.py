@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
+from ident.assess.basis import Basis
 from ident.description.file import ArmFile
 from ident.identify.values import Values
 from ident.measure import Load, Log
@@ -54,6 +56,21 @@ class SweepStudy:
     def arm(self) -> Arm:
         """The arm as it was simulated."""
         return self.trial.arm
+
+    @cached_property
+    def basis(self) -> Basis:
+        """What was simulated, and what that rests on."""
+        return Basis(
+            self.arm_file,
+            self.arm,
+            self.motion,
+            np.nan,
+            self.load,
+            self.log,
+            self.fit,
+            self.posterior,
+            self.changed or {},
+        )
 
     @property
     def motion(self) -> Motion:

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.assess.sweep import SweepStudy, in_words, is_factor, title
-from ident.present.text.basis import assumed_in_words, basis_in_words, motion_in_words
+from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
 from ident.present.text.sweep_words import LINES, kept_in_words, trends_in_words
 from ident.present.text.units import MM, NMM, in_paper_unit, nmm_per_deg, unit_of
 from ident.present.text.words import paragraphs
@@ -19,17 +19,16 @@ def sweep_report(sweeping: SweepStudy) -> str:
     """Return the report: motion, the present amplitude, a table and the trend of each parameter, what is assumed."""
     one = _map if len(sweeping.sweeps[0].axes) == 2 else _parameter
     sections = [_heading(sweeping), _present(sweeping), *(one(sweeping, sweep) for sweep in sweeping.sweeps)]
-    return paragraphs([*sections, assumed_in_words(sweeping)])
+    return paragraphs([*sections, assumed_in_words(sweeping.basis)])
 
 
 def _heading(sweeping: SweepStudy) -> Iterator[str]:
     trial = sweeping.trial
-    yield from motion_in_words(sweeping.arm, sweeping.motion)
-    belts = ("elastic" if trial.elastic_belts else "rigid") if sweeping.arm.belts else "none"
-    yield f"  load: {sweeping.load}; belts: {belts}; {trial.rate:.4g} samples a second; fast method"
+    yield from motion_in_words(sweeping.basis)
+    yield f"{load_in_words(sweeping.basis, trial.elastic_belts, trial.rate)}; fast method"
     if any(axis.is_speed for sweep in sweeping.sweeps for axis in sweep.axes):
         yield "  at another speed the same path is passed on another clock, pauses included"
-    yield from basis_in_words(sweeping, changed_draws=True)
+    yield from basis_in_words(sweeping.basis, changed_draws=True)
 
 
 def _present(sweeping: SweepStudy) -> Iterator[str]:
