@@ -90,7 +90,7 @@ def _values_in_words(values: Values, what: str) -> Iterator[str]:
     """Say what was taken over from a file."""
     count = next(iter(values.values.values())).size
     number = f"{count} {what}" if count > 1 else what
-    yield f"  {number} of {len(values.values)} numbers, from {values.path}"
+    yield f"  {number} of {len(values.values)} numbers" + (f", from {values.path}" if values.path else "")
     if values.left_out:
         yield f"    left out, no number of the arm: {', '.join(values.left_out)}"
     if values.remark:
