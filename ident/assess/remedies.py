@@ -208,9 +208,7 @@ def _at_speeds(task: Task, speeds: Axis, draws: Draws) -> tuple[Float[np.ndarray
     return swept.amplitude, swept.draws.max(0) <= task.limit
 
 
-def _best_speed(
-    speeds: Axis, amplitude: Float[np.ndarray, "K"], likely: Bool[np.ndarray, "K"], limit: float
-) -> int:
+def _best_speed(speeds: Axis, amplitude: Float[np.ndarray, "K"], likely: Bool[np.ndarray, "K"], limit: float) -> int:
     ratio = speeds.values / speeds.present
     other = np.abs(ratio - 1) > 1e-9
     good = np.flatnonzero(other & likely & (amplitude <= limit))

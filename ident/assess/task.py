@@ -1,7 +1,7 @@
 """What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -40,7 +40,7 @@ class Task:
 
     basis: Basis
     limit: float
-    effort: Effort = Effort()
+    effort: Effort = field(default_factory=Effort)
 
     @property
     def arm(self) -> Arm:

@@ -39,6 +39,11 @@ class VibrationAssessment:
         return np.asarray(peak(self.response.vibration))
 
     @property
+    def band(self) -> Float[np.ndarray, "2 3"]:
+        """5 and 95 % quantiles over the draws [m]."""
+        return np.quantile(self.draws, (0.05, 0.95), axis=1)
+
+    @property
     def scatter(self) -> float:
         """Factor from the largest amplitude of the arm itself to the 95 % quantile of its draws."""
         return float(np.quantile(self.draws.max(0), 0.95) / self.amplitude.max())

@@ -5,6 +5,7 @@ from typing import Any
 
 from ident.assess.diagnosis import Diagnosis
 from ident.description.file import ArmFile
+from ident.measure import Campaign, Log
 from ident.present.html.diagnose_sections import diagnose_sections
 from ident.present.html.page import Page, Table, Verdict
 from ident.present.text.diagnose import cautions, verdict_words
@@ -19,18 +20,15 @@ def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any]) -> Page:
         head: provenance, as in the result file.
     """
     basis, campaign = diagnosis.task.basis, diagnosis.identification.sampled.fitted.campaign
-    inputs = {"arm": basis.arm_file, "campaign": campaign} | ({"path": basis.log} if basis.log else {})
+    inputs: dict[str, ArmFile | Campaign | Log] = {"arm": basis.arm_file, "campaign": campaign}
+    inputs |= {"path": basis.log} if basis.log else {}
     return Page(
         f"Vibration of {cut(basis.arm.name, 60)}",
         f"{cut(basis.motion.name, 80)}; measured: {cut(campaign.path, 60)}; {head['created'][:10]}",
         Verdict(diagnosis.verdict, verdict_words(diagnosis)),
         tuple(cautions(diagnosis)),
         tuple(diagnose_sections(diagnosis)),
-        Table(
-            "Inputs",
-            ("what", "file", "SHA-256"),
-            tuple((what, file.path, file.sha256) for what, file in inputs.items()),
-        ),
+        Table("Inputs", ("what", "file", "SHA-256"), tuple((w, file.path, file.sha256) for w, file in inputs.items())),
         tuple(_assumptions(basis.arm_file)),
         tuple(_provenance(head)),
     )

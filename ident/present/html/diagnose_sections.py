@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ident.assess.diagnosis import Diagnosis
 from ident.present.figures.diagnose import SENSITIVITIES, diagnose_figures
@@ -33,7 +32,9 @@ def _stiffness(diagnosis: Diagnosis) -> Table:
         for name, (low, median, high) in zip(names, diagnosis.identification.quantiles.T, strict=True)
     )
     head = ("number", "median", "95 % interval", "in N mm/deg", "unit")
-    note = "The chains are shorter than they should be: the intervals are rough." if diagnosis.identification.short else ""
+    note = (
+        "The chains are shorter than they should be: the intervals are rough." if diagnosis.identification.short else ""
+    )
     return Table("Identified numbers, from the posterior", head, rows, note)
 
 
@@ -109,7 +110,8 @@ def _remedies(diagnosis: Diagnosis) -> Table:
 
 def _verification(diagnosis: Diagnosis) -> Table:
     remedy, verified = diagnosis.advised, diagnosis.verified
-    assert remedy is not None and verified is not None
+    assert remedy is not None
+    assert verified is not None
     rows = tuple(
         (path, f"{remedy.before[path]:.4g}", f"{value:.4g}", _change(path, remedy.before[path], value), unit_of(path))
         for path, value in remedy.values.items()
@@ -135,6 +137,7 @@ _TABLES: Mapping[str, Callable[[Diagnosis], Table]] = {
 def _captions(diagnosis: Diagnosis, stage: str) -> tuple[str, str]:
     """Return what can be seen in the figure of a stage, for whoever can't see it, and how to read it."""
     limit = f"{MM * diagnosis.task.limit:g} mm"
+    direction = "xyz"[int(np.argmax(diagnosis.sensitivities.amplitude))]
     return {
         "stiffness": (
             "Each identified number with its interval, relative to its median",
@@ -150,7 +153,7 @@ def _captions(diagnosis: Diagnosis, stage: str) -> tuple[str, str]:
         ),
         "sensitivities": (
             "Bars of the sensitivity of the largest vibration to each number",
-            f"Percent of the vibration in {_strongest(diagnosis)} for one percent of each number.",
+            f"Percent of the vibration in {direction} for one percent of each number.",
         ),
         "remedies": (
             "Largest vibration after each remedy, with the limit",

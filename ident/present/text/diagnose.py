@@ -133,7 +133,10 @@ def _vibration(diagnosis: Diagnosis) -> tuple[list[str], str]:
         f"The limit is kept by {binomial_words(vibration.keeps)}.",
     ]
     if vibration.accepted:
-        return findings, "The vibration is small: nothing needs to be changed. What it depends on follows, to keep it so."
+        return (
+            findings,
+            "The vibration is small: nothing needs to be changed. What it depends on follows, to keep it so.",
+        )
     return findings, "That is too much, or too likely to be. Which numbers of the arm matter most?"
 
 

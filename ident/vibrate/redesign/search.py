@@ -21,7 +21,6 @@ from ident.vibrate.redesign.end_states import end_states
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.variable import Variable, apply
 
-
 APART = 0.25
 """Least distance of two starts, in units of the bounds."""
 
@@ -161,7 +160,11 @@ class Search:
         )
         kept = [_widened(row) for row in self._kept(amount)]
         x = self._minimize(
-            lambda x: (x[-1], last), np.append(begin, self.largest(begin) / unit), [below, *kept], np.inf, self.iterations
+            lambda x: (x[-1], last),
+            np.append(begin, self.largest(begin) / unit),
+            [below, *kept],
+            np.inf,
+            self.iterations,
         )
         return self._allowed(x[:-1], amount)
 
