@@ -2,14 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ident.arm.arm import Arm
+from ident.assess.basis import Basis
 from ident.description.file import ArmFile
 from ident.identify.values import Values
 from ident.measure import Load, Log
-from ident.present.text.units import unit_of
 from ident.vibrate.redesign.design import Design, Place
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.sensitivity import Sensitivities
@@ -59,6 +60,21 @@ class DesignStudy:
         """The arm as it was simulated."""
         return self.trial.arm
 
+    @cached_property
+    def basis(self) -> Basis:
+        """What was simulated, and what that rests on."""
+        return Basis(
+            self.arm_file,
+            self.arm,
+            self.trial.motion,
+            np.nan,
+            self.load,
+            self.log,
+            self.fit,
+            self.posterior,
+            self.changed or {},
+        )
+
     @property
     def point(self) -> str:
         """Name of the end point."""
@@ -96,10 +112,3 @@ def bound_of(arm: Arm, variable: Variable, change: float) -> str:
 def keeps(place: Place, limit: float) -> bool:
     """Tell whether a design keeps a limit, but for rounding."""
     return place.largest <= limit * (1 + SAME)
-
-
-def change_in_words(variable: Variable, change: float) -> str:
-    """Write a change as `1.26x` or `+0.05 m`."""
-    if variable.shifted:
-        return f"{change:+.4g} {unit_of(variable.paths[0])}".removesuffix(" -")
-    return f"{np.exp(change):.4g}x"

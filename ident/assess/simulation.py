@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.description.file import ArmFile
-from ident.identify.values import Values
-from ident.measure import Load, Log, Trace
+from ident.assess.basis import Basis
+from ident.measure import Trace
 from ident.vibrate.response.belt_tension import belt_tension
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.study import Draws, SimulatedMotion, Sizes, measures
@@ -22,34 +21,22 @@ class Simulation:
     """What was simulated, from what, and what came out.
 
     Attributes:
-        arm_file: the arm as its file has it.
-        arm: the arm as it was simulated.
-        load: the load case.
+        basis: what was simulated, and what that rests on.
         study: the simulated motion.
         tolerance: [m] of the settling time.
         at: [s] from when on the late peak counts; None for none.
         limit: [m] that the peak should not exceed; None for none.
-        log: the joint path, if one was replayed.
-        fit: values of a fit that the arm has taken over.
-        posterior: draws of a posterior.
-        draws: the vibration by these draws.
-        changed: numbers that the user has set, by path.
+        draws: the vibration by draws of the basis' posterior.
         trace: a measured trace.
         comparisons: the simulation against it, by direction.
     """
 
-    arm_file: ArmFile
-    arm: Arm
-    load: Load
+    basis: Basis
     study: SimulatedMotion
     tolerance: float
     at: float | None = None
     limit: float | None = None
-    log: Log | None = None
-    fit: Values | None = None
-    posterior: Values | None = None
     draws: Draws | None = None
-    changed: Mapping[str, float] | None = None
     trace: Trace | None = None
     comparisons: Mapping[str, Comparison] | None = None
 
@@ -59,9 +46,14 @@ class Simulation:
         return self.study.response
 
     @property
+    def arm(self) -> Arm:
+        """The arm as it was simulated."""
+        return self.basis.arm
+
+    @property
     def point(self) -> str:
         """Name of the end point."""
-        return self.arm.points[-1].name
+        return self.basis.point
 
     @cached_property
     def time(self) -> Float[np.ndarray, "T"]:

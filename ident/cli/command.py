@@ -19,6 +19,14 @@ NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figu
 ArmArgument = Annotated[Path, typer.Argument(help="arm description, a TOML file (data/README.md)")]
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
 ArmOption = Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the campaign")]
+PathOption = Annotated[
+    Path | None,
+    typer.Option(help="joint path to follow instead of the stroke: CSV with time [s], joint1 [deg], ..."),
+]
+FitOption = Annotated[Path | None, typer.Option(help="result file of ident fit, whose values the arm takes over")]
+PosteriorOption = Annotated[
+    Path | None, typer.Option(help="posterior of ident sample (.nc): bands of 5 to 95 % by its draws")
+]
 
 
 def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -56,6 +56,7 @@ def simulate_command(
     limits = options.frequency_band(band, "--band")
     changed = options.assignments(change)
     running.start()
+    from ident.assess.basis import Basis
     from ident.assess.simulation import Simulation
     from ident.description.file import read_arm
     from ident.identify.conditions import loads_of
@@ -85,18 +86,12 @@ def simulate_command(
         settle: dict[str, Any] = {"tolerance": tolerance / 1e3, "at": at, "progress": running.progress("draws")}
         bands = draw(described, motion, moving.drawn(drawn, changed), **settle, **how)
     simulation = Simulation(
-        arm_file,
-        described,
-        hung,
+        Basis(arm_file, described, motion, moving.percent(asked, path), hung, log, fitted, drawn, changed),
         done,
         tolerance / 1e3,
         at=at,
         limit=None if limit is None else limit / 1e3,
-        log=log,
-        fit=fitted,
-        posterior=drawn,
         draws=bands,
-        changed=changed,
         trace=measured,
         comparisons=_compared(done, measured, limits) if measured else None,
     )

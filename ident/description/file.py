@@ -13,7 +13,8 @@ import tomlkit
 from jaxtyping import Float
 from pydantic import ValidationError
 
-from ident.arm.arm import COMPONENTS, Arm
+from ident.arm.arm import Arm
+from ident.arm.fields import COMPONENTS
 from ident.arm.parts import Joint
 from ident.description.explanations import Source
 from ident.description.quantities import Origin, si

@@ -7,18 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
+from ident.inference.sample import Sample
 from ident.text import decode, one_line, read_bytes
 
 if TYPE_CHECKING:
     import xarray
 
 FIT = "ident-fit/2"
+BEST_ONLY = "draws about the best optimum only; the others are left out"
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Values:
     """Numbers of an arm that a result file tells.
 
     Attributes:
-        path: the file.
+        path: the file; empty for what was computed in this process.
         sha256: hash of its bytes.
         values: by path in the arm, () or (draws,) [SI]; tied numbers each by its own path.
         left_out: names in the file that are no numbers of the arm.
@@ -77,11 +80,11 @@ def read_fit(path: str | Path, arm: Arm) -> Values:
     return _of_arm(where, data, found, arm)
 
 
-def read_draws(path: str | Path, arm: Arm, count: int, seed: int | None = None) -> Values:
-    """Return draws of a posterior that `ident sample` has written; about the best optimum if there are several.
+def read_draws(source: str | Path | Sample, arm: Arm, count: int, seed: int | None = None) -> Values:
+    """Return draws of a posterior; about the best optimum if there are several.
 
     Args:
-        path: the file (netCDF of InferenceData).
+        source: a sample, or the file that `ident sample` has written (netCDF of InferenceData).
         arm: whose numbers are looked for.
         count: draws, at most; all if the file has fewer.
         seed: of a choice at random, none drawn twice; without one the draws are spread evenly over the chains.
@@ -89,17 +92,19 @@ def read_draws(path: str | Path, arm: Arm, count: int, seed: int | None = None) 
     Raises:
         InputError: the file is no such posterior, or has no number of this arm.
     """
-    read = _read_posterior(path)
+    read = _all_draws(source)
     return read.values(arm, _choice(read.total, min(count, read.total), seed))
 
 
-def read_two_groups(path: str | Path, arm: Arm, count: int, fresh: int, seed: int = 0) -> tuple[Values, Values | None]:
+def read_two_groups(
+    source: str | Path | Sample, arm: Arm, count: int, fresh: int, seed: int = 0
+) -> tuple[Values, Values | None]:
     """Return draws that are spread evenly over the chains, and others, chosen at random of those that are left.
 
     What was fitted to the first can be tested with the others.
 
     Args:
-        path: see `read_draws`.
+        source: see `read_draws`.
         arm: whose numbers are looked for.
         count: draws of the first group, at most; all if the file has fewer.
         fresh: draws of the second, at most; all that are left if these are fewer, None if there are none.
@@ -108,7 +113,7 @@ def read_two_groups(path: str | Path, arm: Arm, count: int, fresh: int, seed: in
     Raises:
         InputError: see `read_draws`.
     """
-    read = _read_posterior(path)
+    read = _all_draws(source)
     first = _choice(read.total, min(count, read.total), None)
     left = np.setdiff1d(np.arange(read.total), first)
     second = left[_choice(len(left), min(fresh, len(left)), seed)]
@@ -131,6 +136,19 @@ class _Posterior:
     def values(self, arm: Arm, chosen: np.ndarray) -> Values:
         drawn = {paths: values[chosen] for paths, values in self.found.items()}
         return _of_arm(self.where, self.data, drawn, arm, self.remark)
+
+
+def _all_draws(source: str | Path | Sample) -> _Posterior:
+    return _of_sample(source) if isinstance(source, Sample) else _read_posterior(source)
+
+
+def _of_sample(sample: Sample) -> _Posterior:
+    """Return the draws of a sample chain by chain, as its file has them."""
+    best = np.array(sample.basin) == min(sample.basin)
+    kept = np.moveaxis(sample.theta[sample.burn_in :, best], (3, 0), (0, -1))
+    values = np.asarray(sample.posterior.parameters.values(jnp.asarray(kept.reshape(len(kept), -1))))
+    paths = [item.paths for item in sample.posterior.parameters.items]
+    return _Posterior("", b"", dict(zip(paths, values, strict=True)), "" if best.all() else BEST_ONLY)
 
 
 def _read_posterior(path: str | Path) -> _Posterior:
@@ -174,7 +192,7 @@ def _best(path: str | Path) -> tuple[slice | np.ndarray, str]:
     except (OSError, ValueError, KeyError):
         return slice(None), ""
     best = optimum == optimum.min()
-    return best, "" if best.all() else "draws about the best optimum only; the others are left out"
+    return best, "" if best.all() else BEST_ONLY
 
 
 def _ties(path: str | Path) -> dict[str, tuple[str, ...]]:
@@ -197,4 +215,4 @@ def _of_arm(where: str, data: bytes, found: Mapping[tuple[str, ...], np.ndarray]
         raise InputError(Problem(where, got, f"numbers of {arm.name}", "give the result of a fit of this arm"))
     if not all(np.isfinite(drawn).all() for drawn in values.values()):
         raise InputError(Problem(where, "a value that is not finite", "finite numbers", "run the fit or sample again"))
-    return Values(where, hashlib.sha256(data).hexdigest(), values, left_out, remark)
+    return Values(where, hashlib.sha256(data).hexdigest() if data else "", values, left_out, remark)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from ident.errors import InputError, Problem
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
-from ident.measure.units import QUANTITIES
 from ident.text import quoted
+from ident.units import QUANTITIES
 
 KINDS = {
     "frequency": "frequency",

@@ -7,8 +7,8 @@ from itertools import count
 
 from ident.errors import InputError, Problem
 from ident.measure.table import Findings, Record
-from ident.measure.units import si_factor
 from ident.text import LONGEST_QUOTE, nearest, one_line, quoted
+from ident.units import si_factor
 
 COLUMNS = (
     "kind",

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from ident.errors import InputError, Problem
 from ident.measure.text import format_number, parse_number
-from ident.measure.units import to_si
 from ident.text import NAME, quoted
+from ident.units import to_si
 
 Vector = tuple[float, float, float]
 

@@ -20,8 +20,8 @@ from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_heade
 from ident.measure.load import Load, parse_direction
 from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter
 from ident.measure.text import parse_fraction, parse_number
-from ident.measure.units import si_factor
 from ident.text import decode, nearest, one_line, quoted, read_bytes
+from ident.units import si_factor
 
 P = ParamSpec("P")
 T = TypeVar("T")

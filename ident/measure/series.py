@@ -13,8 +13,8 @@ from jaxtyping import Float
 from ident.errors import InputError, Problem
 from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter
 from ident.measure.text import parse_number
-from ident.measure.units import QUANTITIES, si_factor
 from ident.text import LONGEST_QUOTE, decode, nearest, one_line
+from ident.units import QUANTITIES, si_factor
 
 TIME = "time"
 """Name of the column that every such file has."""

@@ -11,7 +11,7 @@ from ident.measure.columns import COLUMNS
 from ident.measure.load import format_direction
 from ident.measure.reading import parse_campaign
 from ident.measure.text import format_number
-from ident.measure.units import si_factor
+from ident.units import si_factor
 
 WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "damping_ratio": "1"}
 """Unit in which each measured quantity is written."""

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ident.assess.basis import Basis
     from ident.description.file import ArmFile
     from ident.identify.values import Values
+    from ident.inference.sample import Sample
     from ident.measure import Log
     from ident.studies.fit import FitResult
     from ident.vibrate.motion.motion import Motion
@@ -22,6 +23,10 @@ STROKE = (
     "add a [stroke] with direction, folded, unfolded, speed, acceleration and jerk to the arm file, as in"
     " data/lcd_arm/arm.toml, or give a joint path (`path`)"
 )
+
+
+NOT_NEGATIVE = ("mass", "k_bend", "k_tors", "tau_bend", "tau_tors")
+"""Fields of an arm's parts that can't be below 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +51,11 @@ class MotionOptions(Options):
     def hold(self) -> float:
         """Time that the arm is held at the end [s]."""
         return 0.0
+
+    def problems(self) -> list[Problem]:
+        """Refuse numbers below 0 where there are none."""
+        below = {path: value for path, value in self.set.items() if path.split(".")[-1] in NOT_NEGATIVE and value < 0}
+        return [Problem("set", f"{path}={value:g}", "a value >= 0", "correct it") for path, value in below.items()]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +121,27 @@ def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm") -> "Values
     if isinstance(fit, Values):
         return fit
     return read_fit(fit, arm) if isinstance(fit, str | Path) else Values.of_fit(fit.fit)
+
+
+def drawn_values(
+    posterior: "Values | Sample | str | Path | None", arm: "Arm", draws: int, seed: int | None = None
+) -> "Values | None":
+    """Return draws of a posterior, whatever it is in; None for none.
+
+    Args:
+        posterior: draws that were chosen before, a sample, or its file.
+        arm: whose numbers are looked for.
+        draws: how many, at most; all of those that were chosen before.
+        seed: of a choice at random; without one the draws are spread evenly over the chains.
+
+    Raises:
+        InputError: a file that holds no posterior, or draws of no number of this arm.
+    """
+    from ident.identify.values import Values, read_draws
+
+    if posterior is None or isinstance(posterior, Values):
+        return posterior
+    return read_draws(posterior, arm, draws, seed)
 
 
 def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":

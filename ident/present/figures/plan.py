@@ -12,7 +12,6 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocat
 from ident.identify.plan import CampaignPlan
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain
 from ident.present.text.plan import aim_in_words, visit_in_words
-from ident.present.text.units import field_of
 from ident.present.text.words import cut, degrees
 
 COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
@@ -161,7 +160,11 @@ def _sd_over_visits(axes: Axes, plan: CampaignPlan) -> None:
     entries: dict[str, Any] = {}
     for i, name in enumerate(plan.known.names):
         colour = COLOURS[parts.index(name.split(".")[0]) % len(COLOURS)]
-        style: dict[str, Any] = {"color": colour, "linestyle": DASHES.get(field_of(name), ":"), "linewidth": 1.8}
+        style: dict[str, Any] = {
+            "color": colour,
+            "linestyle": DASHES.get(name.rpartition(".")[2], ":"),
+            "linewidth": 1.8,
+        }
         axes.plot(visits, sd[:, i], marker="o", markersize=4, **style)
         entries[cut(name, 28)] = style
     axes.set_yscale("log")

@@ -137,7 +137,7 @@ def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
 
 def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:
     name = "simulated" if simulation.draws is None else "simulated, by the medians of the draws"
-    if simulation.draws is not None and simulation.fit is not None:
+    if simulation.draws is not None and simulation.basis.fit is not None:
         name = "simulated, by the fitted values"
     yield Line2D([], [], label=name, **OURS)
     if simulation.draws is not None:

@@ -12,8 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from ident.assess.sweep import SweepStudy, is_factor, title
+from ident.assess.sweep import SweepStudy
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, Style, plain
+from ident.present.text.sweep_words import title
 from ident.present.text.units import MM, in_paper_unit
 from ident.present.text.words import cut
 from ident.vibrate.redesign.sweep import Axis, Sweep
@@ -91,7 +92,7 @@ def _curves(axes: Axes, sweeping: SweepStudy, sweep: Sweep) -> None:
     if _limit(sweeping):
         axes.axhline(MM * _limit(sweeping), color=GREY, linewidth=0.8, linestyle=":", zorder=2)
     _scale(axes, axis, "x")
-    if is_factor(axis) and not axis.is_speed:
+    if not axis.shifted and not axis.is_speed:
         _multiples(axes, axis)
 
 
@@ -131,7 +132,7 @@ def _scale(axes: Axes, axis: Axis, which: str) -> None:
 
 def _is_log(axis: Axis) -> bool:
     """Tell whether an axis is drawn logarithmically: values above zero by equal factors, wide enough."""
-    return is_factor(axis) and not axis.is_speed and bool(axis.values[-1] / axis.values[0] > WIDE)
+    return not axis.shifted and not axis.is_speed and bool(axis.values[-1] / axis.values[0] > WIDE)
 
 
 def _ticks(low: float, high: float) -> list[float]:

@@ -9,8 +9,8 @@ from ident.assess.design import DesignStudy, bound_of, same
 from ident.description.file import update_file
 from ident.errors import InputError, Problem
 from ident.files import replace_file
-from ident.present.files.document import plain, provenance
-from ident.present.text.basis import assumed
+from ident.present.files import basis
+from ident.present.files.document import plain
 from ident.present.text.design import verdict
 from ident.present.text.units import unit_of
 from ident.text import decode, one_line, read_bytes
@@ -26,25 +26,15 @@ FORMAT, SENSITIVITY_FORMAT = "ident-design/1", "ident-sensitivity/1"
 
 def design_document(designing: DesignStudy, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a design, or sensitivities alone, in numbers as plain data, all SI; undefined ones become null."""
-    motion, design = designing.trial.motion, designing.design
-    head = provenance(SENSITIVITY_FORMAT if design is None else FORMAT, designing.arm_file, None, options)
-    given = {"fit": designing.fit, "posterior": designing.posterior, "path": designing.log}
-    head["inputs"] = {"arm": head["inputs"]["arm"]} | {
-        name: {"path": file.path, "sha256": file.sha256} if file else None for name, file in given.items()
-    }
+    design = designing.design
+    head = basis.origin(SENSITIVITY_FORMAT if design is None else FORMAT, designing.basis, options)
     document = head | {
-        "motion": motion.name,
-        "arrival": motion.arrival,
-        "duration": float(motion.breaks[-1] - motion.breaks[0]),
-        "load": str(designing.load),
-        "point": designing.point,
+        **basis.motion_document(designing.basis),
         "measure": designing.trial.measure,
         "direction": list(DIRECTIONS),
         "draws": designing.draws,
         "sensitivities": _sensitivities(designing.sensitivities),
-        "set": dict(designing.changed or {}),
-        "assumed": assumed(designing)[0],
-        "left_out": [name for file in (designing.fit, designing.posterior) if file for name in file.left_out],
+        **basis.values_document(designing.basis),
     }
     return plain(document | ({} if design is None else _design(designing, design)))
 

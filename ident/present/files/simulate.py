@@ -11,9 +11,8 @@ import numpy as np
 
 from ident.assess.simulation import Simulation
 from ident.files import replace_file, replace_path
-from ident.identify.values import Values
-from ident.present.files.document import plain, provenance
-from ident.present.text.basis import assumed
+from ident.present.files import basis
+from ident.present.files.document import plain
 from ident.present.text.units import MM
 from ident.text import one_line
 from ident.vibrate.response.belt_tension import slack
@@ -29,17 +28,9 @@ DIGITS = "%.10g"
 
 def origin(simulation: Simulation, options: Mapping[str, Any]) -> dict[str, Any]:
     """Say what a simulation was made from, with what and how."""
-    head = provenance(FORMAT, simulation.arm_file, None, options)
+    head = basis.origin(FORMAT, simulation.basis, options)
     head["software"] |= {name: version(name) for name in ("diffrax", "ruckig", "xarray")}
-    given = {
-        "fit": simulation.fit,
-        "posterior": simulation.posterior,
-        "path": simulation.log,
-        "trace": simulation.trace,
-    }
-    head["inputs"] = {"arm": head["inputs"]["arm"]} | {
-        name: {"path": file.path, "sha256": file.sha256} if file else None for name, file in given.items()
-    }
+    head["inputs"]["trace"] = basis.source(simulation.trace)
     return head
 
 
@@ -48,13 +39,9 @@ def simulate_document(simulation: Simulation, options: Mapping[str, Any]) -> dic
     motion, time = simulation.response.motion, simulation.time
     place = np.argmax(np.abs(simulation.vibration), axis=1)
     document = origin(simulation, options) | {
-        "motion": motion.name,
+        **basis.motion_document(simulation.basis),
         "start": np.asarray(motion(motion.breaks[0])[0]),
         "end": np.asarray(motion(motion.breaks[-1])[0]),
-        "arrival": motion.arrival,
-        "duration": float(motion.breaks[-1] - motion.breaks[0]),
-        "load": str(simulation.load),
-        "point": simulation.point,
         "method": simulation.response.method,
         "interrupted_at": simulation.study.interrupted,
         "vibration": _sizes(simulation.sizes)
@@ -66,9 +53,7 @@ def simulate_document(simulation: Simulation, options: Mapping[str, Any]) -> dic
         "trace": _compared(simulation),
         "belts": list(_belts(simulation)),
         "bushings": list(_bushings(simulation)),
-        "set": dict(simulation.changed or {}),
-        "assumed": assumed(simulation)[0],
-        "left_out": _left_out(simulation.fit) + _left_out(simulation.posterior),
+        **basis.values_document(simulation.basis),
     }
     return plain(document)
 
@@ -83,8 +68,8 @@ def write_csv(simulation: Simulation, options: Mapping[str, Any], path: Path) ->
     head = origin(simulation, options)
     notes = [
         f"{FORMAT} {head['created']} ident {head['software']['ident']}",
-        f"arm: {one_line(simulation.arm_file.path)} sha256 {simulation.arm_file.sha256}",
-        f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.load}",
+        f"arm: {one_line(simulation.basis.arm_file.path)} sha256 {simulation.basis.arm_file.sha256}",
+        f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.basis.load}",
         f"x, y, z: vibration of {simulation.point}, its displacement less the sag at rest; rotations include the sag",
     ]
     header = ",".join(columns)
@@ -241,7 +226,3 @@ def _belts(simulation: Simulation) -> Iterator[dict[str, Any]]:
 def _bushings(simulation: Simulation) -> Iterator[dict[str, Any]]:
     for joint, bending, torsion in zip(simulation.arm.joints, *simulation.moments, strict=True):
         yield {"joint": joint.name, "bending": bending.max(), "torsion": np.abs(torsion).max()}
-
-
-def _left_out(values: Values | None) -> list[str]:
-    return list(values.left_out) if values else []

@@ -12,8 +12,8 @@ import numpy as np
 
 from ident.assess.sweep import SweepStudy
 from ident.files import replace_file
-from ident.present.files.document import plain, provenance
-from ident.present.text.basis import assumed
+from ident.present.files import basis
+from ident.present.files.document import plain
 from ident.present.text.sweep_words import trends
 from ident.present.text.units import MM, unit_of
 from ident.text import one_line
@@ -27,32 +27,20 @@ DIGITS = ".10g"
 
 def origin(sweeping: SweepStudy, options: Mapping[str, Any]) -> dict[str, Any]:
     """Say what a sweep was made from, with what and how."""
-    head = provenance(FORMAT, sweeping.arm_file, None, options)
-    given = {"fit": sweeping.fit, "posterior": sweeping.posterior, "path": sweeping.log}
-    head["inputs"] = {"arm": head["inputs"]["arm"]} | {
-        name: {"path": file.path, "sha256": file.sha256} if file else None for name, file in given.items()
-    }
-    return head
+    return basis.origin(FORMAT, sweeping.basis, options)
 
 
 def sweep_document(sweeping: SweepStudy, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a sweep in numbers as plain data, all SI but the speed, which is in %."""
-    motion = sweeping.motion
     document = origin(sweeping, options) | {
-        "motion": motion.name,
-        "arrival": motion.arrival,
-        "duration": float(motion.breaks[-1] - motion.breaks[0]),
-        "load": str(sweeping.load),
-        "point": sweeping.point,
+        **basis.motion_document(sweeping.basis),
         "measure": sweeping.measure,
         "direction": list(DIRECTIONS),
         "present": sweeping.present,
         "limit": sweeping.limit,
         "draws": sweeping.draws,
         "sweeps": [_sweep(sweep, sweeping.limit) for sweep in sweeping.sweeps],
-        "set": dict(sweeping.changed or {}),
-        "assumed": assumed(sweeping)[0],
-        "left_out": [name for file in (sweeping.fit, sweeping.posterior) if file for name in file.left_out],
+        **basis.values_document(sweeping.basis),
     }
     return plain(document)
 

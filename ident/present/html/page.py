@@ -156,7 +156,7 @@ def render(page: Page) -> str:
         autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"columns": columns, "data_uri": data_uri}
-    template = environment.from_string((files("ident.present") / TEMPLATE).read_text("utf-8"))
+    template = environment.from_string((files("ident.present.html") / TEMPLATE).read_text("utf-8"))
     return template.render(page=page, words=WORDS) + "\n"
 
 

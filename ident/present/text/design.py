@@ -4,13 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.assess.design import (
-    DesignStudy,
-    bound_of,
-    change_in_words,
-    keeps,
-    same,
-)
+from ident.assess.design import DesignStudy, bound_of, keeps, same
 from ident.present.text.sensitivity import assumptions, heading, mm, present, table
 from ident.present.text.units import MM, NMM, is_stiffness, nmm_per_deg, unit_of, value_in_words
 from ident.present.text.words import cut, paragraphs
@@ -173,6 +167,13 @@ def _variables(design: Design) -> tuple[Variable, ...]:
 def _told(design: Design, place: Place) -> str:
     pairs = zip(_variables(design), place.changes, strict=True)
     return ", ".join(f"{cut(variable.name, 40)} {change_in_words(variable, change)}" for variable, change in pairs)
+
+
+def change_in_words(variable: Variable, change: float) -> str:
+    """Write a change as `1.26x` or `+0.05 m`."""
+    if variable.shifted:
+        return f"{change:+.4g} {unit_of(variable.paths[0])}".removesuffix(" -")
+    return f"{np.exp(change):.4g}x"
 
 
 def _both(path: str, value: float) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.assess.design import DesignStudy
-from ident.present.text.basis import assumed_in_words, basis_in_words, motion_in_words
+from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
 from ident.present.text.units import MM, value_in_words
 from ident.present.text.words import cut, paragraphs
 from ident.vibrate.response.amplitude import MEASURES
@@ -24,10 +24,9 @@ def sensitivity_report(designing: DesignStudy) -> str:
 def heading(designing: DesignStudy) -> Iterator[str]:
     """Say what is moved, and by which numbers."""
     trial = designing.trial
-    yield from motion_in_words(designing.arm, trial.motion)
-    belts = ("elastic" if trial.elastic_belts else "rigid") if designing.arm.belts else "none"
-    yield f"  load: {designing.load}; belts: {belts}; {trial.rate:.4g} samples a second; fast method"
-    yield from basis_in_words(designing, changed_draws=True)
+    yield from motion_in_words(designing.basis)
+    yield f"{load_in_words(designing.basis, trial.elastic_belts, trial.rate)}; fast method"
+    yield from basis_in_words(designing.basis, changed_draws=True)
 
 
 def present(designing: DesignStudy) -> Iterator[str]:
@@ -63,7 +62,7 @@ def table(designing: DesignStudy, most: int = MOST) -> Iterator[str]:
 
 def assumptions(designing: DesignStudy) -> Iterator[str]:
     """Say what is assumed."""
-    return assumed_in_words(designing)
+    return assumed_in_words(designing.basis)
 
 
 def mm(value: float) -> str:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ident.assess.simulation import Simulation
-from ident.present.text.basis import assumed_in_words, basis_in_words, motion_in_words
+from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
 from ident.present.text.units import MM
 from ident.present.text.words import cut, degrees, paragraphs
 from ident.vibrate.response.belt_tension import slack
@@ -32,25 +32,24 @@ def simulate_report(simulation: Simulation) -> str:
         _methods(simulation),
         _belts(simulation),
         _moments(simulation),
-        assumed_in_words(simulation),
+        assumed_in_words(simulation.basis),
     ]
     return paragraphs(sections)
 
 
 def _heading(simulation: Simulation) -> Iterator[str]:
     response = simulation.response
-    yield from motion_in_words(simulation.arm, response.motion)
+    yield from motion_in_words(simulation.basis)
     if simulation.pulleys:
         fastest = ", ".join(f"{name} {frequency.max():.3g} Hz" for name, (_, frequency) in simulation.pulleys.items())
         yield f"  pulleys turn up to: {fastest}"
-    belts = ("elastic" if response.machine.elastic else "rigid") if simulation.arm.belts else "none"
     rate = (len(simulation.time) - 1) / (simulation.time[-1] - simulation.time[0])
-    yield f"  load: {simulation.load}; belts: {belts}; {rate:.4g} samples a second"
+    yield load_in_words(simulation.basis, response.machine.elastic, rate)
     yield f"  method: {METHODS[response.method]}"
-    yield from basis_in_words(simulation)
+    yield from basis_in_words(simulation.basis)
     if simulation.study.interrupted is not None:
         yield f"  INTERRUPTED: the exact method came to {simulation.study.interrupted:.4g} s"
-        if simulation.posterior:
+        if simulation.basis.posterior:
             yield "  so the draws were not simulated"
 
 

@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.assess.sweep import SweepStudy, in_words, is_factor, title
-from ident.present.text.basis import assumed_in_words, basis_in_words, motion_in_words
-from ident.present.text.sweep_words import LINES, kept_in_words, trends_in_words
+from ident.assess.sweep import SweepStudy
+from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
+from ident.present.text.sweep_words import LINES, in_words, kept_in_words, title, trends_in_words
 from ident.present.text.units import MM, NMM, in_paper_unit, nmm_per_deg, unit_of
 from ident.present.text.words import paragraphs
 from ident.vibrate.redesign.sweep import Axis, Sweep
@@ -19,17 +19,16 @@ def sweep_report(sweeping: SweepStudy) -> str:
     """Return the report: motion, the present amplitude, a table and the trend of each parameter, what is assumed."""
     one = _map if len(sweeping.sweeps[0].axes) == 2 else _parameter
     sections = [_heading(sweeping), _present(sweeping), *(one(sweeping, sweep) for sweep in sweeping.sweeps)]
-    return paragraphs([*sections, assumed_in_words(sweeping)])
+    return paragraphs([*sections, assumed_in_words(sweeping.basis)])
 
 
 def _heading(sweeping: SweepStudy) -> Iterator[str]:
     trial = sweeping.trial
-    yield from motion_in_words(sweeping.arm, sweeping.motion)
-    belts = ("elastic" if trial.elastic_belts else "rigid") if sweeping.arm.belts else "none"
-    yield f"  load: {sweeping.load}; belts: {belts}; {trial.rate:.4g} samples a second; fast method"
+    yield from motion_in_words(sweeping.basis)
+    yield f"{load_in_words(sweeping.basis, trial.elastic_belts, trial.rate)}; fast method"
     if any(axis.is_speed for sweep in sweeping.sweeps for axis in sweep.axes):
         yield "  at another speed the same path is passed on another clock, pauses included"
-    yield from basis_in_words(sweeping, changed_draws=True)
+    yield from basis_in_words(sweeping.basis, changed_draws=True)
 
 
 def _present(sweeping: SweepStudy) -> Iterator[str]:
@@ -60,13 +59,13 @@ def _table(sweeping: SweepStudy, sweep: Sweep) -> Iterator[str]:
     """Yield head and rows: value, amplitudes with bands [mm], probability that the limit is exceeded."""
     (axis,) = sweep.axes
     drawn, limit = sweep.draws is not None, sweeping.limit
-    units = [f"[{name}]" for name in _units(axis)] + (["times"] if is_factor(axis) else [])
+    units = [f"[{name}]" for name in _units(axis)] + ([] if axis.shifted else ["times"])
     head = "".join(f"{name:>12s}" for name in units)
     head += "".join(f"{d + ' [mm]':>11s}" + ("    5 to 95 % " if drawn else "") for d in DIRECTIONS)
     yield head + ("  exceeds" if drawn and limit is not None else "")
     shares = sweep.exceeds(limit) if drawn and limit is not None else None
     for k, value in enumerate(axis.values):
-        numbers = [value, nmm_per_deg(value)][: len(_units(axis))] + ([value / axis.present] if is_factor(axis) else [])
+        numbers = [value, nmm_per_deg(value)][: len(_units(axis))] + ([] if axis.shifted else [value / axis.present])
         row = "".join(f"{number:12.5g}" for number in numbers)
         for d in range(3):
             row += f"{_mm(sweep.amplitude[d, k]):>11s}"

@@ -1,17 +1,36 @@
-"""How an amplitude goes with what is swept, put into words."""
+"""What is swept, and how an amplitude goes with it, put into words."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from ident.assess.sweep import in_words, is_factor
-from ident.present.text.units import MM
+from ident.arm.fields import field_of
+from ident.present.text.units import MM, value_in_words
 from ident.vibrate.redesign.sweep import Axis, Sweep
 from ident.vibrate.redesign.trend import NOTABLE, Trend, below, curve, near, trend
 from ident.vibrate.response.study import DIRECTIONS
 
 LINES = (*DIRECTIONS, "largest")
 """Directions, and the largest of them."""
+
+
+def title(axis: Axis, *, brief: bool = False) -> str:
+    """Say what is swept: `joint1.k_tors, torsional stiffness of joint1`; of several numbers only the first if brief."""
+    if axis.is_speed:
+        return "speed, percent of full speed"
+    if len(axis.paths) > 1:
+        names = f"{axis.paths[0]} and {len(axis.paths) - 1} more" if brief else f"{', '.join(axis.paths)} together"
+        return f"{names}, by one {'difference' if axis.shifted else 'factor'}"
+    part, name, *component = axis.name.split(".")
+    field = field_of(axis.name)
+    if field is None or (field.words == name.replace("_", " ") and not field.rank):
+        return axis.name
+    return f"{axis.name}, {', '.join([f'{field.words} of {part}', *component])}"
+
+
+def in_words(axis: Axis, value: float) -> str:
+    """Write a value of what is swept with its unit."""
+    return value_in_words(axis.paths[0], value)
 
 
 def trends(sweep: Sweep) -> Iterator[tuple[str, Trend, Trend | None]]:
@@ -39,7 +58,7 @@ def trends_in_words(sweep: Sweep) -> Iterator[str]:
         return
     low, high = next(iter(near.values())).span
     span = f"{low:.4g} to {in_words(axis, high)}"
-    if is_factor(axis):
+    if not axis.shifted:
         span = f"{low / axis.present:.3g}x to {high / axis.present:.3g}x"
     told = "; ".join(f"{name} {_about(axis, about)}" for name, about in near.items())
     yield f"  about the present value, {span}: {told}"

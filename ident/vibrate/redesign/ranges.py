@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.arm.arm import COMPONENTS, Arm
+from ident.arm.arm import Arm
+from ident.arm.fields import COMPONENTS
 from ident.errors import InputError, Problem
 from ident.vibrate.motion.motion import FASTEST
 from ident.vibrate.redesign.sweep import SPEED, Axis, axis
-from ident.vibrate.redesign.variable import Extents, check_path, is_shifted, outside
+from ident.vibrate.redesign.variable import Extents, check_path, is_shifted, outside, refuse_factor
 
 FACTORS = (0.4, 2.5)
 """Of the present value, for what is changed by a factor and for the speed."""
@@ -73,12 +74,11 @@ def axis_of(arm: Arm, asked: Range, percent: float, extents: Extents | None = No
     is_speed = asked.paths == (SPEED,)
     shifted = _is_shifted(arm, asked)
     present = percent if is_speed else float(arm.get(asked.paths[0]))
-    if not shifted and not present > 0:
-        got, remedy = f"{present:g} at present", "it is changed by a factor: set it first (--set)"
-        raise InputError(Problem("", got, "a number above 0", remedy))
     low, high = _ends(arm, asked, present, extents or {}, shifted)
     count = usual if asked.count is None else asked.count
-    _check(low, high, count, shifted)
+    if problems := [] if shifted else list(refuse_factor(asked.paths[0], present, (low, high))):
+        raise InputError(problems)
+    _check(low, high, count)
     if is_speed:
         _check_speed(high, percent)
     even = shifted or (is_speed and asked.bounds is not None and not any(bound.times for bound in asked.bounds))
@@ -107,9 +107,10 @@ def _is_shifted(arm: Arm, asked: Range) -> bool:
 def _ends(arm: Arm, asked: Range, present: float, extents: Extents, shifted: bool) -> tuple[float, float]:
     if asked.bounds is not None:
         low, high = (bound.of(present) for bound in asked.bounds)
-        return low, high
+        return (high, low) if present < 0 and all(bound.times for bound in asked.bounds) else (low, high)
     if not shifted:
-        return FACTORS[0] * present, FACTORS[1] * present
+        low, high = sorted(factor * present for factor in FACTORS)
+        return low, high
     return about(asked.paths[0], present, extents, share=SHARE)
 
 
@@ -136,12 +137,10 @@ def about(path: str, present: float, extents: Extents, *, share: float | None = 
     return present - half, present + half
 
 
-def _check(low: float, high: float, count: int, shifted: bool) -> None:
+def _check(low: float, high: float, count: int) -> None:
     got = f"{low:g} to {high:g}"
     if not (np.isfinite([low, high]).all() and low < high):
         raise InputError(Problem("", got, "a lower and a higher bound", "correct them"))
-    if not shifted and not low > 0:
-        raise InputError(Problem("", got, "bounds above 0", "it is changed by a factor: correct them"))
     if not 2 <= count <= MOST:
         raise InputError(Problem("", f"{count} values", f"2 to {MOST}", "correct the count"))
 

@@ -65,7 +65,7 @@ def near(axis: Axis, values: Float[np.ndarray, "K"]) -> np.ndarray:
     """Return which values are near the present one, a neighbour on either side at least; none if it is not within."""
     if not has_present(axis):
         return np.zeros(len(values), bool)
-    if axis.is_speed or not axis.variable.shifted:
+    if not axis.shifted:
         inside = np.abs(np.log(values / axis.present)) <= np.log(NEAR_FACTOR) * (1 + 1e-9)
     else:
         inside = np.abs(values - axis.present) <= NEAR_SHARE * (values[-1] - values[0]) * (1 + 1e-9)
