@@ -77,7 +77,7 @@ class Series:
 def parse_series(
     data: bytes, path: str | Path, wanted: Mapping[str, tuple[str, ...]], rows: int, findings: Findings
 ) -> Series:
-    """Read time and the wanted columns from the bytes of a CSV file, and checks that time increases.
+    """Read time and the wanted columns from the bytes of a CSV file, and check that time increases.
 
     Args:
         data: the bytes; UTF-8, columns separated by comma, semicolon or tab, comments after `#`.
