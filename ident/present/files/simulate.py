@@ -6,7 +6,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.assess.simulation import Simulation
@@ -15,7 +14,6 @@ from ident.present.files import basis
 from ident.present.files.document import plain
 from ident.present.text.units import MM
 from ident.text import one_line
-from ident.vibrate.response.belt_tension import slack
 from ident.vibrate.response.study import DIRECTIONS, Sizes
 
 if TYPE_CHECKING:
@@ -215,10 +213,9 @@ def _ratios(found: Any) -> dict[str, float]:
 
 
 def _belts(simulation: Simulation) -> Iterator[dict[str, Any]]:
-    loose = list(slack(simulation.response.time, jnp.asarray(simulation.tension))) if simulation.arm.belts else []
     for b, belt in enumerate(simulation.arm.belts):
         for span, values in zip(SPANS, simulation.tension[:, b], strict=True):
-            times = [[start, end] for i, name, start, end in loose if (i, name) == (b, span)]
+            times = [[start, end] for i, name, start, end in simulation.slack if (i, name) == (b, span)]
             at = simulation.time[np.argmin(values)]
             yield {"belt": belt.name, "span": span, "smallest": values.min(), "at": at, "slack": times}
 

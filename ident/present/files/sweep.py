@@ -14,11 +14,10 @@ from ident.assess.sweep import SweepStudy
 from ident.files import replace_file
 from ident.present.files import basis
 from ident.present.files.document import plain
-from ident.present.text.sweep_words import trends
 from ident.present.text.units import MM, unit_of
 from ident.text import one_line
 from ident.vibrate.redesign.sweep import Axis, Sweep
-from ident.vibrate.redesign.trend import below, curve
+from ident.vibrate.redesign.trend import below, curve, trends
 from ident.vibrate.response.study import DIRECTIONS
 
 FORMAT = "ident-sweep/1"

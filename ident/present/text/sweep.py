@@ -7,10 +7,11 @@ import numpy as np
 
 from ident.assess.sweep import SweepStudy
 from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
-from ident.present.text.sweep_words import LINES, in_words, kept_in_words, title, trends_in_words
+from ident.present.text.sweep_words import in_words, kept_in_words, title, trends_in_words
 from ident.present.text.units import MM, NMM, in_paper_unit, nmm_per_deg, unit_of
 from ident.present.text.words import paragraphs
 from ident.vibrate.redesign.sweep import Axis, Sweep
+from ident.vibrate.redesign.trend import LINES
 from ident.vibrate.response.amplitude import MEASURES
 from ident.vibrate.response.study import DIRECTIONS
 

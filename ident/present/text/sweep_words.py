@@ -7,11 +7,8 @@ import numpy as np
 from ident.arm.fields import field_of
 from ident.present.text.units import MM, value_in_words
 from ident.vibrate.redesign.sweep import Axis, Sweep
-from ident.vibrate.redesign.trend import NOTABLE, Trend, below, curve, near, trend
+from ident.vibrate.redesign.trend import NOTABLE, Trend, below, curve, trends
 from ident.vibrate.response.study import DIRECTIONS
-
-LINES = (*DIRECTIONS, "largest")
-"""Directions, and the largest of them."""
 
 
 def title(axis: Axis, *, brief: bool = False) -> str:
@@ -31,16 +28,6 @@ def title(axis: Axis, *, brief: bool = False) -> str:
 def in_words(axis: Axis, value: float) -> str:
     """Write a value of what is swept with its unit."""
     return value_in_words(axis.paths[0], value)
-
-
-def trends(sweep: Sweep) -> Iterator[tuple[str, Trend, Trend | None]]:
-    """Yield the trend of each direction and of the largest, over the whole range and about the present value."""
-    (axis,) = sweep.axes
-    values, amplitudes = curve(sweep)
-    close = near(axis, values)
-    for name, amplitude in zip(LINES, amplitudes, strict=True):
-        about = trend(values[close], amplitude[close]) if close.sum() > 1 else None
-        yield name, trend(values, amplitude), about
 
 
 def trends_in_words(sweep: Sweep) -> Iterator[str]:
