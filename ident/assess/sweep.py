@@ -1,6 +1,5 @@
 """A sweep as it is reported: all that the report, the files and the figures have in common."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,11 +7,6 @@ from jaxtyping import Float
 
 from ident.assess.basis import Basis
 from ident.vibrate.redesign.sweep import Sweep
-from ident.vibrate.redesign.trend import Trend, curve, near, trend
-from ident.vibrate.response.study import DIRECTIONS
-
-LINES = (*DIRECTIONS, "largest")
-"""Directions, and the largest of them."""
 
 
 @dataclass(frozen=True)
@@ -53,13 +47,3 @@ class SweepStudy:
         """Number of draws."""
         draws = self.sweeps[0].draws
         return 0 if draws is None else draws.shape[-1]
-
-
-def trends(sweep: Sweep) -> Iterator[tuple[str, Trend, Trend | None]]:
-    """Yield the trend of each direction and of the largest, over the whole range and about the present value."""
-    (axis,) = sweep.axes
-    values, amplitudes = curve(sweep)
-    close = near(axis, values)
-    for name, amplitude in zip(LINES, amplitudes, strict=True):
-        about = trend(values[close], amplitude[close]) if close.sum() > 1 else None
-        yield name, trend(values, amplitude), about

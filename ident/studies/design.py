@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import ranges
-from ident.studies.motion import HeldMotionOptions, basis_of
+from ident.studies.motion import HeldMotionOptions, basis_of, drawn_groups
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_file
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from ident.assess.design import DesignStudy
     from ident.description.file import ArmFile
     from ident.identify.values import Values
-    from ident.inference.sample import Sample
     from ident.measure import Log
     from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
     from ident.vibrate.redesign.evaluator import Evaluator
     from ident.vibrate.redesign.search import Requirements
     from ident.vibrate.redesign.variable import Variable
@@ -168,7 +168,7 @@ def design(
     *,
     path: "Log | str | Path | None" = None,
     fit: "Values | FitResult | str | Path | None" = None,
-    posterior: "Values | Sample | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
     progress: Progress = silent,
 ) -> DesignResult:
     """Search the change of an arm's numbers, within bounds, by which it vibrates least, and verify it.
@@ -193,7 +193,7 @@ def design(
     from ident.vibrate.redesign.verify import verify
 
     options, arm_file = options or DesignOptions(), as_file(arm)
-    searched, fresh = _two_groups(posterior, arm_file.arm, options)
+    searched, fresh = drawn_groups(posterior, arm_file.arm, options.draws, options.fresh, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=searched)
     evaluator = _evaluator(basis, options)
     if options.sensitivities:
@@ -216,17 +216,6 @@ def design(
     checks = verify(evaluator, best.best, best.limit, unseen, progress("verification"))
     study = DesignStudy(basis, evaluator, each, best, checks, options.starts)
     return DesignResult(study, _updated(text, basis, best.best.values) if text else "", options)
-
-
-def _two_groups(
-    posterior: "Values | Sample | str | Path | None", arm: "Arm", options: DesignOptions
-) -> "tuple[Values | None, Values | None]":
-    """Return draws for the search, and others."""
-    from ident.identify.values import Values, read_two_groups
-
-    if posterior is None or isinstance(posterior, Values):
-        return posterior, None
-    return read_two_groups(posterior, arm, options.draws, options.fresh, options.seed)
 
 
 def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":

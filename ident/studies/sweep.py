@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from ident.assess.sweep import SweepStudy
     from ident.description.file import ArmFile
     from ident.identify.values import Values
-    from ident.inference.sample import Sample
     from ident.measure import Log
     from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
     from ident.vibrate.redesign.sweep import Axis, Sweep
 
 MEASURES = ("peak", "rms", "residual")
@@ -130,7 +130,7 @@ def sweep(
     *,
     path: "Log | str | Path | None" = None,
     fit: "Values | FitResult | str | Path | None" = None,
-    posterior: "Values | Sample | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
     progress: Progress = silent,
 ) -> SweepResult:
     """Simulate a motion with other numbers of the arm, each alone, or two together; by the fast method.

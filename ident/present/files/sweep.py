@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from ident.assess.sweep import SweepStudy, trends
+from ident.assess.sweep import SweepStudy
 from ident.files import replace_file
 from ident.present.files.basis import motion_document, origin, values_document
 from ident.present.files.document import plain
 from ident.present.text.units import MM, unit_of
 from ident.text import one_line
 from ident.vibrate.redesign.sweep import Axis, Sweep
-from ident.vibrate.redesign.trend import below, curve
+from ident.vibrate.redesign.trend import below, curve, trends
 from ident.vibrate.response.study import DIRECTIONS
 
 FORMAT = "ident-sweep/2"

@@ -5,13 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.assess.sweep import LINES, SweepStudy
+from ident.assess.sweep import SweepStudy
 from ident.present.text.amplitude_words import both_units, mm, present_in_words, simulated_in_words
 from ident.present.text.basis import assumed_in_words, basis_in_words
 from ident.present.text.sweep_words import axis_in_words, kept_in_words, trends_in_words, value_on
 from ident.present.text.units import MM, NMM, in_paper_unit, is_stiffness, nmm_per_deg, unit_of
 from ident.present.text.words import paragraphs
 from ident.vibrate.redesign.sweep import Axis, Sweep
+from ident.vibrate.redesign.trend import LINES
 from ident.vibrate.response.study import DIRECTIONS
 
 

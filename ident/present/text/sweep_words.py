@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.arm.fields import field_of
-from ident.assess.sweep import trends
 from ident.present.text.amplitude_words import mm
 from ident.present.text.units import value_in_words
 from ident.vibrate.redesign.sweep import Axis, Sweep
-from ident.vibrate.redesign.trend import NOTABLE, Trend, below, curve
+from ident.vibrate.redesign.trend import NOTABLE, Trend, below, curve, trends
 from ident.vibrate.response.study import DIRECTIONS
 
 
