@@ -38,7 +38,6 @@ def test_the_result_has_the_numbers_of_the_library(plain):
     first = rows[0]
     assert (first["number"], first["drive"], first["label"]) == (1, "drive2", "vertical bending 1")
     assert first["time"] == pytest.approx(2.06, abs=5e-3)
-    assert "6 resonance crossings" not in plain.report()
     groups = max(row["number"] for row in rows)
     meet = len({row["number"] for row in rows if row["distance"] == 0})
     assert f"{groups} resonance crossings: {meet} meet, {groups - meet} come near." in plain.report()
@@ -76,9 +75,9 @@ def test_the_options_reach_the_library():
     result = resonance(FILE, ResonanceOptions(count=1, orders=(2,), margin=3.0, speed=20.0))
     assert {source.order for source in result.excitation.sources} == {2}
     assert result.excitation.frequency.max() == pytest.approx(32.0, rel=1e-3)
-    assert all(crossing.margin == pytest.approx(0.03) or crossing.margin > 0.03 for crossing in result.crossings)
+    assert min(crossing.margin for crossing in result.crossings) == pytest.approx(0.03)
     assert len(result.branches.labels) < 3
-    assert "within 3 % of the natural frequency" in result.report() or not result.crossings
+    assert "within 3 % of the natural frequency" in result.report()
 
 
 @pytest.mark.parametrize(

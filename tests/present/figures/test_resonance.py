@@ -119,10 +119,9 @@ def test_document_is_json_with_all_of_it(with_sets):
     assert document["draws"] == 5
     assert np.asarray(document["branches"][0]["band_5_95"]).shape == (2, len(TIMES))
     assert np.asarray(document["branches"][1]["frequency"]) == pytest.approx(found.median[1])
-    assert [e["drive"] for e in document["resonance_crossings"]] == [e.source.drive for e in met]
-    assert [e["number"] for e in document["resonance_crossings"]] == sorted(
-        e["number"] for e in document["resonance_crossings"]
-    )
+    crossings = document["resonance_crossings"]
+    assert [crossing["drive"] for crossing in crossings] == [crossing.source.drive for crossing in met]
+    assert [crossing["number"] for crossing in crossings] == sorted(crossing["number"] for crossing in crossings)
     assert len(document["excitation"]) == len(driven.sources)
 
 
