@@ -60,7 +60,7 @@ _PLACES = {
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
     "studies.load": ("load",),
 }
-_STUDIES = ("predict", "check", "fit", "profile", "sample", "plan")
+_STUDIES: tuple[str, ...] = ("predict", "check", "fit", "profile", "sample", "plan")
 _STUDIES += ("resonance", "simulate", "spectrum", "sweep", "design", "diagnose")
 _PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in _STUDIES}
 _MODULES = {name: module for module, names in _PLACES.items() for name in names}
