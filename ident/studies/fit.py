@@ -94,7 +94,7 @@ class FitResult(Result):
         from ident.present.files.document import write_result
         from ident.present.files.fit import fit_document
 
-        write_result(fit_document(self.fit, self.arm, self.options.recorded()), self.fields(), path)
+        write_result(fit_document(self.form, self.fit, self.arm, self.options.recorded()), self.fields(), path)
         return (path,)
 
 

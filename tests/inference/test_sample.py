@@ -19,13 +19,14 @@ from chains import linear_problem, storey_problem
 
 from ident.errors import InputError, ModelError
 from ident.inference.diagnostics import diagnose
+from ident.inference.ensembles import BLOCK
 from ident.inference.evidence import weigh
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.posterior import evaluate, posterior
 from ident.inference.posterior_predictive import posterior_predictive
 from ident.inference.problem import InverseProblem
-from ident.inference.sample import BLOCK, Settings, sample
+from ident.inference.sample import Settings, sample
 
 SUPPORT = Path(__file__).parents[1] / "support"
 SHORT = Settings(max_steps=500, walkers=12)

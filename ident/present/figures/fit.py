@@ -33,7 +33,7 @@ from ident.present.figures.style import (
     ratio_axis,
     rows,
 )
-from ident.present.text.units import field_of, is_stiffness, nmm_per_deg, shown, unit_of
+from ident.present.text.units import MM, is_length, read_unit, shown
 from ident.present.text.words import cut, direction_name, short
 
 KIND_STYLES: dict[str, Style] = {
@@ -42,8 +42,6 @@ KIND_STYLES: dict[str, Style] = {
     "deflection_difference": {"color": PINK, "marker": "D"},
     "damping_ratio": {"color": GREEN, "marker": "^"},
 }
-LENGTHS = ("com", "offset", "position")
-"""Fields of either sign, drawn by how far they move."""
 ROW, PANEL = 0.27, 1.15
 """Height of one row, and of a panel's heading and axis [inch]."""
 LABEL, LETTER = 52, 0.063
@@ -62,7 +60,7 @@ def fit_figure(fit: CampaignFit) -> Figure:
     Filled markers are what the data support, hollow ones what they leave open.
     """
     items = fit.problem.parameters.items
-    moved = [i for i, item in enumerate(items) if not item.positive and field_of(item.name) in LENGTHS]
+    moved = [i for i, item in enumerate(items) if not item.positive and is_length(item.name)]
     scaled = [i for i in range(len(items)) if i not in moved]
     notes = list(_notes(fit))
     left = [len(group) for group in (scaled, moved, items) if group]
@@ -137,7 +135,7 @@ def _row(item: Parameter, value: float, interval: np.ndarray, supported: bool, s
     centre = float(item.start)
 
     def relative(x: float) -> float:
-        return 1e3 * (x - centre) if shift else x / centre if centre else math.nan
+        return MM * (x - centre) if shift else x / centre if centre else math.nan
 
     return _Row(relative(value), relative(float(interval[0])), relative(float(interval[1])), supported)
 
@@ -161,14 +159,8 @@ def _shift_span(drawn: Sequence[_Row]) -> tuple[float, float]:
 
 
 def _value_text(name: str, value: float, interval: np.ndarray, supported: bool) -> str:
-    numbers = (value, *interval)
-    if is_stiffness(name):
-        numbers, unit = tuple(nmm_per_deg(float(v)) for v in numbers), "N mm/deg"
-    elif field_of(name) in LENGTHS:
-        numbers, unit = tuple(1e3 * v for v in numbers), "mm"
-    else:
-        unit = unit_of(name)
-    best, low, high = engineering(*map(float, numbers))
+    size, unit = read_unit(name)
+    best, low, high = engineering(*(float(number) / size for number in (value, *interval)))
     return f"{best} {unit}\n{low} to {high}" if supported else f"not supported\n({best} {unit})"
 
 

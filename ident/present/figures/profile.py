@@ -13,10 +13,9 @@ from matplotlib.lines import Line2D
 from ident.identify.fit import CampaignFit
 from ident.inference.profile import Profile, threshold
 from ident.inference.profile_path import Ending
-from ident.present.figures.fit import LENGTHS
 from ident.present.figures.style import BLUE, FILLED, GREY, HOLLOW, ORANGE, engineering, plain, ratio_axis
 from ident.present.text.profile import percent
-from ident.present.text.units import field_of, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.units import read_unit
 from ident.present.text.words import cut
 
 COLUMNS = 3
@@ -85,7 +84,7 @@ def _panel(axes: Axes, profile: Profile, bottom: float) -> None:
         ratio_axis(axes, math.exp(left), math.exp(right))
         axes.set_xlabel("value / fitted [-]", fontsize=9)
     else:
-        unit = "mm" if field_of(profile.name) in LENGTHS else unit_of(profile.name)
+        unit = read_unit(profile.name)[1]
         axes.set_xlim(*map(float, _place(profile, profile.optimum + np.array([left, right]))))
         axes.set_xlabel(f"value - fitted [{unit}]", fontsize=9)
     for interval in profile.intervals:
@@ -156,18 +155,14 @@ def _place(profile: Profile, theta: Any) -> Any:
     off = np.asarray(theta) - profile.optimum
     if profile.item.positive:
         return np.exp(off)
-    return off * float(profile.item.scale) * (1e3 if field_of(profile.name) in LENGTHS else 1.0)
+    return off * float(profile.item.scale) / read_unit(profile.name)[0]
 
 
 def _title(profile: Profile) -> str:
     """Return the name, and below it the fitted value and the widest interval in the unit that people read."""
     ends = [profile.optimum, profile.widest.low, profile.widest.high]
-    values, unit = [float(value) for value in profile.values(ends)], unit_of(profile.name)
-    if is_stiffness(profile.name):
-        values, unit = [nmm_per_deg(value) for value in values], "N mm/deg"
-    elif field_of(profile.name) in LENGTHS:
-        values, unit = [1e3 * value for value in values], "mm"
-    best, low, high = engineering(*values)
+    size, unit = read_unit(profile.name)
+    best, low, high = engineering(*(float(value) / size for value in profile.values(ends)))
     below, above = (ending is Ending.OPEN for ending in profile.widest.endings)
     if below or above:
         span = "open" if below and above else f"below {high}" if below else f"above {low}"

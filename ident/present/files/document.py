@@ -18,10 +18,11 @@ from ident.errors import InputError, Problem
 from ident.files import replace_file
 from ident.measure import Campaign
 from ident.text import decode as decode_text
-from ident.text import one_line, read_bytes
+from ident.text import one_line, quoted, read_bytes
 
 LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
+RERUN = "run the command again; files of older versions are not read"
 
 
 def provenance(form: str, arm_file: ArmFile, campaign: Campaign | None, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -53,10 +54,14 @@ def read_result(path: str | Path) -> tuple[str, dict[str, Any]]:
     Raises:
         InputError: the file is no result that this version of ident can load.
     """
-    where = one_line(str(path))
+    where, netcdf = one_line(str(path)), Path(path).with_suffix(".nc")
+    if Path(path) == netcdf:
+        from ident.present.files.netcdf import read_netcdf_result
+
+        return read_netcdf_result(path)
     document = read_document(path, EXPECTED)
     if "result" not in document:
-        remedy = "run the command again; files of older versions are not read"
+        remedy = f"load {one_line(netcdf.name)} beside it" if netcdf.exists() else RERUN
         raise InputError(Problem(where, f"no result to load ({document['format']})", EXPECTED, remedy))
     return document["format"], fields_of(document["result"], where)
 
@@ -76,6 +81,20 @@ def read_document(path: str | Path, expected: str) -> dict[str, Any]:
         remedy = "give the file that ident wrote"
         raise InputError(Problem(where, "other contents", expected, remedy)) from None
     return document
+
+
+def check_format(form: str, wanted: str, where: str, expected: str) -> None:
+    """Refuse the result of another study or version; what names no format of ident is left to the reader.
+
+    Raises:
+        InputError: the format is another one.
+    """
+    if not form.startswith("ident-") or form == wanted:
+        return
+    study = wanted.removeprefix("ident-").partition("/")[0]
+    old = form.startswith(f"ident-{study}/")
+    remedy = "run the command again with this version of ident" if old else f"give the file that ident {study} wrote"
+    raise InputError(Problem(where, f"the format {quoted(form)}", expected, remedy))
 
 
 def fields_of(encoded: Any, where: str, arrays: Mapping[str, np.ndarray] | None = None) -> dict[str, Any]:

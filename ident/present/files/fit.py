@@ -1,22 +1,30 @@
 """The result file of a fit: JSON that says what was fitted, from what, how, and what came out."""
 
+import hashlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ident.arm.arm import Arm
 from ident.description.file import ArmFile
+from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
+from ident.identify.values import Values
 from ident.measure import Campaign
-from ident.present.files.document import plain, provenance
+from ident.present.files.document import check_format, plain, provenance, read_document
 from ident.present.text.units import unit_of
+from ident.text import one_line, read_bytes
 
-FORMAT = "ident-fit/2"
+EXPECTED = "a result file of ident fit (.fit.json)"
 
 
-def fit_document(fit: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
+def fit_document(form: str, fit: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a fit as plain data, all numbers SI; infinite and undefined ones become null."""
     known = fit.information
     items = fit.problem.parameters.items
-    document = provenance(FORMAT, arm_file, fit.campaign, options) | {
+    document = provenance(form, arm_file, fit.campaign, options) | {
         "parameters": [_parameter(fit, i) for i in range(len(items))],
         "covariance": known.covariance,
         "correlation": known.correlation,
@@ -85,6 +93,21 @@ def parameter_rows(fit: CampaignFit) -> list[dict[str, Any]]:
         }
         for one in documents
     ]
+
+
+def read_fit(form: str, path: str | Path, arm: Arm) -> Values:
+    """Return the fitted values of a result file of this format.
+
+    Raises:
+        InputError: the file is no such result, or has no number of this arm.
+    """
+    where, document = one_line(str(path)), read_document(path, EXPECTED)
+    check_format(document["format"], form, where, EXPECTED)
+    try:
+        best = {tuple(p["paths"]): np.asarray(float(p["value"])) for p in document["parameters"]}
+    except (ValueError, KeyError, TypeError):
+        raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident fit wrote")) from None
+    return Values.of_arm(best, arm, where, hashlib.sha256(read_bytes(path, EXPECTED)).hexdigest())
 
 
 def rows(campaign: Campaign) -> dict[str, list[Any]]:

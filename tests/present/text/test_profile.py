@@ -116,9 +116,11 @@ def test_a_doubtful_fit_has_no_interval_to_quote():
 
 def test_the_document_is_json_with_null_for_open():
     result, profiles = made_up_profiles(6)
-    document = profile_document(result, profiles, ArmFile(lcd_arm(), "arm.toml", "0" * 64, {}), {"seed": 0})
+    document = profile_document(
+        "ident-profile/2", result, profiles, ArmFile(lcd_arm(), "arm.toml", "0" * 64, {}), {"seed": 0}
+    )
     text = json.dumps(document, allow_nan=False)
-    assert document["format"] == "ident-profile/1"
+    assert document["format"] == "ident-profile/2"
     second = json.loads(text)["parameters"][1]
     assert second["intervals"][-1]["high"] is None
     assert second["intervals"][-1]["endings"] == ["crossed", "open"]

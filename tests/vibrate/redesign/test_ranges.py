@@ -38,6 +38,15 @@ def test_bounds_as_they_are_and_as_multiples():
     np.testing.assert_allclose(values("speed", bounds=bounds, count=3).values, [5, 10, 20])
 
 
+def test_a_drive_that_turns_the_other_way():
+    back = FILE.arm.replace({"drive1.ratio": -120.0})
+    np.testing.assert_allclose(values("drive1.ratio", arm=back).values, -120 * np.geomspace(2.5, 0.4, 21))
+    twice = Bound(0.5, times=True), Bound(2.0, times=True)
+    np.testing.assert_allclose(values("drive1.ratio", arm=back, bounds=twice, count=3).values, [-240, -120, -60])
+    with pytest.raises(InputError, match="bounds below 0"):
+        values("drive1.ratio", arm=back, bounds=(-240, 240))
+
+
 @pytest.mark.parametrize(
     ("paths", "more", "words"),
     [
