@@ -89,7 +89,7 @@ def _remedies(diagnosis: Diagnosis) -> Table:
     rows = tuple(
         (
             str(rank),
-            change_words(remedy, diagnosis.task.percent),
+            change_words(remedy),
             f"{MM * remedy.largest:.3f}",
             f"{100 * remedy.keeps.share:.3g} %",
             f"{remedy.frequency:.2f}",
