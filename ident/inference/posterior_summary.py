@@ -22,11 +22,9 @@ def quantiles(sample: Sample, basin: int = 0) -> Float[np.ndarray, "levels P"]:
     return np.quantile(values, LEVELS, axis=1)
 
 
-def chains(sample: Sample) -> Float[np.ndarray, "P chains draws"]:
-    """Return all unknowns [SI], burn-in left out, every walker as a chain: those of the first ensemble come first."""
-    theta = sample.theta[sample.burn_in :]
-    flat = np.moveaxis(theta, 3, 0).reshape(theta.shape[3], len(theta), -1)
-    return np.asarray(sample.posterior.parameters.values(jnp.asarray(flat))).swapaxes(1, 2)
+def chain_values(sample: Sample) -> Float[np.ndarray, "P chains steps"]:
+    """Return all unknowns [SI], burn-in left out, every walker as a chain."""
+    return np.asarray(sample.posterior.parameters.values(jnp.asarray(sample.chains.theta)))
 
 
 def prior_intervals(parameters: Parameters) -> Float[np.ndarray, "P 2"]:

@@ -54,7 +54,7 @@ def sample_figures(result: CampaignSample) -> dict[str, Figure]:
 def posterior_figure(result: CampaignSample) -> Figure:
     """Draw posterior against prior, parameter by parameter and in combination, and predicted against measured."""
     items = result.sample.posterior.parameters.items
-    combined = combinations(result.sample) if len(result.fitted.fit.problem.parameters.items) > 1 else []
+    combined = combinations(result.sample) if len(result.fitted.problem.parameters.items) > 1 else []
     left = [len(items) * ROW + PANEL, len(combined) * ROW + PANEL]
     right = min(len(result.fitted.campaign), DENSE) * ROW + PANEL
     figure = Figure(
@@ -100,7 +100,7 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
 
 def _combinations(axes: Axes, result: CampaignSample) -> None:
     """Draw the spread of each combination over the draws, and what the prior alone would leave."""
-    found, parameters = combinations(result.sample), result.fitted.fit.problem.parameters
+    found, parameters = combinations(result.sample), result.fitted.problem.parameters
     names = parameters.names
     rows(axes, [direction_name(direction, names) for direction in found])
     axes.set_xscale("log")

@@ -39,7 +39,7 @@ def _heading(result: CampaignSample) -> Iterator[str]:
 
 
 def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
-    sample, optimum = result.sample, result.fitted.fit.optima[basin]
+    sample, optimum = result.sample, result.fitted.optima[basin]
     items = sample.posterior.parameters.items
     fitted = [*optimum.values, *(1.0 for _ in sample.posterior.noise.items)]
     where = f" about optimum {basin + 1}" if len(sample.basins) > 1 else ""
@@ -72,7 +72,7 @@ def _span(low: float, high: float) -> str:
 
 
 def _combinations(result: CampaignSample) -> Iterator[str]:
-    items = result.fitted.fit.problem.parameters.items
+    items = result.fitted.problem.parameters.items
     if len(items) > 1:
         yield f"Combinations{of_first(result)}, best known first: standard deviation of the product over the draws"
         for direction in combinations(result.sample):
@@ -100,7 +100,7 @@ def of_first(result: CampaignSample) -> str:
 
 
 def _optima(result: CampaignSample) -> Iterator[str]:
-    basins, left_out = result.sample.basins, len(result.fitted.fit.optima) - len(set(result.sample.started))
+    basins, left_out = result.sample.basins, len(result.fitted.optima) - len(set(result.sample.started))
     if left_out:
         yield f"Optima left out, as their cost is higher by more than {RIVAL:g}: {left_out}"
     if len(basins) < 2:
