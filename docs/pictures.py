@@ -1,6 +1,6 @@
 """Make the pictures and printed answers of the commands' pages anew: `python docs/pictures.py [COMMAND ...]`.
 
-Runs the examples of `docs/commands/COMMAND.md` as they stand there, by this Python's ident, and keeps in `docs/pictures/`
+Runs the examples of `docs/commands/COMMAND.md` as they stand there, by this Python, and keeps in `docs/pictures/`
 what the page's own command prints and the figures that the page shows. It takes some minutes for all.
 """
 

@@ -39,8 +39,8 @@ class Identification:
     @cached_property
     def quantiles(self) -> Float[np.ndarray, "3 P"]:
         """Quantiles of 2.5, 50 and 97.5 % of each unknown of the fit over all draws [SI]."""
-        sample = self.sampled.sample
-        return quantiles(sample)[[0, 2, 4], : len(sample.posterior.problem.parameters.items)]
+        count = len(self.sampled.fitted.problem.parameters.items)
+        return quantiles(self.sampled.sample)[[0, 2, 4], :count]
 
     @property
     def short(self) -> bool:
