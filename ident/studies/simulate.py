@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from ident.assess.simulation import Simulation
     from ident.description.file import ArmFile
     from ident.identify.values import Values
-    from ident.inference.sample import Sample
     from ident.measure import Log, Trace
     from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
     from ident.vibrate.response.study import Draws, SimulatedMotion
     from ident.vibrate.signal.compare import Comparison
 
@@ -134,7 +134,7 @@ def simulate(
     *,
     path: "Log | str | Path | None" = None,
     fit: "Values | FitResult | str | Path | None" = None,
-    posterior: "Values | Sample | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
     trace: "Trace | str | Path | None" = None,
     progress: Progress = silent,
 ) -> SimulateResult:
