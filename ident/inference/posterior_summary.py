@@ -22,6 +22,11 @@ def quantiles(sample: Sample, basin: int = 0) -> Float[np.ndarray, "levels P"]:
     return np.quantile(values, LEVELS, axis=1)
 
 
+def chain_values(sample: Sample) -> Float[np.ndarray, "P chains steps"]:
+    """Return all unknowns [SI], burn-in left out, every walker as a chain."""
+    return np.asarray(sample.posterior.parameters.values(jnp.asarray(sample.chains.theta)))
+
+
 def prior_intervals(parameters: Parameters) -> Float[np.ndarray, "P 2"]:
     """Return the ends in theta of the priors' 95 % intervals; NaN without a prior."""
     return np.asarray(parameters.from_uniform(jnp.asarray([[LEVELS[0], LEVELS[-1]]] * len(parameters.names))))

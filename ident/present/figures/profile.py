@@ -1,4 +1,4 @@
-"""The figure of profiles: one panel for each parameter, the rise of the cost beside its linear approximation."""
+"""The figure of profiles: one panel for each parameter, delta chi-squared beside its linear approximation."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ ABOVE = 1.35
 
 
 def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
-    """Draw profiles: the rise of the cost against each parameter, relative to its fitted value.
+    """Draw profiles: delta chi-squared against each parameter, relative to its fitted value.
 
     A curve that leaves the panel through its top ends an interval; an arrow at the side means open.
     """
@@ -43,7 +43,7 @@ def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
     for i, profile in enumerate(profiles):
         _panel(grid[i], profile, bottom)
         if i % columns == 0:
-            grid[i].set_ylabel("rise of the cost [-]", fontsize=9)
+            grid[i].set_ylabel("delta chi-squared [-]", fontsize=9)
         if i % columns == columns - 1 or i == len(profiles) - 1:
             _levels(grid[i], profile)
     for axes in list(grid)[len(profiles) :]:

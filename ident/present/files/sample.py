@@ -6,13 +6,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.errors import InputError, Problem
 from ident.identify.sample import CampaignSample
 from ident.identify.values import BEST_ONLY, Draws
-from ident.inference.posterior_summary import quantiles
+from ident.inference.posterior_summary import chain_values, quantiles
 from ident.present.files.document import check_format
 from ident.present.files.fit import rows
 from ident.present.text.units import unit_of
@@ -39,9 +38,8 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
 
     chains, drawn = result.sample.chains, result.posterior_predictive
     posterior = result.sample.posterior
-    values = np.asarray(posterior.parameters.values(jnp.asarray(chains.theta)))
     data = arviz.from_dict(
-        posterior=dict(zip(posterior.parameters.names, values, strict=True)),
+        posterior=dict(zip(posterior.parameters.names, chain_values(result.sample), strict=True)),
         posterior_predictive={"data": drawn.simulated[None], "predicted": drawn.predicted[None]},
         sample_stats={"lp": chains.log_density},
         observed_data={"data": np.asarray(posterior.problem.measured)},

@@ -113,13 +113,13 @@ def _directions(check: CampaignCheck) -> Iterator[str]:
 
 def _correlations(check: CampaignCheck, known: Information) -> Iterator[str]:
     items = check.problem.parameters.items
-    found = np.triu(np.nan_to_num(known.correlation), 1)
-    pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(found) > CORRELATED)]
-    for i, j in sorted(pairs, key=lambda pair: -abs(found[pair]))[:10]:
-        yield f"  Correlation {found[i, j]:+.3f} between {plain(items[i])} and {plain(items[j])}"
-    if not pairs and found.any():
-        i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(found)), found.shape))
-        yield f"  Largest correlation {found[i, j]:+.2f}, between {plain(items[i])} and {plain(items[j])}"
+    correlation = np.triu(np.nan_to_num(known.correlation), 1)
+    pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(correlation) > CORRELATED)]
+    for i, j in sorted(pairs, key=lambda pair: -abs(correlation[pair]))[:10]:
+        yield f"  Correlation {correlation[i, j]:+.3f} between {plain(items[i])} and {plain(items[j])}"
+    if not pairs and correlation.any():
+        i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape))
+        yield f"  Largest correlation {correlation[i, j]:+.2f}, between {plain(items[i])} and {plain(items[j])}"
 
 
 def _measurements(check: CampaignCheck) -> Iterator[str]:
@@ -195,12 +195,12 @@ def _agreement(check: CampaignCheck) -> Iterator[str]:
         yield "Do the kinds of measurement agree? There is one only, or none tells of another."
     else:
         yield "Do the kinds of measurement agree? Each one, predicted from the others along a straight line:"
-    for tension in agree.cross_predictions:
-        for i, row in enumerate(tension.rows):
-            if len(tension.rows) <= 6 or abs(tension.z[i]) > SUSPICIOUS:
-                yield f"  {against(tension, i, measured[row])}"
-        if len(tension.rows) > 6:
-            yield f"  {tension.kind}: {len(tension.rows)} values, largest |z| {np.abs(tension.z).max():.1f}"
+    for cross in agree.cross_predictions:
+        for i, row in enumerate(cross.rows):
+            if len(cross.rows) <= 6 or abs(cross.z[i]) > SUSPICIOUS:
+                yield f"  {against(cross, i, measured[row])}"
+        if len(cross.rows) > 6:
+            yield f"  {cross.kind}: {len(cross.rows)} values, largest |z| {np.abs(cross.z).max():.1f}"
     if not math.isnan(agree.p_value):
         fit = f"chi-squared {agree.chi_squared:.3g} on {agree.degrees_of_freedom} degrees of freedom"
         yield f"  All together: {fit}, p = {agree.p_value:.2g}"

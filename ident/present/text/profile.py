@@ -23,8 +23,8 @@ def _heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
     count = len(fit.problem.parameters.items)
     yield f"Profiles of the fit of {fit.arm.name} to {fit.campaign.name}"
     yield f"  {len(fit.campaign)} measurements, {count} unknowns, least cost {fit.best.cost:.4g}"
-    yield f"  Each parameter is moved and all others are fitted again. {percent(level)}: the cost rises by"
-    yield f"  {threshold(level):.3g}, chi-squared with one degree of freedom. It counts data and priors, as in the fit."
+    yield f"  Each parameter is moved and all others are fitted again. {percent(level)}: delta"
+    yield f"  chi-squared is {threshold(level):.3g}, with one degree of freedom. Data and priors count, as in the fit."
     for prior in priors_in_words(fit.problem.parameters.items):
         yield f"  prior: {prior}"
     for doubt in fit.doubts:
@@ -112,8 +112,9 @@ def _side(profile: Profile, side: int) -> Iterator[str]:
         (value,) = profile.values(profile.theta[[last]])
         rise = profile.rise[last]
         reason = "flat: nothing tells it" if profile.flat[side] else "too little tells it"
-        risen = "does not rise" if rise < FLAT else f"rises by {rise:.2g} of {need:.3g}"
-        yield f"{profile.name}: open {SIDES[side]}, {reason} on this side (as far as {value:.3g} the cost {risen})"
+        reached = "stays zero" if rise < FLAT else f"reaches {rise:.2g} of {need:.3g}"
+        there = f"as far as {value:.3g} delta chi-squared {reached}"
+        yield f"{profile.name}: open {SIDES[side]}, {reason} on this side ({there})"
 
 
 def interval_text(profile: Profile, interval: Interval) -> str:
