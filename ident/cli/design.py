@@ -124,12 +124,12 @@ def _values(
     arm: "Arm", fit: Path | None, posterior: Path | None, asked: dict[str, Any], changed: dict[str, float]
 ) -> "tuple[Values | None, Values | None, Values | None, Arm]":
     """Read fitted values, draws of the search and others, and return them with the arm that takes over the values."""
-    from ident.identify.values import read_two_groups
+    from ident.studies.motion import drawn_groups
 
     if posterior is None:
         fitted, _, described = moving.values(arm, fit, None, 1, None, changed)
         return fitted, None, None, described
-    drawn, others = read_two_groups(posterior, arm, asked["draws"], asked["fresh"], asked["seed"])
+    drawn, others = drawn_groups(posterior, arm, asked["draws"], asked["fresh"], asked["seed"])
     fitted, _, described = moving.values(arm, fit, None, 1, None, ({} if fit else drawn.medians) | changed)
     return fitted, drawn, others, described
 

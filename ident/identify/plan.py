@@ -205,10 +205,10 @@ def plan_campaign(
     found = None
     if campaign:
         found = fit_campaign(arm, campaign, unknowns, starts=starts, seed=seed, trust_values=trust_values)
-    parameters = found.fit.problem.parameters if found else build_problem(arm, _anything(arm), unknowns).parameters
+    parameters = found.problem.parameters if found else build_problem(arm, _anything(arm), unknowns).parameters
     gain = criterion(aim, parameters.names)
     spread = {"draws": draws, "seed": seed}
-    known = fitted_knowledge(found.fit, **spread) if found else prior_knowledge(parameters, **spread)
+    known = fitted_knowledge(found, **spread) if found else prior_knowledge(parameters, **spread)
     held = np.array(campaign.postures) if campaign else postures[:0]
     view, seen, measured = _different(arm, parameters, known.points, np.concatenate([postures, held]), held, means)
     stands = np.asarray(view.stands.all(0))

@@ -105,7 +105,7 @@ def flag_of(each: Field[Any]) -> str:
 def renamed(kind: type[Options], problem: Problem) -> Problem:
     """Return a complaint that speaks of options, or of `options` in backticks, as one that names the flags."""
     flags = {each.name: flag_of(each) for each, _ in specs(kind)}
-    flags |= {name: f"--{name}" for name in INPUTS}
+    flags |= {name: f"--{name}" for name in INPUTS} | {"folder": "--out"}
     flags |= {spec.argument: flag_of(each) for each, spec in specs(kind) if spec.argument}
 
     def in_words(text: str) -> str:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ident.errors import Problem
 from ident.inference.priors import Prior
 from ident.studies import reading
 from ident.studies.options import Options, option
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.unknowns import Unknowns
+
+NOT_NEGATIVE = ("mass", "k_bend", "k_tors", "tau_bend", "tau_tors")
+"""Fields that are not made negative."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +67,27 @@ class ProblemOptions(Options):
 
         width = math.inf if self.no_prior else self.prior_sd
         return Unknowns(self.fix, self.tie, self.free, width, self.prior, self.discrepancy)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmOptions(Options):
+    """What an arm carries, and which of its numbers are changed."""
+
+    load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
+    set: dict[str, float] = option(
+        {},
+        "number to change, in SI, as link2.mass=30 (inertia stays as it is); may be repeated",
+        repeated=True,
+        read=reading.numbers,
+    )
+
+    def problems(self) -> list[Problem]:
+        """Return numbers that are negative and can't be."""
+        return [
+            Problem("set", f"{path}={value:g}", "a value >= 0", "correct it")
+            for path, value in self.set.items()
+            if value < 0 and path.partition(".")[2] in NOT_NEGATIVE
+        ]
 
 
 def as_file(arm: "Arm | ArmFile") -> "ArmFile":

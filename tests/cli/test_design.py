@@ -9,7 +9,6 @@ from arms import lcd_arm
 from commands import ARM, files, posterior
 
 from ident.description.file import read_arm
-from ident.identify.values import read_draws, read_two_groups
 
 K = ("joint1.k_tors", "joint2.k_tors", "joint3.k_tors")
 SHORT = ("--path=teach.csv", "--dwell=0.2", "--rate=100")
@@ -156,17 +155,3 @@ def test_what_has_no_answer_is_told(run, tmp_path):
     assert (code, out) == (1, "")
     assert "collapses at joint1.k_bend = " in err
     assert files(tmp_path) == ["teach.csv"]
-
-
-def test_two_groups_of_draws_have_none_in_common(tmp_path):
-    values = posterior(tmp_path / "draws.nc", draws=50)[K[0]].ravel()
-    few, others = read_two_groups(tmp_path / "draws.nc", lcd_arm(), 16, 30, seed=1)
-    np.testing.assert_array_equal(few.values[K[0]], read_draws(tmp_path / "draws.nc", lcd_arm(), 16).values[K[0]])
-    one, two = few.values[K[0]], others.values[K[0]]
-    assert (len(one), len(two), len(np.intersect1d(one, two))) == (16, 30, 0)
-    assert np.isin(np.concatenate([one, two]), values).all()
-    again = read_two_groups(tmp_path / "draws.nc", lcd_arm(), 16, 30, seed=1)[1].values[K[0]]
-    np.testing.assert_array_equal(two, again)
-    _, rest = read_two_groups(tmp_path / "draws.nc", lcd_arm(), 16, 1000)
-    assert len(rest.values[K[0]]) == 84, "what is left"
-    assert read_two_groups(tmp_path / "draws.nc", lcd_arm(), 100, 1000)[1] is None

@@ -149,8 +149,8 @@ def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     glass = (Load.parse("glass"),)
     then = plan_campaign(lcd_arm(), first, step=math.radians(60.0), draws=2, count=2, starts=2, loads=glass)
     assert then.fit is not None
-    np.testing.assert_allclose(then.sd[0], then.fit.fit.information.sd, rtol=1e-6)
-    np.testing.assert_allclose(then.fit.fit.best.theta, then.known.points[0])
+    np.testing.assert_allclose(then.sd[0], then.fit.information.sd, rtol=1e-6)
+    np.testing.assert_allclose(then.fit.best.theta, then.known.points[0])
     again = Campaign(measurements=(*first, *then.campaign()))
     found = fit(arm_problem(lcd_arm(), again, then.parameters), starts=1)
     np.testing.assert_allclose(found.information.sd, then.sd[-1], rtol=1e-4)

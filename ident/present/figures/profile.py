@@ -25,17 +25,17 @@ ABOVE = 1.35
 """Height of the panels, as a multiple of the highest threshold."""
 
 
-def profile_figure(result: CampaignFit, profiles: Sequence[Profile]) -> Figure:
+def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
     """Draw profiles: the rise of the cost against each parameter, relative to its fitted value.
 
     A curve that leaves the panel through its top ends an interval; an arrow at the side means open.
     """
     columns = min(COLUMNS, len(profiles))
     count = math.ceil(len(profiles) / columns)
-    warnings = list(_warnings(result, profiles))
+    warnings = list(_warnings(fit, profiles))
     size = (PANEL[0] * columns + 1.0, PANEL[1] * count + 0.9 + 0.2 * len(warnings))
     figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.08))
-    names = f"{cut(result.arm.name, 30)} to {cut(result.campaign.name, 30) or 'measurements'}"
+    names = f"{cut(fit.arm.name, 30)} to {cut(fit.campaign.name, 30) or 'measurements'}"
     title = f"Profiles of the fit of {names}" if columns > 1 else f"Profile of the fit of\n{names}"
     figure.suptitle(title, parse_math=False, fontsize=12, fontweight="bold")
     grid = figure.subplots(count, columns, squeeze=False).flat
@@ -68,9 +68,9 @@ def _key(figure: Figure, warnings: Sequence[str], linear: bool, columns: int) ->
     key.get_title().set(color=ORANGE, fontsize=9, parse_math=False)
 
 
-def _warnings(result: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
-    if result.doubts:
-        yield f"No interval is to be quoted: {result.doubts[0]}".replace("see below", "see ident fit")
+def _warnings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+    if fit.doubts:
+        yield f"No interval is to be quoted: {fit.doubts[0]}".replace("see below", "see ident fit")
     if any(profile.beaten for profile in profiles):
         yield "The cost falls below the fit's: this was not the best optimum"
 

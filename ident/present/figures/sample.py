@@ -45,7 +45,7 @@ def sample_figures(result: CampaignSample) -> dict[str, Figure]:
 def posterior_figure(result: CampaignSample) -> Figure:
     """Draw posterior against prior, parameter by parameter and in combination, and predicted against measured."""
     items = result.sample.posterior.parameters.items
-    combined = directions(result) if len(result.fitted.fit.problem.parameters.items) > 1 else []
+    combined = directions(result) if len(result.fitted.problem.parameters.items) > 1 else []
     left = [len(items) * ROW + PANEL, len(combined) * ROW + PANEL]
     right = min(len(result.fitted.campaign), DENSE) * ROW + PANEL
     figure = Figure(
@@ -93,9 +93,9 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
 
 def _combinations(axes: Axes, result: CampaignSample) -> None:
     """Draw the spread of each combination over the draws, and what the prior alone would leave."""
-    found, items = directions(result), result.fitted.fit.problem.parameters.items
+    found, items = directions(result), result.fitted.problem.parameters.items
     names = [item.name for item in items]
-    width = result.fitted.fit.problem.parameters.normal_sd
+    width = result.fitted.problem.parameters.normal_sd
     rows(axes, [direction_name(direction, names) for direction in found])
     axes.set_xscale("log")
     for y, direction in enumerate(found):

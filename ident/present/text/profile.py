@@ -13,29 +13,29 @@ from ident.present.text.words import known_from, paragraphs, priors_in_words
 SIDES = ("below", "above")
 
 
-def profile_report(result: CampaignFit, profiles: Sequence[Profile]) -> str:
+def profile_report(fit: CampaignFit, profiles: Sequence[Profile]) -> str:
     """Return the report of profiles: both kinds of interval, the nested ones, and remarks on what is not regular."""
-    sections = [_heading(result, profiles), _table(result, profiles), _nested(profiles), _remarks(profiles)]
+    sections = [_heading(fit, profiles), _table(fit, profiles), _nested(profiles), _remarks(profiles)]
     return paragraphs(sections)
 
 
-def _heading(result: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
-    fit, level = result.fit, profiles[0].widest.level
+def _heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+    level = profiles[0].widest.level
     count = len(fit.problem.parameters.items)
-    yield f"Profiles of the fit of {result.arm.name} to {result.campaign.name}"
-    yield f"  {len(result.campaign)} measurements, {count} unknowns, least cost {fit.best.cost:.4g}"
+    yield f"Profiles of the fit of {fit.arm.name} to {fit.campaign.name}"
+    yield f"  {len(fit.campaign)} measurements, {count} unknowns, least cost {fit.best.cost:.4g}"
     yield f"  Each parameter is moved and all others are fitted again. {percent(level)}: the cost rises by"
     yield f"  {threshold(level):.3g}, chi-squared with one degree of freedom. It counts data and priors, as in the fit."
     for prior in priors_in_words(fit.problem.parameters.items):
         yield f"  prior: {prior}"
-    for doubt in result.doubts:
+    for doubt in fit.doubts:
         yield f"  WARNING: {doubt.replace('see below', 'see ident fit')}"
-    if result.doubts:
+    if fit.doubts:
         yield "  So the profiles show the shape of the cost; no interval below is to be quoted."
 
 
-def _table(result: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
-    known = result.fit.information
+def _table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+    known = fit.information
     level = percent(profiles[0].widest.level)
     yield (
         f"{'Parameters':18s} {'fitted':>10s}    {f'{level}, linear':24s} {f'{level}, profile':24s}"

@@ -59,7 +59,7 @@ def learned(result: CampaignSample, basin: int = 0) -> np.ndarray:
 
 
 def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
-    sample, optimum = result.sample, result.fitted.fit.optima[basin]
+    sample, optimum = result.sample, result.fitted.optima[basin]
     items = sample.posterior.parameters.items
     fitted = [*optimum.values, *(1.0 for _ in sample.posterior.noise.items)]
     where = f" about optimum {basin + 1}" if len(sample.basins) > 1 else ""
@@ -96,7 +96,7 @@ def directions(result: CampaignSample) -> list[Direction]:
 
     They are the principal directions of the draws' covariance in theta.
     """
-    draws = result.sample.draws()[:, : len(result.fitted.fit.problem.parameters.items)]
+    draws = result.sample.draws()[:, : len(result.fitted.problem.parameters.items)]
     variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws.T)))
     return [
         Direction(v * np.sign(v[np.argmax(np.abs(v))]), math.sqrt(s)) for s, v in zip(variance, vectors.T, strict=True)
@@ -104,7 +104,7 @@ def directions(result: CampaignSample) -> list[Direction]:
 
 
 def _combinations(result: CampaignSample) -> Iterator[str]:
-    items = result.fitted.fit.problem.parameters.items
+    items = result.fitted.problem.parameters.items
     if len(items) > 1:
         yield f"Combinations{of_first(result)}, best known first: standard deviation of the product over the draws"
         for direction in directions(result):
@@ -132,7 +132,7 @@ def of_first(result: CampaignSample) -> str:
 
 
 def _optima(result: CampaignSample) -> Iterator[str]:
-    basins, left_out = result.sample.basins, len(result.fitted.fit.optima) - len(set(result.sample.started))
+    basins, left_out = result.sample.basins, len(result.fitted.optima) - len(set(result.sample.started))
     if left_out:
         yield f"Optima left out, as their cost is higher by more than {RIVAL:g}: {left_out}"
     if len(basins) < 2:

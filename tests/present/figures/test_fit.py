@@ -42,16 +42,16 @@ def labels_have_units(figure):
 def test_fit_figure_shows_every_parameter_direction_and_measurement(name, count, tmp_path):
     result = fitted(name)
     figure = fit_figure(result)
-    known = result.fit.information
+    known = result.information
     parameters, directions = panel(figure, "Parameters"), panel(figure, "Directions")
     assert [filled for _, _, filled in markers(parameters)] == result.supported.tolist()
-    ratios = result.fit.best.values / np.asarray(result.fit.problem.parameters.column("centre"))
+    ratios = result.best.values / np.asarray(result.problem.parameters.column("centre"))
     np.testing.assert_allclose([x for x, _, _ in markers(parameters)], ratios)
     assert [filled for _, _, filled in markers(directions)] == [d.seen for d in known.directions]
     assert sum(t.get_text() == "open" for t in directions.texts) == sum(not d.seen for d in known.directions)
     residuals = markers(panel(figure, "Measured"))
     assert len(residuals) == count
-    assert sorted(x for x, _, _ in residuals) == pytest.approx(sorted(-result.fit.residuals))
+    assert sorted(x for x, _, _ in residuals) == pytest.approx(sorted(-result.residuals))
     assert labels_have_units(figure)
     assert_tidy(figure)
     save(figure, tmp_path / "new" / f"{name}.png")
