@@ -62,6 +62,12 @@ def test_each_library_has_its_room(module):
         assert room is None or str(module).startswith(room), f"{module} imports {name}"
 
 
+def test_present_computes_nothing():
+    for module in modules():
+        if module.parts[0] == "present":
+            assert not {"jax", "jax.numpy", "ident.jit"} & set(imports(PACKAGE / module)), module
+
+
 def test_the_check_sees_imports():
     assert "ident.errors" in set(imports(PACKAGE / "arm" / "arm.py"))
     assert len(modules()) > 20

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -13,6 +12,7 @@ from ident.assess.remedies import Remedy, Verification
 from ident.assess.task import Task
 from ident.assess.vibration import VibrationAssessment
 from ident.identify.sample import CampaignSample
+from ident.inference.posterior_summary import quantiles
 from ident.vibrate.modal.branches import Branches, branches
 from ident.vibrate.modal.excitation import Excitation, excitation
 from ident.vibrate.modal.resonance import ResonanceCrossing, resonance_crossings
@@ -39,9 +39,8 @@ class Identification:
     @cached_property
     def quantiles(self) -> Float[np.ndarray, "3 P"]:
         """Quantiles of 2.5, 50 and 97.5 % of each unknown of the fit over all draws [SI]."""
-        posterior, theta = self.sampled.sample.posterior, self.sampled.sample.draws().T
-        values = np.asarray(posterior.parameters.values(jnp.asarray(theta)))
-        return np.quantile(values[: len(posterior.problem.parameters.items)], (0.025, 0.5, 0.975), axis=1)
+        count = len(self.sampled.fitted.problem.parameters.items)
+        return quantiles(self.sampled.sample)[[0, 2, 4], :count]
 
     @property
     def short(self) -> bool:

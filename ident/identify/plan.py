@@ -96,6 +96,18 @@ class CampaignPlan:
         return self.gain / self.offered.cost
 
     @property
+    def best_gain(self) -> Float[np.ndarray, "V"]:
+        """Gain per unit cost of the best visit to each posture of the view."""
+        best = np.full(len(self.view.postures), -np.inf)
+        np.maximum.at(best, [visit.place for visit in self.visits], self.per_cost)
+        return best
+
+    @property
+    def gain_over_grid(self) -> Float[np.ndarray, "G"]:
+        """The same for each posture of the grid; NaN where the arm does not stand."""
+        return np.append(self.best_gain, np.nan)[self.grid.seen]
+
+    @property
     def batch(self) -> tuple[Experiment, ...]:
         """The chosen visits."""
         return tuple(self.visits[step.visit] for step in self.steps)

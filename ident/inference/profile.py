@@ -114,6 +114,18 @@ class Profile:
         return low, high
 
     @property
+    def linear_interval(self) -> Interval:
+        """The interval of the linear approximation at the highest level."""
+        half = half_width(self.widest.level) * self.sd
+        ending = Ending.CROSSED if math.isfinite(self.sd) else Ending.OPEN
+        return Interval(self.widest.level, self.optimum - half, self.optimum + half, (ending, ending))
+
+    @property
+    def settled_inside(self) -> Bool[np.ndarray, "inside"]:
+        """`settled` at the points within the widest interval."""
+        return self.settled[(self.theta >= self.widest.low) & (self.theta <= self.widest.high)]
+
+    @property
     def linear(self) -> bool:
         """Whether the widest interval agrees with the linear one."""
         return all(abs(half - 1) <= NOT_LINEAR for half in self.halves)

@@ -110,7 +110,7 @@ def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
     from ident.assess.task import Task
     from ident.identify.fit import fit_campaign
     from ident.identify.sample import sample_campaign
-    from ident.identify.values import read_draws
+    from ident.identify.values import Draws
     from ident.inference.sample import BLOCK, Settings
 
     options = job.options
@@ -130,7 +130,7 @@ def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
         folder=job.folder and job.folder / CHAINS,
         progress=job.progress("blocks of steps", settings.max_steps // BLOCK),
     )
-    draws = read_draws(sampled.sample, job.arm.arm, options.effort.draws, options.seed)
+    draws = Draws.of_sample(sampled).some(job.arm.arm, options.effort.draws, options.seed)
     draws = replace(draws, values=draws.shuffled(options.seed))
     basis = basis_of(job.arm, options, path=job.log, posterior=draws)
     return Identification(sampled, Task(basis, options.limit / 1e3, options.effort))

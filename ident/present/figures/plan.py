@@ -10,6 +10,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ident.identify.plan import CampaignPlan
+from ident.identify.posture_grid import main_joints
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain
 from ident.present.text.plan import aim_in_words, visit_in_words
 from ident.present.text.words import cut, degrees
@@ -30,34 +31,8 @@ def plan_figure(plan: CampaignPlan) -> Figure:
     return figure
 
 
-def gain_of_postures(plan: CampaignPlan) -> np.ndarray:
-    """Return for each posture of the grid the gain per hour of its best visit; NaN where the arm does not stand."""
-    return np.append(_best(plan), np.nan)[plan.grid.seen]
-
-
-def main_joints(postures: np.ndarray, gain: np.ndarray) -> list[int]:
-    """Return the one or two joints on whose angle the gain depends most, in their order along the arm.
-
-    By the variance of the gain that is left when all other angles are held, averaged; of a sample that is no grid,
-    by the variance of the means at each angle.
-    """
-    effects = []
-    for joint in range(postures.shape[1]):
-        others = np.delete(postures, joint, 1).round(9)
-        groups = np.unique(others, axis=0, return_inverse=True)[1].ravel()
-        if len(np.unique(groups)) > 0.9 * len(postures) and postures.shape[1] > 1:
-            groups = np.zeros(len(postures), int)
-            tenths = np.digitize(postures[:, joint], np.quantile(postures[:, joint], np.linspace(0, 1, 9)[1:-1]))
-            effects.append(float(np.nanvar([np.nanmean(gain[tenths == k]) for k in np.unique(tenths)])))
-            continue
-        count = np.bincount(groups)
-        level = np.bincount(groups, gain) / count
-        effects.append(float(np.nanmean((gain - level[groups]) ** 2)))
-    return sorted(np.argsort(effects)[::-1][:2].tolist())
-
-
 def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
-    gain, postures = gain_of_postures(plan), plan.grid.postures
+    gain, postures = 60 * plan.gain_over_grid, plan.grid.postures
     shown = main_joints(postures, gain)
     names = [plan.arm.driven[i].name for i in shown]
     angles = np.rad2deg(postures[:, shown])
@@ -68,7 +43,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
         axes.set_ylim(bottom=0)
         places = {
             i: (math.degrees(q[0]), height)
-            for i, (q, height) in enumerate(zip(plan.view.postures, _best(plan), strict=True))
+            for i, (q, height) in enumerate(zip(plan.view.postures, 60 * plan.best_gain, strict=True))
         }
     else:
         drawn = _map(axes, angles, gain, sampled=plan.grid.sampled)
@@ -90,13 +65,6 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
     where = "at any angle" if plan.grid.sampled else "at the best angle"
     rest = f"; {', '.join(cut(name, 20) for name in others)} {where}" if others else ""
     heading(axes, f"Gain of a first visit over posture{rest}", entries)
-
-
-def _best(plan: CampaignPlan) -> np.ndarray:
-    """Return the gain per hour of the best visit to each posture of the view."""
-    best = np.full(len(plan.view.postures), -np.inf)
-    np.maximum.at(best, [visit.place for visit in plan.visits], 60 * plan.per_cost)
-    return best
 
 
 def _gain_label(plan: CampaignPlan) -> str:

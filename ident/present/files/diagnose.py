@@ -7,7 +7,6 @@ from typing import Any
 from ident.assess.diagnosis import Diagnosis, chosen
 from ident.assess.remedies import Remedy
 from ident.present.files.document import plain
-from ident.present.files.fit import rows
 from ident.present.files.sample import inference_data
 from ident.present.text.diagnose import change_words
 from ident.vibrate.redesign.binomial import binomial_to_json
@@ -71,5 +70,5 @@ def write_posterior(diagnosis: Diagnosis, head: Mapping[str, Any], path: Path) -
     """Write the posterior as InferenceData, as `ident sample` does; `head` is the provenance."""
     sampled = diagnosis.identification.sampled
     origin = {**head, "trust": plain(sampled.trust)}
-    data = inference_data(sampled.sample, sampled.posterior_predictive, rows(sampled.fitted.campaign), origin)
+    data = inference_data(sampled, origin)
     data.to_netcdf(str(path), engine="h5netcdf")

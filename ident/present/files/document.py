@@ -22,6 +22,7 @@ from ident.text import one_line, quoted, read_bytes
 
 LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
+RERUN = "run the command again; files of older versions are not read"
 
 
 def provenance(form: str, arm_file: ArmFile, campaign: Campaign | None, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -53,14 +54,14 @@ def read_result(path: str | Path) -> tuple[str, dict[str, Any]]:
     Raises:
         InputError: the file is no result that this version of ident can load.
     """
-    if Path(path).suffix == ".nc":
+    where, netcdf = one_line(str(path)), Path(path).with_suffix(".nc")
+    if Path(path) == netcdf:
         from ident.present.files.netcdf import read_netcdf_result
 
         return read_netcdf_result(path)
-    where = one_line(str(path))
     document = read_document(path, EXPECTED)
     if "result" not in document:
-        remedy = "run the command again; files of older versions are not read"
+        remedy = f"load {one_line(netcdf.name)} beside it" if netcdf.exists() else RERUN
         raise InputError(Problem(where, f"no result to load ({document['format']})", EXPECTED, remedy))
     return document["format"], fields_of(document["result"], where)
 

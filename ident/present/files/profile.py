@@ -8,7 +8,7 @@ from ident.identify.fit import CampaignFit
 from ident.inference.profile import Interval, Profile
 from ident.inference.profile_path import Ending
 from ident.present.files.document import plain, provenance
-from ident.present.text.profile import linear, remarks
+from ident.present.text.profile import remarks
 from ident.present.text.units import unit_of
 
 
@@ -25,7 +25,7 @@ def profile_document(
                 "paths": list(profile.item.paths),
                 "value": profile.values([profile.optimum])[0],
                 "unit": unit_of(profile.name),
-                "linear": _interval(profile, linear(profile)),
+                "linear": _interval(profile, profile.linear_interval),
                 "intervals": [_interval(profile, interval) for interval in profile.intervals],
                 "flat": list(profile.flat),
                 "agrees_with_linear": profile.linear,
@@ -49,7 +49,7 @@ def profile_rows(profiles: Sequence[Profile]) -> list[dict[str, Any]]:
     """
 
     def row(profile: Profile) -> dict[str, Any]:
-        spans = linear(profile), profile.widest
+        spans = profile.linear_interval, profile.widest
         thetas = [profile.optimum, *(theta for span in spans for theta in (span.low, span.high))]
         names = ("value", "linear_low_95", "linear_high_95", "low_95", "high_95")
         numbers = zip(names, map(float, profile.values(thetas)), strict=True)

@@ -12,9 +12,9 @@ import numpy as np
 from ident.errors import InputError, Problem
 from ident.identify.sample import CampaignSample
 from ident.identify.values import BEST_ONLY, Draws
+from ident.inference.posterior_summary import quantiles
 from ident.present.files.document import check_format
 from ident.present.files.fit import rows
-from ident.present.text.sample import quantiles
 from ident.present.text.units import unit_of
 from ident.text import one_line, read_bytes
 
@@ -73,7 +73,7 @@ def parameter_rows(result: CampaignSample) -> list[dict[str, Any]]:
         for basin, diagnosis in zip(sample.basins, sample.diagnosis, strict=True)
         for name, own, bulk, rhat in zip(
             sample.posterior.parameters.names,
-            quantiles(result, basin).T,
+            quantiles(result.sample, basin).T,
             diagnosis.bulk,
             diagnosis.rhat,
             strict=True,

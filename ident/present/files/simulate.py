@@ -6,22 +6,20 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.assess.simulation import Simulation
-from ident.files import replace_file, replace_path
+from ident.files import replace_file
 from ident.present.files import basis
 from ident.present.files.document import plain
 from ident.present.text.units import MM
 from ident.text import one_line
-from ident.vibrate.response.belt_tension import slack
 from ident.vibrate.response.study import DIRECTIONS, Sizes
 
 if TYPE_CHECKING:
     import xarray
 
-FORMAT = "ident-simulate/1"
+FORMAT = "ident-simulate/2"
 SPANS = ("upper", "lower")
 DIGITS = "%.10g"
 
@@ -125,14 +123,29 @@ def dataset(simulation: Simulation, options: Mapping[str, Any]) -> "xarray.Datas
     return xarray.Dataset(variables, coordinates, attributes | {"arrival": simulation.response.motion.arrival})
 
 
-def write_netcdf(data: "xarray.Dataset", path: Path) -> None:
-    """Write a dataset whole or not at all.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
+def write_netcdf(simulation: Simulation, options: Mapping[str, Any], path: Path) -> None:
+    """Write all series as netCDF, compressed."""
+    data = dataset(simulation, options)
     packed = {str(name): {"zlib": True, "complevel": 4} for name, part in data.data_vars.items() if part.dtype == float}
-    replace_path(path, lambda part: data.to_netcdf(part, engine="h5netcdf", encoding=packed), make_folders=True)
+    data.to_netcdf(path, engine="h5netcdf", encoding=packed)
+
+
+def size_rows(simulation: Simulation) -> list[dict[str, Any]]:
+    """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
+    sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
+    columns = {
+        "peak": sizes.peak,
+        "time_of_peak": simulation.time[place],
+        "rms": sizes.rms,
+        "residual": sizes.residual,
+        "settling_time": sizes.settling,
+        "late_peak": sizes.late,
+    }
+    if simulation.draws:
+        low, high = np.quantile(simulation.draws.sizes.peak, (0.05, 0.95), axis=1)
+        columns |= {"peak_q05": low, "peak_q95": high}
+    rows = zip(*(np.asarray(column, float).tolist() for column in columns.values()), strict=True)
+    return [{"direction": d} | dict(zip(columns, row, strict=True)) for d, row in zip(DIRECTIONS, rows, strict=True)]
 
 
 def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
@@ -215,10 +228,9 @@ def _ratios(found: Any) -> dict[str, float]:
 
 
 def _belts(simulation: Simulation) -> Iterator[dict[str, Any]]:
-    loose = list(slack(simulation.response.time, jnp.asarray(simulation.tension))) if simulation.arm.belts else []
     for b, belt in enumerate(simulation.arm.belts):
         for span, values in zip(SPANS, simulation.tension[:, b], strict=True):
-            times = [[start, end] for i, name, start, end in loose if (i, name) == (b, span)]
+            times = [[start, end] for i, name, start, end in simulation.slack if (i, name) == (b, span)]
             at = simulation.time[np.argmin(values)]
             yield {"belt": belt.name, "span": span, "smallest": values.min(), "at": at, "slack": times}
 

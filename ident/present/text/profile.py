@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator, Sequence
 
 from ident.identify.fit import CampaignFit
-from ident.inference.information import half_width
 from ident.inference.profile import FLAT, Interval, Profile, threshold
 from ident.inference.profile_path import Ending
 from ident.present.text.units import unit_of
@@ -47,7 +46,7 @@ def _table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
         mark = "" if profile.linear else "<--"
         source = known_from(known.prior_share[place], profile.sd) if math.isfinite(profile.sd) else "-"
         yield (
-            f"  {profile.name:16s} {value:10.5g}    {interval_text(profile, linear(profile)):24s}"
+            f"  {profile.name:16s} {value:10.5g}    {interval_text(profile, profile.linear_interval):24s}"
             f" {interval_text(profile, profile.widest):24s} {_halves(profile):13s} {mark:3s} "
             f"{source}   [{unit_of(profile.name)}]"
         )
@@ -93,7 +92,7 @@ def remarks(profile: Profile) -> Iterator[str]:
             f"{profile.name}: WARNING, on the way the cost fell {profile.beaten:.3g} below the fit's, which is not the"
             " best optimum; fit again with more starts (--starts)"
         )
-    inside = profile.settled[(profile.theta >= profile.widest.low) & (profile.theta <= profile.widest.high)]
+    inside = profile.settled_inside
     if not inside.all():
         lost = f"{(~inside).sum()} of {len(inside)} points"
         yield f"{profile.name}: the search did not come to rest at {lost}; the profile may lie lower there"
@@ -115,13 +114,6 @@ def _side(profile: Profile, side: int) -> Iterator[str]:
         reason = "flat: nothing tells it" if profile.flat[side] else "too little tells it"
         risen = "does not rise" if rise < FLAT else f"rises by {rise:.2g} of {need:.3g}"
         yield f"{profile.name}: open {SIDES[side]}, {reason} on this side (as far as {value:.3g} the cost {risen})"
-
-
-def linear(profile: Profile) -> Interval:
-    """Return the interval of the linear approximation at the highest level."""
-    half = half_width(profile.widest.level) * profile.sd
-    ending = Ending.CROSSED if math.isfinite(profile.sd) else Ending.OPEN
-    return Interval(profile.widest.level, profile.optimum - half, profile.optimum + half, (ending, ending))
 
 
 def interval_text(profile: Profile, interval: Interval) -> str:

@@ -3,14 +3,12 @@
 import math
 from collections.abc import Iterator
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.assess.simulation import Simulation
 from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
 from ident.present.text.units import MM
 from ident.present.text.words import cut, degrees, paragraphs
-from ident.vibrate.response.belt_tension import slack
 from ident.vibrate.response.study import DIRECTIONS
 
 METHODS = {
@@ -149,14 +147,14 @@ def _belts(simulation: Simulation) -> Iterator[str]:
         f"Belts: smallest tension {tension[span, belt, place]:.4g} N, {('upper', 'lower')[span]} span of {names[belt]}"
         f" at {simulation.time[place]:.4g} s"
     )
-    found = sorted(slack(simulation.response.time, jnp.asarray(tension)), key=lambda one: one[2])
-    for number, side, start, end in found[:MOST_SLACK]:
+    slack = simulation.slack
+    for number, side, start, end in slack[:MOST_SLACK]:
         yield f"  SLACK: {side} span of {names[number]} from {start:.4g} to {end:.4g} s"
-    if len(found) > MOST_SLACK:
-        yield f"  and {len(found) - MOST_SLACK} times more"
-    if found and not simulation.response.machine.elastic:
+    if len(slack) > MOST_SLACK:
+        yield f"  and {len(slack) - MOST_SLACK} times more"
+    if slack and not simulation.response.machine.elastic:
         yield "  The belts are taken as rigid, which a slack one is not: raise the pretension, or use --elastic-belts"
-    elif found and simulation.response.method == "fast":
+    elif slack and simulation.response.method == "fast":
         yield "  The fast method has slack spans pull on, below zero: use --method exact, or raise the pretension"
 
 
