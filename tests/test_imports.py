@@ -35,11 +35,24 @@ ONLY_IN = {
 
 
 def imports(path):
-    for node in ast.walk(ast.parse(path.read_text())):
+    return imports_of(ast.parse(path.read_text()))
+
+
+def imports_of(tree):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
             yield node.module
+
+
+def used(path):
+    """Imports but those for type checkers alone: an annotation is no use of a library."""
+    tree = ast.parse(path.read_text())
+    hidden = [node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    annotated = {id(inner) for node in hidden for inner in ast.walk(node)}
+    tree.body = [node for node in tree.body if id(node) not in annotated]
+    return imports_of(tree)
 
 
 def modules():
@@ -57,7 +70,7 @@ def test_no_arrow_points_up(module):
 
 @pytest.mark.parametrize("module", modules(), ids=str)
 def test_each_library_has_its_room(module):
-    for name in imports(PACKAGE / module):
+    for name in used(PACKAGE / module):
         room = ONLY_IN.get(name.split(".")[0])
         assert room is None or str(module).startswith(room), f"{module} imports {name}"
 
