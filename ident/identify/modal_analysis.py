@@ -20,9 +20,9 @@ from ident.arm.mechanics import Phi, forward_kinematics, point_positions, unflat
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
 from ident.arm.modes import modes as lowest_modes
 from ident.errors import InputError, ModelError, Problem
-from ident.identify.conditions import bind
+from ident.identify.conditions import bind_loads
 from ident.jit import jit
-from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.measure import OWN_WEIGHT, Load
 
 MODES = 4
 """Modes that are looked at, unless another number is asked for."""
@@ -131,15 +131,17 @@ def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT
     if not arm.points:
         remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
         raise InputError(Problem(arm.name, "no point", "at least one", remedy))
-    asked = Measurement(kind="frequency", posture=posture, load=load, value=1.0, sigma=1.0)
-    conditions = bind(arm, Campaign("survey", measurements=(asked,)))
-    found = _solve(arm, conditions.posture, conditions.loads)
+    if not all(map(math.isfinite, posture)):
+        angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
+        raise InputError(Problem("", f"({angles}) deg", "finite angles", "correct the posture", "posture"))
+    posture = tuple(map(float, posture))
+    found = _solve(arm, jax.device_put(np.array([posture]).T), bind_loads(arm, [load]))
     if not np.isfinite(found.modes.frequency).all():
-        raise ModelError(_collapse(arm, asked.posture, load))
+        raise ModelError(_collapse(arm, posture, load))
     lowest, ratio = _lowest(found.modes, modes), -found.s.real / jnp.abs(found.s)
     return ModalAnalysis(
         arm=arm,
-        posture=asked.posture,
+        posture=posture,
         load=load,
         modes=jax.device_get(lowest),
         labels=tuple(mode_labels(lowest)),

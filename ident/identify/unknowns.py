@@ -44,12 +44,14 @@ def parameter(
     if prior is not None:
         if not positive:
             got = f"a prior on ln({paths[0]}), which may be negative"
-            raise InputError(Problem("", got, "a number that is fitted as its logarithm", "use --free NAME:WIDTH"))
+            raise InputError(
+                Problem("", got, "a number that is fitted as its logarithm", "free it (`free`) with a width")
+            )
         centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
         flat = math.log(prior.high / prior.low) / 2
     centre = value if centre is None else centre
     if positive and not (start > 0 and centre > 0):
-        remedy = f"give {paths[0]} a positive value in the arm file, or keep it (--fix {paths[0]})"
+        remedy = f"give {paths[0]} a positive value in the arm file, or keep it (`fix`)"
         raise InputError(Problem("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0]))
     if not prior_sd > 0:
         raise InputError(Problem("", f"a prior width of {prior_sd:g}", "a width > 0", "correct it", paths[0]))

@@ -1,7 +1,7 @@
 """Numbers that an arm takes over from a fit or from a posterior."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -75,10 +75,10 @@ class Values:
         """The median of each number's draws, or the number itself."""
         return {path: float(np.median(values)) for path, values in self.values.items()}
 
-    def shuffled(self, seed: int) -> dict[str, np.ndarray]:
-        """Return the draws in random order, so that any part of them is as good as any other."""
+    def shuffled(self, seed: int) -> "Values":
+        """Return the same draws in random order, so that any part of them is as good as any other."""
         order = np.random.default_rng(seed).permutation(len(next(iter(self.values.values()))))
-        return {path: values[order] for path, values in self.values.items()}
+        return replace(self, values={path: values[order] for path, values in self.values.items()})
 
     def without(self, paths: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """Return the values of all numbers but those at some paths."""

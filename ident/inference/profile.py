@@ -204,7 +204,7 @@ def check(
         InputError: no such parameter, a level that is none, or no reach.
     """
     if not 1 < reach < math.inf:
-        raise InputError(Problem("", f"a reach of {reach:g}", "a finite factor > 1", "give another (--reach)"))
+        raise InputError(Problem("reach", f"{reach:g}", "a finite factor > 1", "correct it"))
     for level in levels:
         if not 0 < level < 1:
             raise InputError(Problem("", f"a level of {level:g}", "a level between 0 and 1, as 0.95", "correct it"))

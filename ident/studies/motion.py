@@ -130,9 +130,9 @@ def drawn_values(
 
 
 def drawn_groups(
-    posterior: "Values | SampleResult | str | Path", arm: "Arm", count: int, fresh: int, seed: int = 0
-) -> "tuple[Values, Values | None]":
-    """Return two groups of draws that have none in common: to search with, and to verify with.
+    posterior: "Values | SampleResult | str | Path | None", arm: "Arm", count: int, fresh: int, seed: int = 0
+) -> "tuple[Values | None, Values | None]":
+    """Return two groups of draws that have none in common, to search with and to verify with; None for none.
 
     Args:
         posterior: a result, its file, or draws that were chosen before: the first group, without a second.
@@ -146,7 +146,7 @@ def drawn_groups(
     """
     from ident.identify.values import Values
 
-    if isinstance(posterior, Values):
+    if posterior is None or isinstance(posterior, Values):
         return posterior, None
     return _draws(posterior).two_groups(arm, count, fresh, seed)
 

@@ -111,7 +111,7 @@ def renamed(kind: type[Options], problem: Problem) -> Problem:
     def in_words(text: str) -> str:
         return re.sub(r"`(\w+)`", lambda match: flags.get(match[1], match[0]), text)
 
-    plain = replace(problem, got=in_words(problem.got), expected=in_words(problem.expected))
-    plain = replace(plain, remedy=in_words(problem.remedy))
+    plain = replace(problem, where=in_words(problem.where), got=in_words(problem.got))
+    plain = replace(plain, expected=in_words(problem.expected), remedy=in_words(problem.remedy))
     flag = flags.get(problem.column or problem.where)
     return replace(plain, where=flag, column="") if flag else plain

@@ -111,7 +111,7 @@ class SampleResult(Result):
         def write(part: Path) -> None:
             self.inference_data.to_netcdf(str(part), engine="h5netcdf")
 
-        write_netcdf_result(self.form, write, self.fields(), path)
+        write_netcdf_result(self.form, self.fields(), path, write)
         return (path,)
 
 

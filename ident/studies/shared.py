@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.unknowns import Unknowns
 
-NOT_NEGATIVE = ("mass", "k_bend", "k_tors", "tau_bend", "tau_tors")
-"""Fields that are not made negative."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemOptions(Options):
@@ -82,11 +79,14 @@ class ArmOptions(Options):
     )
 
     def problems(self) -> list[Problem]:
-        """Return numbers that are negative and can't be."""
+        """Return numbers of a sign that they can't have."""
+        from ident.arm.fields import EXPECTED, field_of
+
+        fields = {path: field_of(path) for path in self.set}
         return [
-            Problem("set", f"{path}={value:g}", "a value >= 0", "correct it")
-            for path, value in self.set.items()
-            if value < 0 and path.partition(".")[2] in NOT_NEGATIVE
+            Problem("set", f"{path}={self.set[path]:g}", EXPECTED[each.sign], "correct it")
+            for path, each in fields.items()
+            if each and not each.allows(self.set[path])
         ]
 
 

@@ -18,8 +18,8 @@ from ident.identify.label_checks import label_doubts
 from ident.identify.unknowns import Unknowns, parameter
 from ident.inference.consistency import consistency
 from ident.inference.cross_prediction import cross_predictions
-from ident.inference.fit import evaluate
 from ident.inference.identifiability import check
+from ident.inference.least_squares import evaluate
 from ident.inference.leverage import leverage_of
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem

@@ -19,7 +19,8 @@ from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
 from ident.identify.posture_grid import MOST, posture_grid
 from ident.identify.unknowns import Unknowns, stiffness_parameters
-from ident.inference.fit import fit, solve
+from ident.inference.fit import fit
+from ident.inference.least_squares import solve
 from ident.inference.optimal_design import Experiments, bundle, criterion, fewest, gains, greedy, information_gain
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.prior_information import (

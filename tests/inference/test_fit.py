@@ -18,7 +18,8 @@ from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
 from ident.inference.cross_prediction import cross_predictions
-from ident.inference.fit import evaluate, fit
+from ident.inference.fit import fit
+from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign

@@ -1,5 +1,7 @@
 """`ident.check` from Python."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
@@ -39,6 +41,13 @@ def test_a_model_without_answer_has_a_table_too(tmp_path):
     assert set(unknown.verdicts.values()) == {"unknown"}
     assert all(np.isnan(row["data_sd"]) for row in unknown.table())
     assert_comes_back(unknown, tmp_path)
+
+
+def test_a_remedy_names_the_option_as_python_does(result):
+    one = result.check.campaign.measurements[2]
+    campaign = ident.Campaign(measurements=(one, replace(one, value=10 * one.value)))
+    with pytest.raises(ident.InputError, match=r"\(`trust_values`\)"):
+        check(result.arm, campaign)
 
 
 def test_an_unknown_parameter_is_refused(result):

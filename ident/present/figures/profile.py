@@ -1,4 +1,4 @@
-"""The figure of profiles: one panel for each parameter, the rise of the cost beside its linear approximation."""
+"""The figure of profiles: one panel for each parameter, delta chi-squared beside its linear approximation."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from ident.identify.fit import CampaignFit
 from ident.inference.profile import Profile, threshold
 from ident.inference.profile_path import Ending
 from ident.present.figures.style import BLUE, FILLED, GREY, HOLLOW, ORANGE, engineering, plain, ratio_axis
-from ident.present.text.profile import percent
+from ident.present.text.profile import level_in_words
 from ident.present.text.units import read_unit
 from ident.present.text.words import cut
 
@@ -26,7 +26,7 @@ ABOVE = 1.35
 
 
 def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
-    """Draw profiles: the rise of the cost against each parameter, relative to its fitted value.
+    """Draw profiles: delta chi-squared against each parameter, relative to its fitted value.
 
     A curve that leaves the panel through its top ends an interval; an arrow at the side means open.
     """
@@ -43,7 +43,7 @@ def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
     for i, profile in enumerate(profiles):
         _panel(grid[i], profile, bottom)
         if i % columns == 0:
-            grid[i].set_ylabel("rise of the cost [-]", fontsize=9)
+            grid[i].set_ylabel("delta chi-squared [-]", fontsize=9)
         if i % columns == columns - 1 or i == len(profiles) - 1:
             _levels(grid[i], profile)
     for axes in list(grid)[len(profiles) :]:
@@ -132,7 +132,7 @@ def _levels(axes: Axes, profile: Profile) -> None:
     """Write the levels at the right end of their lines."""
     for interval in profile.intervals:
         axes.annotate(
-            percent(interval.level),
+            level_in_words(interval.level),
             (1.0, threshold(interval.level)),
             xycoords=("axes fraction", "data"),
             xytext=(4, 0),
@@ -168,5 +168,5 @@ def _title(profile: Profile) -> str:
         span = "open" if below and above else f"below {high}" if below else f"above {low}"
     else:
         span = f"{low} to {high}"
-    words = f"{best} {unit}; {percent(profile.widest.level)}: {span}"
+    words = f"{best} {unit}; {level_in_words(profile.widest.level)}: {span}"
     return f"{cut(profile.name, 34)}\n{words}"

@@ -22,9 +22,12 @@ from ident.text import one_line, quoted, read_bytes
 
 LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
+RERUN = "run the command again; files of older versions are not read"
 
 
-def provenance(form: str, arm_file: ArmFile, campaign: Campaign | None, options: Mapping[str, Any]) -> dict[str, Any]:
+def provenance(
+    form: str, arm_file: ArmFile | None, campaign: Campaign | None, options: Mapping[str, Any]
+) -> dict[str, Any]:
     """Say what a result was made from, with what and how: the head of every result file."""
     return {
         "format": form,
@@ -32,7 +35,7 @@ def provenance(form: str, arm_file: ArmFile, campaign: Campaign | None, options:
         "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
         "options": plain(options),
         "inputs": {
-            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
+            "arm": {"path": arm_file.path, "sha256": arm_file.sha256} if arm_file is not None else None,
             "campaign": {"path": campaign.path, "sha256": campaign.sha256} if campaign is not None else None,
         },
     }
@@ -53,14 +56,14 @@ def read_result(path: str | Path) -> tuple[str, dict[str, Any]]:
     Raises:
         InputError: the file is no result that this version of ident can load.
     """
-    if Path(path).suffix == ".nc":
+    where, netcdf = one_line(str(path)), Path(path).with_suffix(".nc")
+    if Path(path) == netcdf:
         from ident.present.files.netcdf import read_netcdf_result
 
         return read_netcdf_result(path)
-    where = one_line(str(path))
     document = read_document(path, EXPECTED)
     if "result" not in document:
-        remedy = "run the command again; files of older versions are not read"
+        remedy = f"load {one_line(netcdf.name)} beside it" if netcdf.exists() else RERUN
         raise InputError(Problem(where, f"no result to load ({document['format']})", EXPECTED, remedy))
     return document["format"], fields_of(document["result"], where)
 

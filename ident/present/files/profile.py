@@ -32,7 +32,7 @@ def profile_document(
                 "remarks": list(remarks(profile)),
                 "profile": {
                     "value": profile.values(profile.theta),
-                    "cost_rise": profile.rise,
+                    "delta_chi_squared": profile.rise,
                     "settled": profile.settled,
                 },
             }

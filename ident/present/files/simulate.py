@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.assess.simulation import Simulation
-from ident.files import replace_file, replace_path
+from ident.files import replace_file
 from ident.present.files import basis
 from ident.present.files.document import plain
 from ident.present.text.units import MM
@@ -19,7 +19,8 @@ from ident.vibrate.response.study import DIRECTIONS, Sizes
 if TYPE_CHECKING:
     import xarray
 
-FORMAT = "ident-simulate/1"
+FORMAT = "ident-simulate/2"
+LESS = "displacement of the end point less the quasi-static deflection"
 SPANS = ("upper", "lower")
 DIGITS = "%.10g"
 
@@ -68,7 +69,7 @@ def write_csv(simulation: Simulation, options: Mapping[str, Any], path: Path) ->
         f"{FORMAT} {head['created']} ident {head['software']['ident']}",
         f"arm: {one_line(simulation.basis.arm_file.path)} sha256 {simulation.basis.arm_file.sha256}",
         f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.basis.load}",
-        f"x, y, z: vibration of {simulation.point}, its displacement less the sag at rest; rotations include the sag",
+        f"x, y, z: vibration of {simulation.point}: {LESS}; rotations include that",
     ]
     header = ",".join(columns)
     top = "".join(f"# {note}\n" for note in notes) + header + "\n"
@@ -123,30 +124,51 @@ def dataset(simulation: Simulation, options: Mapping[str, Any]) -> "xarray.Datas
     return xarray.Dataset(variables, coordinates, attributes | {"arrival": simulation.response.motion.arrival})
 
 
-def write_netcdf(data: "xarray.Dataset", path: Path) -> None:
-    """Write a dataset whole or not at all.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
+def write_netcdf(simulation: Simulation, options: Mapping[str, Any], path: Path) -> None:
+    """Write all series as netCDF, compressed."""
+    data = dataset(simulation, options)
     packed = {str(name): {"zlib": True, "complevel": 4} for name, part in data.data_vars.items() if part.dtype == float}
-    replace_path(path, lambda part: data.to_netcdf(part, engine="h5netcdf", encoding=packed), make_folders=True)
+    data.to_netcdf(path, engine="h5netcdf", encoding=packed)
+
+
+def size_rows(simulation: Simulation) -> list[dict[str, Any]]:
+    """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
+    sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
+    columns = {
+        "peak": sizes.peak,
+        "time_of_peak": simulation.time[place],
+        "rms": sizes.rms,
+        "residual": sizes.residual,
+        "settling_time": sizes.settling,
+        "late_peak": sizes.late,
+    }
+    if simulation.draws:
+        low, high = np.quantile(simulation.draws.sizes.peak, (0.05, 0.95), axis=1)
+        columns |= {"peak_q05": low, "peak_q95": high}
+    rows = zip(*(np.asarray(column, float).tolist() for column in columns.values()), strict=True)
+    return [{"direction": d} | dict(zip(columns, row, strict=True)) for d, row in zip(DIRECTIONS, rows, strict=True)]
 
 
 def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
     response, other = simulation.response, simulation.study.other
     moved = ("direction", "time")
-    yield "vibration", _variable(moved, simulation.vibration, "m", "displacement of the end point less the sag at rest")
+    yield (
+        "vibration",
+        _variable(moved, simulation.vibration, "m", LESS),
+    )
     if other is not None:
         values = np.full_like(simulation.vibration, np.nan)
         values[:, : len(other.time)] = np.asarray(other.vibration)[:, : values.shape[1]]
         yield f"vibration_{other.method}", _variable(moved, values, "m", f"the same by the {other.method} method")
     yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
-    yield "sag", _variable(moved, response.sag, "m", "part of the displacement that the arm would have at rest")
+    yield "sag", _variable(moved, response.sag, "m", "quasi-static deflection, part of the displacement")
     yield "path", _variable(moved, response.path, "m", "where the end point would be with rigid joints")
-    yield "posture", _variable(("driven", "time"), response.posture, "rad", "angles that the motors are told")
+    yield "posture", _variable(("driven", "time"), response.posture, "rad", "commanded angles")
     by_joint = ("axis", "joint", "time")
-    yield "rotation", _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, sag included")
+    yield (
+        "rotation",
+        _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, quasi-static part included"),
+    )
     yield "moment", _variable(by_joint, response.moment, "N m", "moments of the bushings, weight included")
     if simulation.arm.belts:
         yield "tension", _variable(("span", "belt", "time"), simulation.tension, "N", "tension of the belts' spans")

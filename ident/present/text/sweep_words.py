@@ -5,13 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.arm.fields import field_of
-from ident.present.text.units import MM, value_in_words
+from ident.present.text.amplitude_words import mm
+from ident.present.text.units import value_in_words
 from ident.vibrate.redesign.sweep import Axis, Sweep
 from ident.vibrate.redesign.trend import NOTABLE, Trend, below, curve, trends
 from ident.vibrate.response.study import DIRECTIONS
 
 
-def title(axis: Axis, *, brief: bool = False) -> str:
+def axis_in_words(axis: Axis, *, brief: bool = False) -> str:
     """Say what is swept: `joint1.k_tors, torsional stiffness of joint1`; of several numbers only the first if brief."""
     if axis.is_speed:
         return "speed, percent of full speed"
@@ -25,7 +26,7 @@ def title(axis: Axis, *, brief: bool = False) -> str:
     return f"{axis.name}, {', '.join([f'{field.words} of {part}', *component])}"
 
 
-def in_words(axis: Axis, value: float) -> str:
+def value_on(axis: Axis, value: float) -> str:
     """Write a value of what is swept with its unit."""
     return value_in_words(axis.paths[0], value)
 
@@ -33,27 +34,27 @@ def in_words(axis: Axis, value: float) -> str:
 def trends_in_words(sweep: Sweep) -> Iterator[str]:
     """Say how the amplitudes go, over the whole range and about the present value."""
     (axis,) = sweep.axes
-    found = {name: (whole, about) for name, whole, about in trends(sweep)}
+    lines = {name: (whole, about) for name, whole, about in trends(sweep)}
     *each, largest = curve(sweep)[1]
     same = next((name for name, line in zip(DIRECTIONS, each, strict=True) if (line == largest).all()), "")
-    for name, (whole, _) in found.items():
+    for name, (whole, _) in lines.items():
         words = f"that in {same}" if same and name == "largest" else _over_range(axis, whole)
         yield f"  {name + ':':8s} {words}"
-    near = {name: about for name, (_, about) in found.items() if about and not (same and name == "largest")}
+    near = {name: about for name, (_, about) in lines.items() if about and not (same and name == "largest")}
     if not near:
         yield "  the present value is outside the range"
         return
     low, high = next(iter(near.values())).span
-    span = f"{low:.4g} to {in_words(axis, high)}"
+    span = f"{low:.4g} to {value_on(axis, high)}"
     if not axis.shifted:
         span = f"{low / axis.present:.3g}x to {high / axis.present:.3g}x"
-    told = "; ".join(f"{name} {_about(axis, about)}" for name, about in near.items())
-    yield f"  about the present value, {span}: {told}"
+    ways = "; ".join(f"{name} {_about(axis, about)}" for name, about in near.items())
+    yield f"  about the present value, {span}: {ways}"
 
 
-def _over_range(axis: Axis, found: Trend) -> str:
-    least, largest = (f"{MM * size:.4f} mm at {in_words(axis, value)}" for value, size in (found.least, found.largest))
-    start, end = (f"{MM * size:.4f}" for size in found.ends)
+def _over_range(axis: Axis, whole: Trend) -> str:
+    least, largest = (f"{mm(size)} mm at {value_on(axis, value)}" for value, size in (whole.least, whole.largest))
+    start, end = (mm(size) for size in whole.ends)
     return {
         "flat": f"is hardly changed (by less than {100 * NOTABLE:.0f} %)",
         "falls": f"falls from {start} to {end} mm",
@@ -61,18 +62,18 @@ def _over_range(axis: Axis, found: Trend) -> str:
         "minimum": f"has a minimum, {least}",
         "maximum": f"has a maximum, {largest}",
         "wavy": f"goes up and down, from {start} to {end} mm; largest {largest}",
-    }[found.shape]
+    }[whole.shape]
 
 
-def _about(axis: Axis, found: Trend) -> str:
+def _about(axis: Axis, about: Trend) -> str:
     return {
         "flat": "is hardly changed",
         "falls": "falls",
         "rises": "rises",
-        "minimum": f"has a minimum at {in_words(axis, found.least[0])}",
-        "maximum": f"has a maximum at {in_words(axis, found.largest[0])}",
+        "minimum": f"has a minimum at {value_on(axis, about.least[0])}",
+        "maximum": f"has a maximum at {value_on(axis, about.largest[0])}",
         "wavy": "goes up and down",
-    }[found.shape]
+    }[about.shape]
 
 
 def kept_in_words(sweep: Sweep, limit: float) -> str:
@@ -88,7 +89,7 @@ def kept_in_words(sweep: Sweep, limit: float) -> str:
 
 
 def _span(axis: Axis, values: np.ndarray, span: tuple[float, float]) -> str:
-    start, end = (in_words(axis, value) for value in span)
+    start, end = (value_on(axis, value) for value in span)
     if span[0] == span[1]:
         return f"at {start}"
     if span[0] == values[0]:

@@ -85,7 +85,7 @@ def refuse_factor(path: str, present: float, values: Iterable[float] = ()) -> It
     field = field_of(path)
     if not (field.has_factor(present) if field else present > 0):
         expected = "a number that is not zero" if field and field.sign == "non-zero" else "a number above 0"
-        yield Problem(path, f"{present:g} at present", expected, "it is changed by a factor: set it first (--set)")
+        yield Problem(path, f"{present:g} at present", expected, "it is changed by a factor: set it first (`set`)")
     elif not all(value * present > 0 for value in values):
         got, expected = " to ".join(f"{value:g}" for value in values), f"bounds {'above' if present > 0 else 'below'} 0"
         yield Problem(path, got, expected, "it is changed by a factor: correct them")
@@ -150,7 +150,7 @@ def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:
     elif problems := [] if variable.shifted else list(refuse_factor(variable.paths[0], present, (low, high))):
         yield from (replace(problem, where=name) for problem in problems)
     elif not low <= present <= high:
-        yield Problem(name, got, f"bounds about the present {present:g}", "correct them, or change it first (--set)")
+        yield Problem(name, got, f"bounds about the present {present:g}", "correct them, or change it first (`set`)")
     if not 0 < variable.weight < np.inf:
         yield Problem(name, f"weight {variable.weight:g}", "a weight above 0", "correct it")
 

@@ -235,7 +235,7 @@ def refuse_jumps(arm: Arm, motion: Motion) -> None:
     if jumps[place, joint] > JUMP:
         name = arm.driven[joint].name if joint < len(arm.driven) else f"joint {joint + 1}"
         got = f"a jump of {name}'s speed by {np.rad2deg(jumps[place, joint]):.4g} deg/s at {motion.breaks[place]:.4g} s"
-        remedy = "let a path begin at rest, and smooth a log (--smoothing)"
+        remedy = "let a path begin at rest, and smooth a log (`smoothing`)"
         raise InputError(Problem(motion.name, got, "a motion from rest without such jumps", remedy))
 
 

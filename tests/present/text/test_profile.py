@@ -87,8 +87,10 @@ def test_what_is_irregular_is_remarked_on(changes, words):
 def test_flat_and_not_flat_are_told_apart():
     item = Parameter(("j.k_bend",), True, 3e5, 3e5)
     flat, rising = (parabola(item, math.log(3e5), endings=(CROSSED, OPEN), height=h) for h in (0.0, 1.2))
-    assert "flat: nothing tells it on this side (as far as 3e+08 the cost does not rise)" in next(remarks(flat))
-    assert "too little tells it on this side (as far as 3e+08 the cost rises by 1.2 of 3.84)" in next(remarks(rising))
+    assert "flat: nothing tells it on this side (as far as 3e+08 delta chi-squared stays zero)" in next(remarks(flat))
+    assert "too little tells it on this side (as far as 3e+08 delta chi-squared reaches 1.2 of 3.84)" in next(
+        remarks(rising)
+    )
 
 
 def test_intervals_are_written_with_their_open_sides():
@@ -124,7 +126,7 @@ def test_the_document_is_json_with_null_for_open():
     second = json.loads(text)["parameters"][1]
     assert second["intervals"][-1]["high"] is None
     assert second["intervals"][-1]["endings"] == ["crossed", "open"]
-    assert len(second["profile"]["value"]) == len(second["profile"]["cost_rise"]) == 23
+    assert len(second["profile"]["value"]) == len(second["profile"]["delta_chi_squared"]) == 23
 
 
 @pytest.mark.parametrize("count", [1, 2, 6, 11])
