@@ -36,8 +36,19 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile, read_arm
     from ident.description.urdf import read_urdf
     from ident.measure import Campaign, Load, Log, Measurement, Trace, read_campaign, read_log, read_trace
+    from ident.studies.check import CheckOptions, CheckResult, check
+    from ident.studies.design import DesignOptions, DesignResult, design
+    from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
     from ident.studies.fit import FitOptions, FitResult, fit
     from ident.studies.load import load
+    from ident.studies.plan import PlanOptions, PlanResult, plan
+    from ident.studies.predict import PredictOptions, PredictResult, predict
+    from ident.studies.profile import ProfileOptions, ProfileResult, profile
+    from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
+    from ident.studies.sample import SampleOptions, SampleResult, sample
+    from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
+    from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
+    from ident.studies.sweep import SweepOptions, SweepResult, sweep
 
 __version__ = "0.1.0"
 
@@ -47,9 +58,11 @@ _PLACES = {
     "description.file": ("ArmFile", "read_arm"),
     "description.urdf": ("read_urdf",),
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
-    "studies.fit": ("FitOptions", "FitResult", "fit"),
     "studies.load": ("load",),
 }
+_STUDIES: tuple[str, ...] = ("predict", "check", "fit", "profile", "sample", "plan")
+_STUDIES += ("resonance", "simulate", "spectrum", "sweep", "design", "diagnose")
+_PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in _STUDIES}
 _MODULES = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = sorted([*_ERRORS, *_MODULES])
 

@@ -48,7 +48,9 @@ def decode(document: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None 
     """
     try:
         return _Reader(document["objects"], arrays or {}).value(document["value"])
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ImportError, RecursionError) as error:
+    except CodecError:
+        raise
+    except Exception as error:  # whatever else a document from elsewhere may do
         raise CodecError(f"{type(error).__name__}: {error}") from None
 
 
@@ -58,7 +60,7 @@ class _Writer:
         self.arrays, self.places, self.alive = arrays, dict[int, int](), list[Any]()
 
     def plain(self, value: Any) -> Any:
-        if value is None or isinstance(value, bool | str) or type(value) is int:
+        if value is None or type(value) in (bool, int, str):
             return value
         if type(value) is float:
             return value if math.isfinite(value) else {"float": repr(value)}
@@ -175,9 +177,9 @@ def _name(kind: type) -> str:
 
 def _class(name: str) -> Any:
     module, _, qualified = name.partition(":")
-    if not module or not qualified.replace("_", "").isalnum():
+    if not module or module.startswith("_") or not qualified.replace("_", "").isalnum():
         raise CodecError(f"no class of ident: {name:.60}")
-    found = getattr(importlib.import_module(f"ident.{module}"), qualified)
-    if not (isinstance(found, type) and found.__module__ == f"ident.{module}"):
+    kind = getattr(importlib.import_module(f"ident.{module}"), qualified)
+    if not (isinstance(kind, type) and kind.__module__ == f"ident.{module}"):
         raise CodecError(f"no class of ident: {name:.60}")
-    return found
+    return kind

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "ident"
-GROUND = {"codec", "errors", "files", "jit", "text", "units"}
+GROUND = {"codec", "errors", "files", "jit", "store", "text", "units"}
 MAY_USE = {
     "arm": set(),
     "description": {"arm"},
@@ -26,7 +26,7 @@ ONLY_IN = {
     "emcee": "inference",
     "jinja2": "present/html",
     "matplotlib": "present",
-    "optimistix": "inference/fit",
+    "optimistix": "inference/least_squares",
     "pydantic": "description",
     "rich": "cli",
     "ruckig": "vibrate/motion/stroke",
@@ -60,6 +60,12 @@ def test_each_library_has_its_room(module):
     for name in imports(PACKAGE / module):
         room = ONLY_IN.get(name.split(".")[0])
         assert room is None or str(module).startswith(room), f"{module} imports {name}"
+
+
+def test_present_computes_nothing():
+    for module in modules():
+        if module.parts[0] == "present":
+            assert not {"jax", "jax.numpy", "ident.jit"} & set(imports(PACKAGE / module)), module
 
 
 def test_the_check_sees_imports():

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.arm import DAMPING, STIFFNESS, Arm
+from ident.arm.arm import Arm
 from ident.arm.chain import Loads, lift, no_loads, stack
-from ident.arm.drive import SCALARS
+from ident.arm.fields import DAMPING, STIFFNESS, names_of
 from ident.arm.parts import Body
 from ident.arm.rotations import identity, outer, skew
 
@@ -219,12 +219,12 @@ def _moments(groups: list[list[tuple[Array | float, Body]]], rank: int) -> Momen
 
 def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
     by_joint = {drive.joint: drive for drive in arm.drives}
-    resting = dict.fromkeys(SCALARS["Drive"], 0.0) | {"ratio": 1.0}
+    resting = dict.fromkeys(names_of("Drive"), 0.0) | {"ratio": 1.0}
     columns = {
         field: stack(
             [getattr(by_joint[j.name], field) if j.name in by_joint else resting[field] for j in arm.joints], 0, rank
         )
-        for field in SCALARS["Drive"]
+        for field in names_of("Drive")
     }
     return Drives(
         ratio=columns["ratio"],

@@ -1,17 +1,11 @@
 """A design as it is reported: all that the report, the files and the figures have in common."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from ident.arm.arm import Arm
 from ident.assess.basis import Basis
-from ident.description.file import ArmFile
-from ident.identify.values import Values
-from ident.measure import Load, Log
-from ident.present.text.units import unit_of
 from ident.vibrate.redesign.design import Design, Place
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.sensitivity import Sensitivities
@@ -26,71 +20,33 @@ SAME = 1e-3
 
 @dataclass(frozen=True)
 class DesignStudy:
-    """What was asked, of what, and what came out.
+    """What may be changed, on what, and what came out.
 
     Attributes:
-        arm_file: the arm as its file has it.
-        trial: the arm as it was simulated, its motion, variables and draws.
-        load: the load case.
+        basis: the arm as it was simulated, its motion and the draws of the search.
+        trial: the same with the variables, as it is simulated.
         sensitivities: of the arm as it is.
-        design: what was found; None where only the sensitivities are wanted.
+        design: what is best; None where only the sensitivities are wanted.
         verification: of the best.
         starts: of the search.
-        log: the joint path, if one was replayed.
-        fit: values of a fit that the arm has taken over.
-        posterior: draws of a posterior, used in the search.
-        fresh: how many others the verification had.
-        changed: numbers that the user has set, by path.
     """
 
-    arm_file: ArmFile
+    basis: Basis
     trial: Evaluator
-    load: Load
     sensitivities: Sensitivities
     design: Design | None = None
     verification: Verification | None = None
     starts: int = 1
-    log: Log | None = None
-    fit: Values | None = None
-    posterior: Values | None = None
-    fresh: int = 0
-    changed: Mapping[str, float] | None = None
 
     @property
-    def arm(self) -> Arm:
-        """The arm as it was simulated."""
-        return self.trial.arm
-
-    @cached_property
-    def basis(self) -> Basis:
-        """What was simulated, and what that rests on."""
-        return Basis(
-            self.arm_file,
-            self.arm,
-            self.trial.motion,
-            np.nan,
-            self.load,
-            self.log,
-            self.fit,
-            self.posterior,
-            self.changed or {},
-        )
-
-    @property
-    def point(self) -> str:
-        """Name of the end point."""
-        return self.arm.points[-1].name
+    def limit(self) -> float | None:
+        """What the amplitude should not exceed [m]."""
+        return self.design.limit if self.design else None
 
     @property
     def draws(self) -> int:
         """Number of draws of the search."""
         return self.trial.size - 1
-
-    @property
-    def own(self) -> dict[str, float]:
-        """Numbers that the arm has not from its file: fitted, medians of draws, set by the user."""
-        values = self.fit or self.posterior
-        return (values.medians if values else {}) | dict(self.changed or {})
 
 
 def same(design: Design) -> int:
@@ -113,10 +69,3 @@ def bound_of(arm: Arm, variable: Variable, change: float) -> str:
 def keeps(place: Place, limit: float) -> bool:
     """Tell whether a design keeps a limit, but for rounding."""
     return place.largest <= limit * (1 + SAME)
-
-
-def change_in_words(variable: Variable, change: float) -> str:
-    """Write a change as `1.26x` or `+0.05 m`."""
-    if variable.shifted:
-        return f"{change:+.4g} {unit_of(variable.paths[0])}".removesuffix(" -")
-    return f"{np.exp(change):.4g}x"

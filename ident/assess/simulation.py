@@ -4,13 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.assess.basis import Basis
 from ident.measure import Trace
-from ident.vibrate.response.belt_tension import belt_tension
+from ident.vibrate.response.belt_tension import belt_tension, slack
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.study import Draws, SimulatedMotion, Sizes, measures
 from ident.vibrate.signal.compare import Comparison
@@ -62,7 +63,7 @@ class Simulation:
 
     @cached_property
     def vibration(self) -> Float[np.ndarray, "3 T"]:
-        """Displacement of the end point from where the sagging arm would be [m]."""
+        """Displacement of the end point from its quasi-static position [m]."""
         return np.asarray(self.response.vibration)
 
     @cached_property
@@ -79,6 +80,12 @@ class Simulation:
     def tension(self) -> Float[np.ndarray, "2 B T"]:
         """Tension of upper and lower span of each belt [N]."""
         return np.asarray(belt_tension(self.response))
+
+    @cached_property
+    def slack(self) -> tuple[tuple[int, str, float, float], ...]:
+        """Belt, span (`upper` or `lower`) and the times [s] between which it pulls with nothing, the earliest first."""
+        spans = slack(self.response.time, jnp.asarray(self.tension))
+        return tuple(sorted(spans, key=lambda span: span[2]))
 
     @cached_property
     def pulleys(self) -> dict[str, tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T"]]]:

@@ -54,10 +54,10 @@ def values(
 ) -> "tuple[Values | None, Values | None, Arm]":
     """Read fitted values and draws, and return both with the arm that takes them over: of draws, the medians."""
     from ident.arm.drive_check import check_drives
-    from ident.identify.values import read_draws, read_fit
+    from ident.studies.motion import drawn_values, fitted_values
 
-    fitted = read_fit(fit, arm) if fit else None
-    found = read_draws(posterior, arm, draws, seed) if posterior else None
+    fitted = fitted_values(fit, arm) if fit else None
+    found = drawn_values(posterior, arm, draws, seed) if posterior else None
     central = fitted or found
     described = arm.replace((central.medians if central else {}) | changed)
     check_drives(described)

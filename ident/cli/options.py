@@ -29,8 +29,6 @@ REPEATED = (
     "assigned",
 )
 """Options that may be given several times."""
-NOT_NEGATIVE = ("mass", "k_bend", "k_tors", "tau_bend", "tau_tors")
-"""Fields that `--set` refuses to make negative."""
 StartsOption = Annotated[int, typer.Option(min=1, help="starts of the fit, at least")]
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
 ArmOption = Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the campaign")]
@@ -121,11 +119,13 @@ def numbers(texts: list[str] | None, option: str) -> dict[str, float]:
 
 
 def assignments(texts: list[str] | None) -> dict[str, float]:
-    """Read `--set PATH=VALUE`; a number that cannot be negative is refused."""
+    """Read `--set PATH=VALUE`; what the number cannot be is refused."""
+    from ident.arm.fields import EXPECTED, field_of
+
     found = numbers(texts, "--set")
     for path, value in found.items():
-        if path.split(".")[1:2] and path.split(".")[1] in NOT_NEGATIVE and value < 0:
-            raise InputError(Problem(f"--set {path}={value:g}", f"{value:g}", "a value >= 0", "correct it"))
+        if (field := field_of(path)) and not field.allows(value):
+            raise InputError(Problem(f"--set {path}={value:g}", f"{value:g}", EXPECTED[field.sign], "correct it"))
     return found
 
 

@@ -57,7 +57,7 @@ SHAPES: dict[str, type[Table]] = {"box": Box, "cylinder": Cylinder, "point": Lum
 
 @dataclass(frozen=True)
 class Source:
-    """The text and its content, which together tell where a thing stands.
+    """The text and its content, which together tell where a thing is written.
 
     Attributes:
         where: names the text.
@@ -70,7 +70,7 @@ class Source:
     raw: dict[str, Any]
 
     def problem(self, loc: Loc, got: str, expected: str, remedy: str) -> Problem:
-        """Return a problem with what stands, or should stand, at a location."""
+        """Return a problem with what is, or should be, at a location."""
         lines = _line_numbers(self.text)
         line = next(lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in lines)
         return Problem(f"{self.where}:{line}", got, expected, remedy, self.words(loc))
@@ -125,12 +125,12 @@ class Source:
 
     def _written(self, loc: Loc, *, missing: bool) -> Loc:
         """Return the location without the names that pydantic gives to the members of a union."""
-        node, kept = self.raw, ()  # type: Any, Loc
+        node, written = self.raw, ()  # type: Any, Loc
         for n, step in enumerate(loc):
             there = isinstance(step, int) or (isinstance(node, dict) and step in node)
             if there or (missing and n == len(loc) - 1):
-                kept, node = (*kept, step), _child(node, step)
-        return kept
+                written, node = (*written, step), _child(node, step)
+        return written
 
     def _keys(self, loc: Loc) -> list[str]:
         """Return the keys that a table may have."""
@@ -152,20 +152,20 @@ def _child(node: Any, step: str | int) -> Any:
 def _line_numbers(text: str) -> dict[Loc, int]:
     """Return the line of every table and key that begins a line; multi-line strings are passed over."""
     plain = re.sub(r"(\"\"\"|''').*?\1", lambda m: "\n" * m[0].count("\n"), text, flags=re.S)
-    found: dict[Loc, int] = {(): 1}
+    lines: dict[Loc, int] = {(): 1}
     counts: dict[Loc, int] = {}
     table: Loc = ()
     for number, line in enumerate(plain.split("\n"), 1):
         if header := re.match(r"\s*\[(\[?)\s*([\w.\- ]+?)\s*\]", line):
             table = _table_loc(header[2].split("."), counts, new=bool(header[1]))
-            found.setdefault(table, number)
+            lines.setdefault(table, number)
         elif key := re.match(r"\s*([\w-]+)\s*=", line):
-            found.setdefault((*table, key[1]), number)
-    return found
+            lines.setdefault((*table, key[1]), number)
+    return lines
 
 
 def _table_loc(keys: list[str], counts: dict[Loc, int], *, new: bool) -> Loc:
-    """Return where a header's table stands; `counts` remembers how many each array of tables has."""
+    """Return where a header's table is; `counts` remembers how many each array of tables has."""
     loc: Loc = ()
     for n, key in enumerate(keys):
         loc += (key.strip(),)

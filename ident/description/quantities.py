@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
+from ident.arm.fields import field_named
 from ident.text import NAME, did_you_mean, quoted
 from ident.units import in_base_units, parse_unit
 
@@ -41,6 +42,20 @@ class Table(BaseModel):
 def si(value: Any, unit: str) -> Any:
     """Return numbers, written in a unit, in SI units."""
     return np.asarray(value, dtype=float) * in_base_units(parse_unit(unit))[0]
+
+
+def _range(name: str) -> Any:
+    """Accept what a field of the arm can be, by its sign."""
+    sign = field_named(name).sign
+    if sign == "positive":
+        return Field(gt=0, le=LARGEST)
+    return Field(ge=0 if sign == "non-negative" else -LARGEST, le=LARGEST)
+
+
+def _unit(name: str, *others: str) -> AfterValidator:
+    """Accept units of the dimension that a field of the arm has; others are shown beside its own."""
+    field = field_named(name)
+    return _checked_unit(*(unit.replace(" ", "*") for unit in (field.unit, *others, field.read_unit)))
 
 
 def _checked_unit(*examples: str) -> AfterValidator:
@@ -78,7 +93,6 @@ def _no_zero(ratio: float) -> float:
 Name = Annotated[str, Field(pattern=f"^{NAME}$")]
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(gt=0, le=LARGEST)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Interval = Annotated[list[Number], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -111,20 +125,25 @@ class Quantity(Sourced, Generic[Unit, Value]):
         return si(self.value, self.unit)
 
 
-Mass = Quantity[Annotated[str, _checked_unit("kg", "g")], NonNegative]
-Position = Quantity[LengthUnit, Vector]
-Stiffness = Quantity[Annotated[str, _checked_unit("N*m/rad", "N*mm/deg")], Positive]
-Time = Quantity[Annotated[str, _checked_unit("s", "ms")], NonNegative]
+Mass = Quantity[Annotated[str, _unit("mass", "g")], Annotated[float, _range("mass")]]
+Position = Quantity[Annotated[str, _unit("com")], Vector]
+Stiffness = Quantity[Annotated[str, _unit("k_bend")], Annotated[float, _range("k_bend")]]
+Time = Quantity[Annotated[str, _unit("tau_bend", "ms")], Annotated[float, _range("tau_bend")]]
 Acceleration = Quantity[Annotated[str, _checked_unit("m/s^2")], Vector]
 Limits = Quantity[Annotated[str, _checked_unit("rad", "deg")], Interval]
-Angle = Quantity[Annotated[str, _checked_unit("rad", "deg")], Number]
-AngleRate = Quantity[Annotated[str, _checked_unit("rad/s", "deg/s")], Positive]
-AngularAcceleration = Quantity[Annotated[str, _checked_unit("rad/s^2", "deg/s^2")], Positive]
-AngularJerk = Quantity[Annotated[str, _checked_unit("rad/s^3", "deg/s^3")], Positive]
-Length = Quantity[LengthUnit, Number]
-MassMoment = Quantity[Annotated[str, _checked_unit("kg*m^2", "kg*mm^2")], NonNegative]
-Force = Quantity[Annotated[str, _checked_unit("N")], NonNegative]
-SpanStiffness = Quantity[Annotated[str, _checked_unit("N/m", "N/mm")], NonNegative]
+Angle = Quantity[Annotated[str, _unit("phase", "deg")], Annotated[float, _range("phase")]]
+AngleAmplitude = Quantity[Annotated[str, _unit("error", "deg")], Annotated[float, _range("error")]]
+AngleRate = Quantity[Annotated[str, _unit("speed", "deg/s")], Annotated[float, _range("speed")]]
+AngularAcceleration = Quantity[
+    Annotated[str, _unit("acceleration", "deg/s^2")], Annotated[float, _range("acceleration")]
+]
+AngularJerk = Quantity[Annotated[str, _unit("jerk", "deg/s^3")], Annotated[float, _range("jerk")]]
+Height = Quantity[Annotated[str, _unit("height")], Annotated[float, _range("height")]]
+Eccentricity = Quantity[Annotated[str, _unit("eccentricity")], Annotated[float, _range("eccentricity")]]
+Radius = Quantity[Annotated[str, _unit("driver_radius")], Annotated[float, _range("driver_radius")]]
+MassMoment = Quantity[Annotated[str, _unit("rotor_inertia", "kg*mm^2")], Annotated[float, _range("rotor_inertia")]]
+Force = Quantity[Annotated[str, _unit("pretension")], Annotated[float, _range("pretension")]]
+SpanStiffness = Quantity[Annotated[str, _unit("stiffness", "N/mm")], Annotated[float, _range("stiffness")]]
 
 
 class Direction(Sourced):

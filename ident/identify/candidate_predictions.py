@@ -15,11 +15,11 @@ from ident.arm.chain import Loads, at_posture
 from ident.arm.equilibrium import deflection, static_equilibrium
 from ident.arm.labels import AMBIGUOUS, Label, labels_of_shares, torsion_share, vertical_share
 from ident.arm.modes import modes_about
-from ident.identify.conditions import bind
+from ident.identify.conditions import bind_loads
 from ident.inference.discrepancy import Discrepant
 from ident.inference.parameters import Parameters
 from ident.jit import jit
-from ident.measure import Campaign, Load, Measurement
+from ident.measure import Load
 
 CHUNK = 256
 """Columns (a posture, a load and a theta) that are computed together."""
@@ -140,9 +140,7 @@ def equivalent_postures(view: CandidatePredictions, favoured: np.ndarray) -> np.
 
 def _hung(arm: Arm, loads: tuple[Load, ...]) -> np.ndarray:
     """Return the load cases as columns, as `_loads_of` takes them apart."""
-    still = (0.0,) * len(arm.driven)
-    rows = [Measurement(kind="frequency", posture=still, load=load, value=1.0, sigma=1.0) for load in loads]
-    bound = bind(arm, Campaign(measurements=tuple(rows))).loads
+    bound = bind_loads(arm, loads)
     parts = [np.asarray(part).reshape(-1, len(loads)) for part in (bound.payload, bound.mass, bound.force)]
     return np.concatenate(parts)
 

@@ -16,14 +16,13 @@ from ident.inference.identifiability import Check, check
 from ident.measure import Campaign
 
 
-@dataclass(frozen=True)
-class CampaignCheck:
+@dataclass(frozen=True, kw_only=True)
+class CampaignCheck(Check):
     """What a campaign can tell about an arm, before any solving.
 
     Attributes:
         arm: with the numbers of its file.
         campaign: what was measured.
-        check: verdicts, directions, and the part of each measurement.
         consistency: the data among themselves; None where the model has no answer at the start.
         labels: measurements whose mode is not sure.
         repeats: pairs of rows that measured the same and contradict each other; refused unless values are trusted.
@@ -31,7 +30,6 @@ class CampaignCheck:
 
     arm: Arm
     campaign: Campaign
-    check: Check
     consistency: Consistency | None
     labels: tuple[LabelDoubt, ...]
     repeats: tuple[tuple[int, int], ...]
@@ -39,8 +37,8 @@ class CampaignCheck:
     @property
     def contradictory(self) -> bool:
         """Whether one kind of measurement contradicts the others."""
-        found = self.consistency.cross_predictions if self.consistency else ()
-        return any(np.abs(tension.z).max() > SUSPICIOUS for tension in found)
+        compared = self.consistency.cross_predictions if self.consistency else ()
+        return any(np.abs(each.z).max() > SUSPICIOUS for each in compared)
 
 
 def check_campaign(
@@ -62,11 +60,17 @@ def check_campaign(
     problem = build_problem(arm, campaign, unknowns)
     if not trust_values:
         check_values(problem, campaign, arm)
-    found = check(problem, seed=seed)
-    if found.blind:
+    checked = check(problem, seed=seed)
+    if checked.blind:
         got = "no measurement that depends on any of the unknowns"
         remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
         raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
     agree = consistency(build_problem(arm, campaign, (unknowns or Unknowns()).with_prior))
-    repeats = tuple(contradictory_repeats(campaign))
-    return CampaignCheck(arm, campaign, found, agree, label_doubts(arm, campaign), repeats)
+    return CampaignCheck(
+        **vars(checked),
+        arm=arm,
+        campaign=campaign,
+        consistency=agree,
+        labels=label_doubts(arm, campaign),
+        repeats=tuple(contradictory_repeats(campaign)),
+    )

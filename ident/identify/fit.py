@@ -19,52 +19,50 @@ IMPROBABLE = 1e-3
 """Chance of so large a chi-squared below which model or sigmas are called wrong."""
 
 
-@dataclass(frozen=True)
-class CampaignFit:
-    """A fit of an arm to a campaign, with the tension between its kinds of data.
+@dataclass(frozen=True, kw_only=True)
+class CampaignFit(Fit):
+    """A fit of an arm to a campaign, with each kind of data predicted from the others.
 
     Attributes:
         arm: with the numbers of its file.
         campaign: what was measured.
-        fit: the fit.
-        tensions: each kind of measurement against the others.
+        cross_predictions: each kind of measurement against the others.
     """
 
     arm: Arm
     campaign: Campaign
-    fit: Fit
     cross_predictions: tuple[CrossPrediction, ...]
 
     @property
     def contradictory(self) -> bool:
         """Whether one kind of measurement contradicts the others."""
-        return any(np.abs(tension.z).max() > SUSPICIOUS for tension in self.cross_predictions)
+        return any(np.abs(each.z).max() > SUSPICIOUS for each in self.cross_predictions)
 
     @property
     def outliers(self) -> np.ndarray:
         """Which measurements lie more than three sigma from the fit."""
-        return np.abs(self.fit.residuals) > SUSPICIOUS
+        return np.abs(self.residuals) > SUSPICIOUS
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
         found = {
-            "the gradient does not vanish here, so this is not an optimum": not self.fit.best.converged,
+            "the gradient does not vanish here, so this is not an optimum": not self.best.converged,
             "the kinds of measurement contradict each other (see below)": self.contradictory,
             f"{self.outliers.sum()} measurements lie more than 3 sigma from the fit": self.outliers.any(),
-            f"so large a chi-squared has a chance of {self.fit.p_value:.1g}": self.fit.p_value < IMPROBABLE,
+            f"so large a chi-squared has a chance of {self.p_value:.1g}": self.p_value < IMPROBABLE,
         }
         return tuple(doubt for doubt, holds in found.items() if holds)
 
     @property
     def supported(self) -> np.ndarray:
         """Which parameters an interval may be quoted for: none where the fit itself is in doubt."""
-        return self.fit.information.supported & (not self.doubts)
+        return self.information.supported & (not self.doubts)
 
     @property
     def fitted_arm(self) -> Arm:
         """The arm with the fitted numbers in place."""
-        return self.arm.replace(self.fit.parameters)
+        return self.arm.replace(self.parameters)
 
 
 def fit_campaign(
@@ -95,6 +93,6 @@ def fit_campaign(
     problem = build_problem(arm, campaign, unknowns)
     if not trust_values:
         check_values(problem, campaign, arm)
-    found = fit(problem, starts=starts, seed=seed, progress=progress)
+    best = fit(problem, starts=starts, seed=seed, progress=progress)
     compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
-    return CampaignFit(arm, campaign, found, cross_predictions(compared))
+    return CampaignFit(**vars(best), arm=arm, campaign=campaign, cross_predictions=cross_predictions(compared))

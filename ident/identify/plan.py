@@ -96,6 +96,18 @@ class CampaignPlan:
         return self.gain / self.offered.cost
 
     @property
+    def best_gain(self) -> Float[np.ndarray, "V"]:
+        """Gain per unit cost of the best visit to each posture of the view."""
+        best = np.full(len(self.view.postures), -np.inf)
+        np.maximum.at(best, [visit.place for visit in self.visits], self.per_cost)
+        return best
+
+    @property
+    def gain_over_grid(self) -> Float[np.ndarray, "G"]:
+        """The same for each posture of the grid; NaN where the arm does not stand."""
+        return np.append(self.best_gain, np.nan)[self.grid.seen]
+
+    @property
     def batch(self) -> tuple[Experiment, ...]:
         """The chosen visits."""
         return tuple(self.visits[step.visit] for step in self.steps)
@@ -205,10 +217,10 @@ def plan_campaign(
     found = None
     if campaign:
         found = fit_campaign(arm, campaign, unknowns, starts=starts, seed=seed, trust_values=trust_values)
-    parameters = found.fit.problem.parameters if found else build_problem(arm, _anything(arm), unknowns).parameters
+    parameters = found.problem.parameters if found else build_problem(arm, _anything(arm), unknowns).parameters
     gain = criterion(aim, parameters.names)
     spread = {"draws": draws, "seed": seed}
-    known = fitted_knowledge(found.fit, **spread) if found else prior_knowledge(parameters, **spread)
+    known = fitted_knowledge(found, **spread) if found else prior_knowledge(parameters, **spread)
     held = np.array(campaign.postures) if campaign else postures[:0]
     view, seen, measured = _different(arm, parameters, known.points, np.concatenate([postures, held]), held, means)
     stands = np.asarray(view.stands.all(0))

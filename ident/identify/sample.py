@@ -65,12 +65,12 @@ def sample_campaign(
         InputError: see `sample`.
         ModelError: see `sample`.
     """
-    target = posterior(fitted.fit.problem, noise)
+    target = posterior(fitted.problem, noise)
     # damping ratios call LAPACK, which must not run twice at the same time under jax 0.10
-    damped = "damping_ratio" in fitted.fit.problem.kinds
+    damped = "damping_ratio" in fitted.problem.kinds
     settings = replace(settings, threads=1 if damped else min(os.cpu_count() or 1, settings.ensembles))
     if weights:
         check_weighable(target)
-    drawn = sample(fitted.fit, target, settings, folder=folder, provenance=provenance, progress=progress)
+    drawn = sample(fitted, target, settings, folder=folder, provenance=provenance, progress=progress)
     several = len(drawn.basins) > 1
     return CampaignSample(fitted, drawn, posterior_predictive(drawn), weigh(drawn) if several and weights else None)

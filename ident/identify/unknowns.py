@@ -4,14 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from ident.arm.arm import DAMPING, STIFFNESS, Arm, stiffness_paths
+from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.fields import DAMPING, field_of
 from ident.errors import InputError, Problem
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.text import did_you_mean
 
-POSITIVE = ("mass", *STIFFNESS, *DAMPING)
-"""Fields that are fitted as logarithms."""
 WEAK_PRIOR = 1.0
 """Default standard deviation of ln(stiffness) about the arm file's value: a factor of 7 each way covers 95 %."""
 LENGTH_SCALE = 0.1
@@ -32,7 +31,7 @@ def parameter(
         arm: gives the value that start and centre default to.
         paths: as in `Arm.get`; several are fitted as one number.
         start: where the fit starts.
-        prior_sd: of ln(value) for masses, stiffnesses and damping, of the value itself in its SI unit otherwise.
+        prior_sd: of ln(value) for what is fitted so (`ident.arm.fields`), else of the value itself in its SI unit.
         centre: the prior's median.
         prior: the prior in place of `centre` and `prior_sd`, for a positive quantity.
 
@@ -40,17 +39,19 @@ def parameter(
         InputError: no such number, a positive quantity whose value is not, or a prior for ln of one of either sign.
     """
     value = next(float(arm.get(path)) for path in paths)
-    positive = all(path.split(".")[1] in POSITIVE for path in paths)
+    positive = all((field := field_of(path)) and field.logarithmic for path in paths)
     flat, start = 0.0, value if start is None else start
     if prior is not None:
         if not positive:
             got = f"a prior on ln({paths[0]}), which may be negative"
-            raise InputError(Problem("", got, "a mass, a stiffness or a damping time", "use --free NAME:WIDTH"))
+            raise InputError(
+                Problem("", got, "a number that is fitted as its logarithm", "free it (`free`) with a width")
+            )
         centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
         flat = math.log(prior.high / prior.low) / 2
     centre = value if centre is None else centre
     if positive and not (start > 0 and centre > 0):
-        remedy = f"give {paths[0]} a positive value in the arm file, or keep it (--fix {paths[0]})"
+        remedy = f"give {paths[0]} a positive value in the arm file, or keep it (`fix`)"
         raise InputError(Problem("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0]))
     if not prior_sd > 0:
         raise InputError(Problem("", f"a prior width of {prior_sd:g}", "a width > 0", "correct it", paths[0]))

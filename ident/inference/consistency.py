@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 from scipy.special import chdtrc
 
 from ident.inference.cross_prediction import CrossPrediction
-from ident.inference.fit import evaluate
 from ident.inference.information import RANK_TOLERANCE
+from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
 
 COARSE = 0.3

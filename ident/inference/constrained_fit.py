@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ident.inference.fit import STATIONARY, End, Fit, solve
+from ident.inference.fit import Fit
 from ident.inference.information import RANK_TOLERANCE
+from ident.inference.least_squares import STATIONARY, End, solve
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.jit import jit

@@ -82,7 +82,7 @@ def check_weighable(posterior: Posterior) -> None:
     parameters = posterior.parameters
     if not parameters.proper.all():
         names = ", ".join(np.array(parameters.names)[~parameters.proper])
-        remedy = "give it (--prior), or leave the optima unweighed"
+        remedy = "give it (`prior`), or leave the optima unweighed"
         raise InputError(Problem("", f"no prior for {names}", "a prior for each unknown", remedy))
 
 

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ident.inference.fit import evaluate
 from ident.inference.information import Information, information
+from ident.inference.least_squares import evaluate
 from ident.inference.leverage import Leverage, leverage_of
 from ident.inference.problem import InverseProblem
 

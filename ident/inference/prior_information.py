@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from ident.inference.fit import Fit, evaluate
+from ident.inference.fit import Fit
+from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameters
 from ident.inference.problem import InverseProblem
 

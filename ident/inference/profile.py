@@ -114,6 +114,18 @@ class Profile:
         return low, high
 
     @property
+    def linear_interval(self) -> Interval:
+        """The interval of the linear approximation at the highest level."""
+        half = half_width(self.widest.level) * self.sd
+        ending = Ending.CROSSED if math.isfinite(self.sd) else Ending.OPEN
+        return Interval(self.widest.level, self.optimum - half, self.optimum + half, (ending, ending))
+
+    @property
+    def settled_inside(self) -> Bool[np.ndarray, "inside"]:
+        """`settled` at the points within the widest interval."""
+        return self.settled[(self.theta >= self.widest.low) & (self.theta <= self.widest.high)]
+
+    @property
     def linear(self) -> bool:
         """Whether the widest interval agrees with the linear one."""
         return all(abs(half - 1) <= NOT_LINEAR for half in self.halves)
@@ -192,7 +204,7 @@ def check(
         InputError: no such parameter, a level that is none, or no reach.
     """
     if not 1 < reach < math.inf:
-        raise InputError(Problem("", f"a reach of {reach:g}", "a finite factor > 1", "give another (--reach)"))
+        raise InputError(Problem("reach", f"{reach:g}", "a finite factor > 1", "correct it"))
     for level in levels:
         if not 0 < level < 1:
             raise InputError(Problem("", f"a level of {level:g}", "a level between 0 and 1, as 0.95", "correct it"))

@@ -49,20 +49,18 @@ class FitResult(Result):
     @property
     def parameters(self) -> Mapping[str, float]:
         """Fitted values by path [SI: N m/rad for a stiffness]; tied numbers each by its own path."""
-        return self.fit.fit.parameters
+        return self.fit.parameters
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
         """95 % intervals by parameter [SI], whether or not the data support them: see `doubts` and `supported`."""
-        names = self.fit.fit.problem.parameters.names
-        return {
-            name: (float(low), float(high)) for name, (low, high) in zip(names, self.fit.fit.interval(), strict=True)
-        }
+        names = self.fit.problem.parameters.names
+        return {name: (float(low), float(high)) for name, (low, high) in zip(names, self.fit.interval(), strict=True)}
 
     @property
     def supported(self) -> Mapping[str, bool]:
         """Whether an interval may be quoted for a parameter."""
-        return dict(zip(self.fit.fit.problem.parameters.names, map(bool, self.fit.supported), strict=True))
+        return dict(zip(self.fit.problem.parameters.names, map(bool, self.fit.supported), strict=True))
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -96,7 +94,7 @@ class FitResult(Result):
         from ident.present.files.document import write_result
         from ident.present.files.fit import fit_document
 
-        write_result(fit_document(self.fit, self.arm, self.options.recorded()), self.fields(), path)
+        write_result(fit_document(self.form, self.fit, self.arm, self.options.recorded()), self.fields(), path)
         return (path,)
 
 

@@ -5,18 +5,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
-from ident.studies.options import Options, option
-from ident.studies.shared import as_file
+from ident.studies.options import option
+from ident.studies.shared import ArmOptions, as_file
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.assess.basis import Basis
     from ident.description.file import ArmFile
-    from ident.identify.values import Values
-    from ident.inference.sample import Sample
+    from ident.identify.values import Draws, Values
     from ident.measure import Log
     from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
     from ident.vibrate.motion.motion import Motion
 
 STROKE = (
@@ -25,12 +24,8 @@ STROKE = (
 )
 
 
-NOT_NEGATIVE = ("mass", "k_bend", "k_tors", "tau_bend", "tau_tors")
-"""Fields of an arm's parts that can't be below 0."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class MotionOptions(Options):
+class MotionOptions(ArmOptions):
     """What the arm carries out, under which load, with which numbers changed."""
 
     speed: float | None = option(
@@ -39,23 +34,11 @@ class MotionOptions(Options):
     profile: str | None = option(None, "of the stroke's speed: s-curve (default), trapezoid or cycloid")
     retract: bool = option(False, "from unfolded to folded")
     smoothing: float = option(0.0, "noise of that path, rms [deg]")
-    load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
-    set: dict[str, float] = option(
-        {},
-        "number to change, in SI, as link2.mass=30 (inertia stays as it is); may be repeated",
-        repeated=True,
-        read=reading.numbers,
-    )
 
     @property
     def hold(self) -> float:
         """Time that the arm is held at the end [s]."""
         return 0.0
-
-    def problems(self) -> list[Problem]:
-        """Refuse numbers below 0 where there are none."""
-        below = {path: value for path, value in self.set.items() if path.split(".")[-1] in NOT_NEGATIVE and value < 0}
-        return [Problem("set", f"{path}={value:g}", "a value >= 0", "correct it") for path, value in below.items()]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,32 +99,66 @@ def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm") -> "Values
     Raises:
         InputError: a file that holds none, or values of no number of this arm.
     """
-    from ident.identify.values import Values, read_fit
+    from ident.identify.values import Values
+    from ident.present.files.fit import read_fit
+    from ident.studies.fit import FitResult
 
     if isinstance(fit, Values):
         return fit
-    return read_fit(fit, arm) if isinstance(fit, str | Path) else Values.of_fit(fit.fit)
+    return read_fit(FitResult.form, fit, arm) if isinstance(fit, str | Path) else Values.of_fit(fit.fit, arm)
 
 
 def drawn_values(
-    posterior: "Values | Sample | str | Path | None", arm: "Arm", draws: int, seed: int | None = None
+    posterior: "Values | SampleResult | str | Path | None", arm: "Arm", count: int, seed: int | None = None
 ) -> "Values | None":
-    """Return draws of a posterior, whatever it is in; None for none.
+    """Return draws of a posterior, whatever they are in; `Values` as they are, None for none.
 
     Args:
-        posterior: draws that were chosen before, a sample, or its file.
+        posterior: a result, or its file.
         arm: whose numbers are looked for.
-        draws: how many, at most; all of those that were chosen before.
+        count: draws, at most.
         seed: of a choice at random; without one the draws are spread evenly over the chains.
 
     Raises:
-        InputError: a file that holds no posterior, or draws of no number of this arm.
+        InputError: a file that holds none, or draws of no number of this arm.
     """
-    from ident.identify.values import Values, read_draws
+    from ident.identify.values import Values
 
     if posterior is None or isinstance(posterior, Values):
         return posterior
-    return read_draws(posterior, arm, draws, seed)
+    return _draws(posterior).some(arm, count, seed)
+
+
+def drawn_groups(
+    posterior: "Values | SampleResult | str | Path | None", arm: "Arm", count: int, fresh: int, seed: int = 0
+) -> "tuple[Values | None, Values | None]":
+    """Return two groups of draws that have none in common, to search with and to verify with; None for none.
+
+    Args:
+        posterior: a result, or its file; `Values` are the first group as they are, without a second.
+        arm: whose numbers are looked for.
+        count: draws of the first group, at most.
+        fresh: draws of the second, at most.
+        seed: of the choice.
+
+    Raises:
+        InputError: a file that holds none, or draws of no number of this arm.
+    """
+    from ident.identify.values import Values
+
+    if posterior is None or isinstance(posterior, Values):
+        return posterior, None
+    return _draws(posterior).two_groups(arm, count, fresh, seed)
+
+
+def _draws(posterior: "SampleResult | str | Path") -> "Draws":
+    from ident.identify.values import Draws
+    from ident.present.files.sample import read_posterior
+    from ident.studies.sample import SampleResult
+
+    if isinstance(posterior, str | Path):
+        return read_posterior(SampleResult.form, posterior)
+    return Draws.of_sample(posterior.sample)
 
 
 def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":

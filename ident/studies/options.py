@@ -105,13 +105,13 @@ def flag_of(each: Field[Any]) -> str:
 def renamed(kind: type[Options], problem: Problem) -> Problem:
     """Return a complaint that speaks of options, or of `options` in backticks, as one that names the flags."""
     flags = {each.name: flag_of(each) for each, _ in specs(kind)}
-    flags |= {name: f"--{name}" for name in INPUTS}
+    flags |= {name: f"--{name}" for name in INPUTS} | {"folder": "--out"}
     flags |= {spec.argument: flag_of(each) for each, spec in specs(kind) if spec.argument}
 
     def in_words(text: str) -> str:
         return re.sub(r"`(\w+)`", lambda match: flags.get(match[1], match[0]), text)
 
-    plain = replace(problem, got=in_words(problem.got), expected=in_words(problem.expected))
-    plain = replace(plain, remedy=in_words(problem.remedy))
+    plain = replace(problem, where=in_words(problem.where), got=in_words(problem.got))
+    plain = replace(plain, expected=in_words(problem.expected), remedy=in_words(problem.remedy))
     flag = flags.get(problem.column or problem.where)
     return replace(plain, where=flag, column="") if flag else plain

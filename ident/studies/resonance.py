@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from ident.assess.basis import Basis
     from ident.description.file import ArmFile
     from ident.identify.values import Values
-    from ident.inference.sample import Sample
     from ident.measure import Log
     from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
     from ident.vibrate.modal.branches import Branches
     from ident.vibrate.modal.excitation import Excitation
     from ident.vibrate.modal.resonance import ResonanceCrossing
@@ -111,7 +111,7 @@ def resonance(
     *,
     path: "Log | str | Path | None" = None,
     fit: "Values | FitResult | str | Path | None" = None,
-    posterior: "Values | Sample | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
 ) -> ResonanceResult:
     """Compare the pulleys' frequencies with the arm's natural frequencies along a motion (the paper's Figure 4).
 

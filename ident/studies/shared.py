@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ident.errors import Problem
 from ident.inference.priors import Prior
 from ident.studies import reading
 from ident.studies.options import Options, option
@@ -63,6 +64,30 @@ class ProblemOptions(Options):
 
         width = math.inf if self.no_prior else self.prior_sd
         return Unknowns(self.fix, self.tie, self.free, width, self.prior, self.discrepancy)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmOptions(Options):
+    """What an arm carries, and which of its numbers are changed."""
+
+    load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
+    set: dict[str, float] = option(
+        {},
+        "number to change, in SI, as link2.mass=30 (inertia stays as it is); may be repeated",
+        repeated=True,
+        read=reading.numbers,
+    )
+
+    def problems(self) -> list[Problem]:
+        """Return numbers of a sign that they can't have."""
+        from ident.arm.fields import EXPECTED, field_of
+
+        fields = {path: field_of(path) for path in self.set}
+        return [
+            Problem("set", f"{path}={self.set[path]:g}", EXPECTED[each.sign], "correct it")
+            for path, each in fields.items()
+            if each and not each.allows(self.set[path])
+        ]
 
 
 def as_file(arm: "Arm | ArmFile") -> "ArmFile":

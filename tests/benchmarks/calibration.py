@@ -38,7 +38,7 @@ from sbc import Recovery, recover, report
 from ident.description.file import read_arm
 from ident.identify.build_problem import build_problem
 from ident.identify.unknowns import Unknowns
-from ident.inference.fit import evaluate
+from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
 from ident.inference.sample import Settings
 from ident.measure import Campaign, Measurement

@@ -12,7 +12,7 @@ from arms import DATA
 from commands import files
 from diagnose_small import SMALL
 
-from ident.studies import stage_cache as kept
+from ident.store import Store
 
 SUPPORT = Path(__file__).parents[1] / "support"
 CAMPAIGN = DATA / "lcd_arm" / "campaign.csv"
@@ -76,22 +76,11 @@ def test_an_interrupted_run_says_how_it_goes_on(run, monkeypatch, tmp_path):
 
 
 def test_a_run_of_other_inputs_is_not_gone_on_with(run, tmp_path):
-    kept.StageCache(tmp_path / "out" / "campaign.diagnose.part", {"campaign": "another"})
+    Store(tmp_path / "out" / "campaign.diagnose.part", {"campaign": "another"})
     code, _, err = run(*ASKED)
     assert code == 2
     assert "another campaign" in err
     assert len(err.splitlines()) == 1
-
-
-def test_stages_are_kept_whole(tmp_path):
-    stages = kept.StageCache(tmp_path, {"campaign": "one"})
-    assert stages.read("vibration") is None
-    stages.write("vibration", {"facts": {"name": "Gelenk \u00fc"}})
-    assert kept.StageCache(tmp_path, {"campaign": "one"}).read("vibration") == {"facts": {"name": "Gelenk \u00fc"}}
-    (tmp_path / "stage-vibration.json").write_text('{"facts": {"na')
-    assert stages.read("vibration") is None
-    kept.StageCache.discard(tmp_path)
-    assert not tmp_path.exists()
 
 
 @pytest.mark.parametrize(

@@ -173,7 +173,7 @@ def test_draws_of_a_posterior_give_bands(run, tmp_path):
 
 
 def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
-    from ident.identify.values import read_draws, read_fit
+    from ident.studies.motion import drawn_values, fitted_values
 
     document = {
         "format": "ident-fit/2",
@@ -183,7 +183,7 @@ def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
         ],
     }
     (tmp_path / "a.fit.json").write_text(json.dumps(document))
-    fit = read_fit(tmp_path / "a.fit.json", lcd_arm())
+    fit = fitted_values(tmp_path / "a.fit.json", lcd_arm())
     assert fit.medians == {"joint2.k_tors": 3e5, "joint3.k_tors": 3e5}
     assert fit.left_out == ("discrepancy.deflection",)
     assert fit.without({"joint3.k_tors": 1.0}).keys() == {"joint2.k_tors"}
@@ -192,7 +192,7 @@ def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
         tied = arviz.InferenceData(posterior=data.load())
     tied.posterior["joint2.k_tors"].attrs["paths"] = json.dumps(["joint2.k_tors", "joint3.k_tors"])
     tied.to_netcdf(str(tmp_path / "tied.nc"), engine="h5netcdf")
-    drawn = read_draws(tmp_path / "tied.nc", lcd_arm(), 100, seed=1)
+    drawn = drawn_values(tmp_path / "tied.nc", lcd_arm(), 100, seed=1)
     np.testing.assert_array_equal(drawn.values["joint3.k_tors"], drawn.values["joint2.k_tors"])
     np.testing.assert_array_equal(np.sort(drawn.values["joint3.k_tors"]), np.sort(values["joint2.k_tors"].ravel()))
 

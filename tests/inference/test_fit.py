@@ -18,7 +18,8 @@ from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
 from ident.inference.cross_prediction import cross_predictions
-from ident.inference.fit import evaluate, fit
+from ident.inference.fit import fit
+from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign
@@ -78,7 +79,7 @@ def test_exact_data_give_all_six_from_any_of_a_hundred_starts():
 
 
 def test_the_noisy_campaign_gives_all_six_within_three_standard_deviations():
-    found = fit_campaign(lcd_arm(), shipped()).fit
+    found = fit_campaign(lcd_arm(), shipped())
     truth = np.log(np.asarray(found.problem.parameters.column("start")))
     assert (np.abs(found.best.theta - truth) < 3 * found.information.sd).all()
     assert (found.information.sd < 0.03).all()
@@ -128,7 +129,7 @@ def test_damping_ratios_give_the_damping_times():
     )
     campaign = exact(Campaign(measurements=(*shipped().measurements, *ratios)))
     start = arm.replace({f"joint{j}.{tau}": 1e-3 for j in (1, 2, 3) for tau in ("tau_bend", "tau_tors")})
-    found = fit_campaign(start, campaign, Unknowns(prior_sd=math.inf), starts=1, trust_values=True).fit
+    found = fit_campaign(start, campaign, Unknowns(prior_sd=math.inf), starts=1, trust_values=True)
     assert found.parameters["joint2.tau_bend"] == pytest.approx(0.0002, rel=1e-5)
     assert found.parameters["joint3.tau_tors"] == pytest.approx(0.002, rel=1e-5)
 
@@ -138,8 +139,8 @@ def test_a_mass_and_a_length_may_be_unknown_too():
     campaign = exact(shipped(), truth)
     free = {"link2.mass": 0.3, "joint3.offset.x": 0.05}
     found = fit_campaign(lcd_arm(), campaign, Unknowns(free=free, prior_sd=3.0), starts=1)
-    assert found.fit.chi_squared < 0.1
-    assert found.fit.parameters["link2.mass"] == pytest.approx(truth["link2.mass"], rel=0.05)
+    assert found.chi_squared < 0.1
+    assert found.parameters["link2.mass"] == pytest.approx(truth["link2.mass"], rel=0.05)
     assert float(found.fitted_arm.get("joint3.offset.x")) == pytest.approx(0.96, abs=0.02)
 
 
@@ -159,7 +160,7 @@ def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():
     mistyped = dataclasses.replace(second, value=second.value + 1.0, sigma=second.sigma)
     result = fit_campaign(lcd_arm(), Campaign(measurements=(first, mistyped, *rest)))
     assert result.outliers[1]
-    assert result.fit.p_value < 1e-6
+    assert result.p_value < 1e-6
     assert result.doubts
     assert not result.supported.any()
 
@@ -173,7 +174,7 @@ def test_a_posture_beyond_the_limits_is_questioned():
 def test_without_prior_the_contradiction_is_still_found_and_the_valley_is_one_optimum():
     result = fit_campaign(lcd_arm(), table_1(), Unknowns(prior_sd=math.inf), starts=8)
     assert result.contradictory
-    assert sum(o.cost < result.fit.best.cost + 1e-3 for o in result.fit.optima) == 1
+    assert sum(o.cost < result.best.cost + 1e-3 for o in result.optima) == 1
 
 
 def test_an_arm_that_collapses_is_said_to():

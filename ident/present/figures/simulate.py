@@ -53,7 +53,7 @@ def drives_figure(simulation: Simulation) -> Figure:
         for text in axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8).get_texts():
             text.set_parse_math(False)
         _arrival(axes, simulation, labelled=i == 0)
-    notes = ["rotations about the axes of each joint's shaft; the arm's sag under its weight is part of them"]
+    notes = ["rotations about the axes of each joint's shaft; the quasi-static deflection is part of them"]
     if simulation.arm.belts and simulation.tension.min() <= 0:
         notes.append("a belt goes slack: see the report")
     figure.align_ylabels(grid)
@@ -78,16 +78,16 @@ def _title(simulation: Simulation, what: str) -> str:
 
 
 def _by_acceleration(simulation: Simulation, direction: str) -> bool:
-    found = (simulation.comparisons or {}).get(direction)
-    return found is not None and found.measured.trace.quantity == "acceleration"
+    comparison = (simulation.comparisons or {}).get(direction)
+    return comparison is not None and comparison.measured.trace.quantity == "acceleration"
 
 
 def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
     """Draw one direction in mm, or as the acceleration that was measured."""
     direction = DIRECTIONS[i]
     if _by_acceleration(simulation, direction):
-        found = (simulation.comparisons or {})[direction].simulated.trace
-        axes.plot(found.time, found.values, zorder=3, **OURS)
+        trace = (simulation.comparisons or {})[direction].simulated.trace
+        axes.plot(trace.time, trace.values, zorder=3, **OURS)
         axes.set_ylabel(f"{direction.upper()}: acceleration\n[m/s$^2$]", fontsize=9)
         return
     if simulation.draws is not None:
@@ -108,9 +108,9 @@ def _near_limit(simulation: Simulation, i: int) -> bool:
 
 def _measured(axes: Axes, simulation: Simulation, direction: str) -> None:
     """Draw the measured trace about the simulation's mean over the common time."""
-    found = (simulation.comparisons or {})[direction]
-    theirs, factor = found.measured.trace, 1.0 if _by_acceleration(simulation, direction) else MM
-    shift = found.simulated.trace.values.mean() - theirs.values.mean()
+    comparison = (simulation.comparisons or {})[direction]
+    theirs, factor = comparison.measured.trace, 1.0 if _by_acceleration(simulation, direction) else MM
+    shift = comparison.simulated.trace.values.mean() - theirs.values.mean()
     axes.plot(theirs.time, factor * (theirs.values + shift), zorder=2.5, **THEIRS)
 
 
@@ -150,7 +150,7 @@ def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:
 
 
 def _notes(simulation: Simulation) -> Iterator[str]:
-    yield "displacement of the end point from where the arm, sagging, would be at rest; scales differ"
+    yield "displacement of the end point from its quasi-static position; scales differ"
     if simulation.comparisons:
         low, high = next(iter(simulation.comparisons.values())).measured.trace.time[[0, -1]]
         yield f"measured: from {low:.4g} to {high:.4g} s, drawn behind, its mean set to the simulation's"

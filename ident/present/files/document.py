@@ -18,7 +18,7 @@ from ident.errors import InputError, Problem
 from ident.files import replace_file
 from ident.measure import Campaign
 from ident.text import decode as decode_text
-from ident.text import one_line, read_bytes
+from ident.text import one_line, quoted, read_bytes
 
 LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
@@ -83,6 +83,20 @@ def read_document(path: str | Path, expected: str) -> dict[str, Any]:
         remedy = "give the file that ident wrote"
         raise InputError(Problem(where, "other contents", expected, remedy)) from None
     return document
+
+
+def check_format(form: str, wanted: str, where: str, expected: str) -> None:
+    """Refuse the result of another study or version; what names no format of ident is left to the reader.
+
+    Raises:
+        InputError: the format is another one.
+    """
+    if not form.startswith("ident-") or form == wanted:
+        return
+    study = wanted.removeprefix("ident-").partition("/")[0]
+    old = form.startswith(f"ident-{study}/")
+    remedy = "run the command again with this version of ident" if old else f"give the file that ident {study} wrote"
+    raise InputError(Problem(where, f"the format {quoted(form)}", expected, remedy))
 
 
 def fields_of(encoded: Any, where: str, arrays: Mapping[str, np.ndarray] | None = None) -> dict[str, Any]:

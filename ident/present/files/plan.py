@@ -32,7 +32,7 @@ def plan_document(plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, A
         "costs": plan.means.costs,
         "ranking": [
             {
-                **_visit(plan.visits[i]),
+                **_experiment(plan.visits[i]),
                 "cost": plan.offered.cost[i],
                 "gain": plan.gain[i],
                 "nats": plan.nats[i],
@@ -42,7 +42,7 @@ def plan_document(plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, A
         ],
         "batch": [
             {
-                **_visit(visit),
+                **_experiment(experiment),
                 "cost": step.cost,
                 "gain": step.gain,
                 "nats": step.nats,
@@ -50,7 +50,7 @@ def plan_document(plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, A
                 "sd_after_at_draws": step.sd[1:],
                 "values": [{"value": name, "nats_alone": nats} for name, nats in plan.values_told(i)],
             }
-            for i, (step, visit) in enumerate(zip(plan.steps, plan.batch, strict=True))
+            for i, (step, experiment) in enumerate(zip(plan.steps, plan.batch, strict=True))
         ],
     }
     return plain(document)
@@ -67,7 +67,7 @@ def write_form(plan: CampaignPlan, path: Path) -> None:
     table = list(csv.DictReader(io.StringIO(format_campaign(plan.campaign(), relative_sigma=True))))
     text = io.StringIO()
     text.write("# Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement.\n")
-    if not any(visit.labelled for visit in plan.batch):
+    if not any(experiment.labelled for experiment in plan.batch):
         text.write("# Rows without mode are matched in ascending order within one posture and load: enter them all.\n")
     names = list(dict.fromkeys([name for row in table for name in row] + ["note"]))
     writer = csv.DictWriter(text, names, lineterminator="\n")
@@ -90,11 +90,11 @@ def _refuse_filled(path: Path) -> None:
         )
 
 
-def _visit(visit: Experiment) -> dict[str, Any]:
+def _experiment(experiment: Experiment) -> dict[str, Any]:
     return {
-        "posture": list(visit.posture),
-        "load": str(visit.load),
-        "hammer": visit.hammer,
-        "labelled": visit.labelled,
-        "dial_gauge": visit.dial,
+        "posture": list(experiment.posture),
+        "load": str(experiment.load),
+        "hammer": experiment.hammer,
+        "labelled": experiment.labelled,
+        "dial_gauge": experiment.dial,
     }

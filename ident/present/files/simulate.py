@@ -6,7 +6,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.assess.simulation import Simulation
@@ -15,13 +14,14 @@ from ident.present.files import basis
 from ident.present.files.document import plain
 from ident.present.text.units import MM
 from ident.text import one_line
-from ident.vibrate.response.belt_tension import slack
 from ident.vibrate.response.study import DIRECTIONS, Sizes
+from ident.vibrate.signal.compare import Comparison
 
 if TYPE_CHECKING:
     import xarray
 
 FORMAT = "ident-simulate/2"
+LESS = "displacement of the end point less the quasi-static deflection"
 SPANS = ("upper", "lower")
 DIGITS = "%.10g"
 
@@ -70,7 +70,7 @@ def write_csv(simulation: Simulation, options: Mapping[str, Any], path: Path) ->
         f"{FORMAT} {head['created']} ident {head['software']['ident']}",
         f"arm: {one_line(simulation.basis.arm_file.path)} sha256 {simulation.basis.arm_file.sha256}",
         f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.basis.load}",
-        f"x, y, z: vibration of {simulation.point}, its displacement less the sag at rest; rotations include the sag",
+        f"x, y, z: vibration of {simulation.point}: {LESS}; rotations include that",
     ]
     header = ",".join(columns)
     top = "".join(f"# {note}\n" for note in notes) + header + "\n"
@@ -153,17 +153,26 @@ def size_rows(simulation: Simulation) -> list[dict[str, Any]]:
 def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
     response, other = simulation.response, simulation.study.other
     moved = ("direction", "time")
-    yield "vibration", _variable(moved, simulation.vibration, "m", "displacement of the end point less the sag at rest")
+    yield (
+        "vibration",
+        _variable(moved, simulation.vibration, "m", LESS),
+    )
     if other is not None:
         values = np.full_like(simulation.vibration, np.nan)
         values[:, : len(other.time)] = np.asarray(other.vibration)[:, : values.shape[1]]
         yield f"vibration_{other.method}", _variable(moved, values, "m", f"the same by the {other.method} method")
     yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
-    yield "sag", _variable(moved, response.sag, "m", "part of the displacement that the arm would have at rest")
+    yield (
+        "quasi_static_deflection",
+        _variable(moved, response.sag, "m", "of the end point, part of the displacement"),
+    )
     yield "path", _variable(moved, response.path, "m", "where the end point would be with rigid joints")
-    yield "posture", _variable(("driven", "time"), response.posture, "rad", "angles that the motors are told")
+    yield "posture", _variable(("driven", "time"), response.posture, "rad", "commanded angles")
     by_joint = ("axis", "joint", "time")
-    yield "rotation", _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, sag included")
+    yield (
+        "rotation",
+        _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, quasi-static part included"),
+    )
     yield "moment", _variable(by_joint, response.moment, "N m", "moments of the bushings, weight included")
     if simulation.arm.belts:
         yield "tension", _variable(("span", "belt", "time"), simulation.tension, "N", "tension of the belts' spans")
@@ -213,27 +222,26 @@ def _compared(simulation: Simulation) -> dict[str, Any] | None:
     if not simulation.comparisons or simulation.trace is None:
         return None
     return {"kind": simulation.trace.kind} | {
-        direction: {"band": list(found.band), "ratios": _ratios(found)} | dict(_both(found))
-        for direction, found in simulation.comparisons.items()
+        direction: {"band": list(comparison.band), "ratios": _ratios(comparison)} | dict(_both(comparison))
+        for direction, comparison in simulation.comparisons.items()
     }
 
 
-def _both(found: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+def _both(comparison: Comparison) -> Iterator[tuple[str, dict[str, Any]]]:
     for name in ("simulated", "measured"):
-        size = getattr(found, name)
+        size = getattr(comparison, name)
         dominant = size.dominant.frequency if size.dominant else None
         yield name, {"peak": size.peak, "rms": size.rms, "band_rms": size.band_rms, "dominant_frequency": dominant}
 
 
-def _ratios(found: Any) -> dict[str, float]:
-    return {"peak": found.peak_ratio, "rms": found.rms_ratio, "band_rms": found.band_rms_ratio}
+def _ratios(comparison: Comparison) -> dict[str, float]:
+    return {"peak": comparison.peak_ratio, "rms": comparison.rms_ratio, "band_rms": comparison.band_rms_ratio}
 
 
 def _belts(simulation: Simulation) -> Iterator[dict[str, Any]]:
-    loose = list(slack(simulation.response.time, jnp.asarray(simulation.tension))) if simulation.arm.belts else []
     for b, belt in enumerate(simulation.arm.belts):
         for span, values in zip(SPANS, simulation.tension[:, b], strict=True):
-            times = [[start, end] for i, name, start, end in loose if (i, name) == (b, span)]
+            times = [[start, end] for i, name, start, end in simulation.slack if (i, name) == (b, span)]
             at = simulation.time[np.argmin(values)]
             yield {"belt": belt.name, "span": span, "smallest": values.min(), "at": at, "slack": times}
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ident.arm.drive import SCALARS
 from ident.assess.basis import Basis
 from ident.identify.values import Values
 from ident.present.text.words import cut, degrees
@@ -56,7 +55,7 @@ def assumed(basis: Basis) -> tuple[list[str], int]:
     origins = {
         path: origin
         for path, origin in basis.arm_file.origins.items()
-        if kinds.get(path.split(".")[0]) in SCALARS and not (basis.log and path.split(".")[0] == "stroke")
+        if kinds.get(path.split(".")[0]) in PARTS and not (basis.log and path.split(".")[0] == "stroke")
     }
     names = [path for path, origin in origins.items() if origin == "assumed" and path not in basis.changed]
     return names, len(origins)
@@ -81,7 +80,7 @@ def assumed_in_words(basis: Basis) -> Iterator[str]:
 
 def _guessed(basis: Basis) -> tuple[int, int]:
     """Return how many of the arm's other numbers are assumed or calibrated, and how many are given at all."""
-    driving = {part.name for part in basis.arm.parts() if type(part).__name__ in SCALARS}
+    driving = {part.name for part in basis.arm.parts() if type(part).__name__ in PARTS}
     origins = [o for path, o in basis.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
     return sum(origin in ("assumed", "calibrated") for origin in origins), len(origins)
 

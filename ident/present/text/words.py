@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from ident.arm.fields import field_of
 from ident.inference.information import Direction
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
@@ -89,22 +90,13 @@ def _prior(item: Parameter) -> str:
     return f"log-normal about {about}, 95 % within a factor of {math.exp(1.96 * sd):.3g}"
 
 
-FIELD_WORDS = {
-    "k_bend": "bending of {}",
-    "k_tors": "torsion of {}",
-    "tau_bend": "bending damping of {}",
-    "tau_tors": "torsion damping of {}",
-    "mass": "mass of {}",
-}
-"""Physical words for the fields of an arm that are fitted most."""
-
-
 def plain(item: Parameter) -> str:
     """Name a parameter in physical words: `torsion of joint2`; as it is called, if it is none of an arm's."""
-    part, _, field = item.name.partition(".")
+    part, _, rest = item.name.partition(".")
     if part == "discrepancy":
-        return f"model factor of every {field.replace('_', ' ')}"
-    name = FIELD_WORDS.get(field, "{}." + field if field else "{}").format(part)
+        return f"model factor of every {rest.replace('_', ' ')}"
+    field = field_of(item.name)
+    name = f"{field.short} of {part}" if field and not field.rank else item.name
     return f"{name} (and what is tied to it)" if len(item.paths) > 1 else name
 
 

@@ -21,12 +21,9 @@ from ident.vibrate.redesign.end_states import end_states
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.variable import Variable, apply
 
-SCREENED = 64
-"""Places at which the amplitude is computed before some are chosen as starts; a power of two."""
 APART = 0.25
 """Least distance of two starts, in units of the bounds."""
-ITERATIONS = 60
-"""Iterations from a start, at most."""
+
 FEW = 12
 """Iterations with all draws, at most: each costs as many simulations as there are draws."""
 CLOSE = 1e-7
@@ -78,6 +75,8 @@ class Search:
         scale: (V,) the widest change of each variable.
         low: (V,) lower bounds of u.
         high: (V,) upper bounds of u.
+        screened: places at which the amplitude is computed before some are chosen as starts; a power of two.
+        iterations: from a start, at most.
     """
 
     trial: Evaluator
@@ -85,6 +84,8 @@ class Search:
     scale: Point
     low: Point
     high: Point
+    screened: int = 64
+    iterations: int = 60
 
     @classmethod
     def of(cls, trial: Evaluator, required: Requirements) -> "Search":
@@ -159,7 +160,11 @@ class Search:
         )
         kept = [_widened(row) for row in self._kept(amount)]
         x = self._minimize(
-            lambda x: (x[-1], last), np.append(begin, self.largest(begin) / unit), [below, *kept], np.inf, ITERATIONS
+            lambda x: (x[-1], last),
+            np.append(begin, self.largest(begin) / unit),
+            [below, *kept],
+            np.inf,
+            self.iterations,
         )
         return self._allowed(x[:-1], amount)
 
@@ -167,7 +172,7 @@ class Search:
         """Return the place of the least amount of change that keeps the limit; None where none is found."""
         keeps = Row(lambda u: 1 - self.parts(u)[0] / limit, lambda u: -self.parts(u)[1] / limit)
         u = self._minimize(
-            lambda u: (self.square(u), 2 * self.weight * u), begin, [keeps, *self._kept()], np.inf, ITERATIONS
+            lambda u: (self.square(u), 2 * self.weight * u), begin, [keeps, *self._kept()], np.inf, self.iterations
         )
         found = self._allowed(u)
         return found if found is not None and self.largest(found) < limit * (1 + 1e-3) else None
@@ -191,7 +196,7 @@ class Search:
 
     def spread(self, seed: int) -> Float[np.ndarray, "places V"]:
         """Return places all over the bounds, no further than the amount of change allows."""
-        u = self.low + qmc.Sobol(len(self.scale), seed=seed).random(SCREENED) * (self.high - self.low)
+        u = self.low + qmc.Sobol(len(self.scale), seed=seed).random(self.screened) * (self.high - self.low)
         size = np.sqrt((self.weight * u**2).sum(1))
         return u * np.minimum(1.0, self.required.amount / np.maximum(size, 1e-12))[:, None]
 

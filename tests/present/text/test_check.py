@@ -88,7 +88,7 @@ def test_the_shipped_campaign(shipped):
 
 
 def test_a_long_campaign_lists_what_matters_only(shipped):
-    part = shipped.check.leverage
+    part = shipped.leverage
     leverage = part.leverage.copy()
     leverage[4], leverage[7] = 0.95, 0.0
     marked = dataclasses.replace(part, leverage=leverage)
@@ -100,8 +100,7 @@ def test_a_long_campaign_lists_what_matters_only(shipped):
         opened=part.opened * 2,
         lost=part.lost * 2,
     )
-    check = dataclasses.replace(shipped.check, leverage=marked)
-    report = check_report(dataclasses.replace(shipped, campaign=twice, check=check))
+    report = check_report(dataclasses.replace(shipped, campaign=twice, leverage=marked))
     rows = measured_rows(report)
     assert [line.split("<-- ")[1] for line in rows] == ["dominates", "carries no information"]
     assert "The other measurements of 40" in report

@@ -13,8 +13,9 @@ from ident.arm.arm import Arm
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.plan import plan_campaign
+from ident.identify.posture_grid import main_joints
 from ident.measure import read_campaign
-from ident.present.figures.plan import gain_of_postures, main_joints, plan_figure
+from ident.present.figures.plan import plan_figure
 from ident.present.files.document import write_json
 from ident.present.files.plan import plan_document, write_form
 from ident.present.files.png import save
@@ -71,9 +72,8 @@ def test_the_figure_names_joints_units_and_visits(plan, tmp_path):
 
 
 def test_joints_that_do_not_matter_are_not_drawn(plan):
-    gain = gain_of_postures(plan)
-    assert np.isfinite(gain).all()
-    assert main_joints(plan.grid.postures, gain) == [1, 2]
+    assert np.isfinite(plan.gain_over_grid).all()
+    assert main_joints(plan.grid.postures, plan.gain_over_grid) == [1, 2]
 
 
 def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):

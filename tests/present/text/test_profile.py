@@ -44,10 +44,10 @@ def made_up_profiles(count, **changes):
     """A made-up fit, and one profile for each of its parameters, of all kinds of ending in turn."""
     result = made_up(count, 8)
     kinds = [(CROSSED, CROSSED), (CROSSED, OPEN), (OPEN, CROSSED), (OPEN, OPEN), (MODEL, CROSSED), (CROSSED, MODEL)]
-    items = result.fit.problem.parameters.items
+    items = result.problem.parameters.items
     return result, tuple(
         parabola(item, float(theta), endings=kinds[i % 6], sd=math.inf if i % 3 == 2 else 0.05, **changes)
-        for i, (item, theta) in enumerate(zip(items, result.fit.best.theta, strict=True))
+        for i, (item, theta) in enumerate(zip(items, result.best.theta, strict=True))
     )
 
 
@@ -55,7 +55,7 @@ def test_the_report_shows_linear_and_profile_intervals_and_every_reason():
     result, profiles = made_up_profiles(6)
     report = profile_report(result, profiles)
     lines = report.splitlines()
-    for name in result.fit.information.names:
+    for name in result.information.names:
         assert sum(line.startswith(f"  {name[:16]}") for line in lines) >= 2
     assert "95 %, linear" in report
     assert "95 %, profile" in report
@@ -87,8 +87,10 @@ def test_what_is_irregular_is_remarked_on(changes, words):
 def test_flat_and_not_flat_are_told_apart():
     item = Parameter(("j.k_bend",), True, 3e5, 3e5)
     flat, rising = (parabola(item, math.log(3e5), endings=(CROSSED, OPEN), height=h) for h in (0.0, 1.2))
-    assert "flat: nothing tells it on this side (as far as 3e+08 the cost does not rise)" in next(remarks(flat))
-    assert "too little tells it on this side (as far as 3e+08 the cost rises by 1.2 of 3.84)" in next(remarks(rising))
+    assert "flat: nothing tells it on this side (as far as 3e+08 delta chi-squared stays zero)" in next(remarks(flat))
+    assert "too little tells it on this side (as far as 3e+08 delta chi-squared reaches 1.2 of 3.84)" in next(
+        remarks(rising)
+    )
 
 
 def test_intervals_are_written_with_their_open_sides():
@@ -106,7 +108,7 @@ def test_intervals_are_written_with_their_open_sides():
 
 def test_a_doubtful_fit_has_no_interval_to_quote():
     result, profiles = made_up_profiles(6)
-    doubtful = replace(result, fit=replace(result.fit, predicted=result.fit.predicted + 1e-3))
+    doubtful = replace(result, predicted=result.predicted + 1e-3)
     assert doubtful.doubts
     assert "no interval below is to be quoted" in profile_report(doubtful, profiles)
     figure = profile_figure(doubtful, profiles)
@@ -116,13 +118,15 @@ def test_a_doubtful_fit_has_no_interval_to_quote():
 
 def test_the_document_is_json_with_null_for_open():
     result, profiles = made_up_profiles(6)
-    document = profile_document(result, profiles, ArmFile(lcd_arm(), "arm.toml", "0" * 64, {}), {"seed": 0})
+    document = profile_document(
+        "ident-profile/2", result, profiles, ArmFile(lcd_arm(), "arm.toml", "0" * 64, {}), {"seed": 0}
+    )
     text = json.dumps(document, allow_nan=False)
-    assert document["format"] == "ident-profile/1"
+    assert document["format"] == "ident-profile/2"
     second = json.loads(text)["parameters"][1]
     assert second["intervals"][-1]["high"] is None
     assert second["intervals"][-1]["endings"] == ["crossed", "open"]
-    assert len(second["profile"]["value"]) == len(second["profile"]["cost_rise"]) == 23
+    assert len(second["profile"]["value"]) == len(second["profile"]["delta_chi_squared"]) == 23
 
 
 @pytest.mark.parametrize("count", [1, 2, 6, 11])

@@ -6,14 +6,7 @@ import time
 import pytest
 
 from ident.errors import InputError
-from ident.measure.units import (
-    NMM_PER_DEG,
-    registry,
-    si_factor,
-    stiffness_from_nmm_per_deg,
-    stiffness_to_nmm_per_deg,
-    to_si,
-)
+from ident.units import NMM_PER_DEG, registry, si_factor, to_si
 
 
 @pytest.mark.parametrize(
@@ -82,5 +75,3 @@ def test_a_frequency_per_time_is_ambiguous(unit):
 
 def test_stiffness_in_newton_millimetres_per_degree():
     assert pytest.approx(0.0572957795130823, rel=1e-14) == NMM_PER_DEG
-    assert stiffness_from_nmm_per_deg(1000.0) == pytest.approx(180 / math.pi, rel=1e-14)
-    assert stiffness_to_nmm_per_deg(stiffness_from_nmm_per_deg(7.5)) == pytest.approx(7.5, rel=1e-15)
