@@ -32,8 +32,8 @@ def profile_document(
                 "remarks": list(remarks(profile)),
                 "profile": {
                     "value": profile.values(profile.theta),
-                    "cost_rise": profile.rise,
-                    "settled": profile.settled,
+                    "delta_cost": profile.delta_cost,
+                    "converged": profile.converged,
                 },
             }
             for profile in profiles

@@ -42,8 +42,8 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
     yield f"Check of {check.campaign.name or 'a campaign'} on {check.arm.name}, before any solving"
     fine = check.verdicts.count("identifiable")
     yield f"  {len(check.campaign)} measurements, {count} unknowns: {fine} of {count} identifiable by the data alone"
-    if check.asked > check.answered:
-        yield f"  WARNING: the model has no answer at {check.asked - check.answered} of {check.asked} points looked at"
+    if check.tried > check.answered:
+        yield f"  WARNING: the model has no answer at {check.tried - check.answered} of {check.tried} points looked at"
     if check.missing.any():
         yield "  WARNING: nothing can be said, as the model has no answer at the arm file's values for"
         rows = np.flatnonzero(check.missing).tolist()
@@ -62,7 +62,7 @@ def _verdicts(check: CampaignCheck) -> Iterator[str]:
     if check.information is None:
         return
     limit = math.exp(WEAK_ABOVE)
-    yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.asked} points looked at: the"
+    yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.tried} points looked at: the"
     yield "  arm file's values and others about them, since one point may mislead. Priors count nothing here."
 
 
@@ -195,12 +195,12 @@ def _agreement(check: CampaignCheck) -> Iterator[str]:
         yield "Do the kinds of measurement agree? There is one only, or none tells of another."
     else:
         yield "Do the kinds of measurement agree? Each one, predicted from the others along a straight line:"
-    for tension in agree.cross_predictions:
-        for i, row in enumerate(tension.rows):
-            if len(tension.rows) <= 6 or abs(tension.z[i]) > SUSPICIOUS:
-                yield f"  {against(tension, i, measured[row])}"
-        if len(tension.rows) > 6:
-            yield f"  {tension.kind}: {len(tension.rows)} values, largest |z| {np.abs(tension.z).max():.1f}"
+    for prediction in agree.cross_predictions:
+        for i, row in enumerate(prediction.rows):
+            if len(prediction.rows) <= 6 or abs(prediction.z[i]) > SUSPICIOUS:
+                yield f"  {against(prediction, i, measured[row])}"
+        if len(prediction.rows) > 6:
+            yield f"  {prediction.kind}: {len(prediction.rows)} values, largest |z| {np.abs(prediction.z).max():.1f}"
     if not math.isnan(agree.p_value):
         fit = f"chi-squared {agree.chi_squared:.3g} on {agree.degrees_of_freedom} degrees of freedom"
         yield f"  All together: {fit}, p = {agree.p_value:.2g}"

@@ -145,18 +145,18 @@ def _contradictions(fit: CampaignFit) -> Iterator[str]:
     if not fit.cross_predictions:
         return
     yield "Do the kinds of measurement agree? Each one, predicted from the others:"
-    for tension in fit.cross_predictions:
-        for i, row in enumerate(tension.rows):
-            if len(tension.rows) <= 6 or abs(tension.z[i]) > SUSPICIOUS:
-                yield f"  {against(tension, i, fit.campaign.measurements[row])}"
-        if len(tension.rows) > 6:
-            yield f"  {tension.kind}: {len(tension.rows)} values, largest |z| {np.abs(tension.z).max():.1f}"
+    for prediction in fit.cross_predictions:
+        for i, row in enumerate(prediction.rows):
+            if len(prediction.rows) <= 6 or abs(prediction.z[i]) > SUSPICIOUS:
+                yield f"  {against(prediction, i, fit.campaign.measurements[row])}"
+        if len(prediction.rows) > 6:
+            yield f"  {prediction.kind}: {len(prediction.rows)} values, largest |z| {np.abs(prediction.z).max():.1f}"
     if fit.contradictory:
         yield from _explanation(fit)
 
 
 def _explanation(fit: CampaignFit) -> Iterator[str]:
-    kinds = {tension.kind for tension in fit.cross_predictions if np.abs(tension.z).max() > SUSPICIOUS}
+    kinds = {prediction.kind for prediction in fit.cross_predictions if np.abs(prediction.z).max() > SUSPICIOUS}
     if fit.outliers.sum() == 1 or not {"frequency", "deflection"} <= kinds:
         yield "  CONTRADICTION: check the values named above, their labels, units and load cases first."
         return
@@ -166,12 +166,12 @@ def _explanation(fit: CampaignFit) -> Iterator[str]:
     yield f"  that {_stretch(fit)}"
 
 
-def against(tension: CrossPrediction, i: int, m: Measurement) -> str:
-    """Say what the other kinds predict for the i-th value of a tension, and what was measured."""
-    measured, unit = shown(m.kind, tension.measured[i])
-    predicted, _ = shown(m.kind, tension.predicted[i])
-    sd, _ = shown(m.kind, tension.sd[i])
-    return f"{describe(m)}: {predicted:.3g} +- {sd:.2g} {unit}, measured {measured:.3g}: {tension.z[i]:+.1f} sd"
+def against(prediction: CrossPrediction, i: int, m: Measurement) -> str:
+    """Say what the other kinds predict for the i-th value of a cross-prediction, and what was measured."""
+    measured, unit = shown(m.kind, prediction.measured[i])
+    predicted, _ = shown(m.kind, prediction.predicted[i])
+    sd, _ = shown(m.kind, prediction.sd[i])
+    return f"{describe(m)}: {predicted:.3g} +- {sd:.2g} {unit}, measured {measured:.3g}: {prediction.z[i]:+.1f} sd"
 
 
 def _stretch(fit: Fit) -> str:
