@@ -24,6 +24,7 @@ extensions = [
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 default_role = "code"  # single backticks in docstrings
+smartquotes = False
 highlight_language = "none"
 exclude_patterns = ["_build"]
 

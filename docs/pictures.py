@@ -1,7 +1,7 @@
 """Make the pictures and printed answers of the commands' pages anew: `python docs/pictures.py [COMMAND ...]`.
 
-Runs the examples of `docs/commands/COMMAND.md` as they stand there, by this Python, and keeps in `docs/pictures/`
-what the page's own command prints and the figures that the page shows. It takes some minutes for all.
+Runs the examples of `docs/commands/COMMAND.md` as they stand there, by this Python's ident, and keeps in
+`docs/pictures/` what the page's own command prints and the figure that the page shows. All takes some minutes.
 """
 
 import os

@@ -66,6 +66,11 @@ def bound_of(arm: Arm, variable: Variable, change: float) -> str:
     return "lower" if change - low < near else "upper" if high - change < near else ""
 
 
+def unchanged(place: Place) -> bool:
+    """Tell whether a design is the arm as it is, but for rounding."""
+    return place.amount < SAME
+
+
 def keeps(place: Place, limit: float) -> bool:
     """Tell whether a design keeps a limit, but for rounding."""
     return place.largest <= limit * (1 + SAME)

@@ -36,7 +36,8 @@ class Remedy:
         kind: `torsion`, `mass centre`, `both` or `speed`.
         values: the numbers after the change, by path [SI]; none for another speed.
         before: the same numbers as they are.
-        percent: [%] speed.
+        percent: [%] speed after the change.
+        percent_before: [%] speed as it is.
         amplitude: (3,) [m] expected: of the arm itself.
         keeps: probability that the limit is kept.
         frequency: [Hz] first natural frequency, the lower of both ends of the motion.
@@ -48,6 +49,7 @@ class Remedy:
     values: dict[str, float]
     before: dict[str, float]
     percent: float
+    percent_before: float
     amplitude: Float[np.ndarray, "3"]
     keeps: BinomialEstimate
     frequency: float
@@ -172,6 +174,7 @@ def _remedy(
         values,
         {path: float(task.arm.get(path)) for path in values},
         task.percent,
+        task.percent,
         amplitudes[:, 0],
         binomial_estimate(amplitudes[:, 1:].max(0) <= task.limit),
         float(end_state.frequency[0]),
@@ -193,11 +196,12 @@ def _slower_or_faster(task: Task) -> Remedy:
         {},
         {},
         float(speeds.values[best]),
+        task.percent,
         amplitude[:, best],
         binomial_estimate(keeps),
         float(end_state.frequency[0]),
         float(end_state.deflection[0]),
-        abs(float(np.log(speeds.values[best] / speeds.present)) / np.log(2)),
+        float(abs(np.log(speeds.values[best] / speeds.present)) / np.log(2)),
     )
 
 

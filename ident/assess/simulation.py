@@ -63,7 +63,7 @@ class Simulation:
 
     @cached_property
     def vibration(self) -> Float[np.ndarray, "3 T"]:
-        """Displacement of the end point from where the sagging arm would be [m]."""
+        """Displacement of the end point from its quasi-static position [m]."""
         return np.asarray(self.response.vibration)
 
     @cached_property

@@ -30,13 +30,13 @@ class Point(NamedTuple):
 
     Attributes:
         theta: (P,) all parameters.
-        delta_cost: cost above the optimum's, data and priors: delta chi-squared.
+        delta_chi_squared: cost above the optimum's, data and priors.
         converged: whether the other parameters' gradient vanishes.
         tangent: (P,) estimated d(theta) / d(theta of the held one) along the profile.
     """
 
     theta: Any
-    delta_cost: float
+    delta_chi_squared: float
     converged: bool
     tangent: Any
 
@@ -132,7 +132,7 @@ class ConstrainedFit:
 
 def _best(points: Sequence[Point]) -> Point:
     """Return the point of least cost; a converged one where that makes next to no difference."""
-    return min(points, key=lambda point: point.delta_cost - GAIN * point.converged)
+    return min(points, key=lambda point: point.delta_chi_squared - GAIN * point.converged)
 
 
 @jit

@@ -25,7 +25,7 @@ REACH = 1000.0
 """Factor on a positive parameter beyond which a profile is called open; for the others, ln(REACH) units of theta or
 standard deviations, whichever is more."""
 FLAT = 0.01
-"""Delta cost below which an open profile counts as flat."""
+"""Delta chi-squared below which an open profile counts as flat."""
 BETTER = 1e-3
 """Fall of the cost below the optimum from which the fit is said to be beaten."""
 NOT_LINEAR = 0.2
@@ -58,7 +58,7 @@ class Profile:
         optimum: its fitted theta.
         sd: its standard deviation in theta in the linear approximation; infinite where that leaves it open.
         theta: (N,) its values, ascending, the optimum among them.
-        delta_cost: (N,) least cost there, above the optimum's: delta chi-squared, data and priors.
+        delta_chi_squared: (N,) least cost there, data and priors, above the optimum's.
         converged: (N,) whether the other parameters' gradient vanishes there; if not, the profile may lie lower.
         intervals: one for each level, ascending, each inside the next.
         rivals: theta of other optima that fit as well, within the highest level, but lie outside its interval.
@@ -68,7 +68,7 @@ class Profile:
     optimum: float
     sd: float
     theta: Float[np.ndarray, "N"]
-    delta_cost: Float[np.ndarray, "N"]
+    delta_chi_squared: Float[np.ndarray, "N"]
     converged: Bool[np.ndarray, "N"]
     intervals: tuple[Interval, ...]
     rivals: tuple[float, ...]
@@ -86,7 +86,7 @@ class Profile:
     @property
     def beaten(self) -> float:
         """How far the points fall below the cost of the fit, 0 unless they do: then the fit is not the best optimum."""
-        fall = -float(self.delta_cost.min())
+        fall = -float(self.delta_chi_squared.min())
         return fall if fall > BETTER else 0.0
 
     @property
@@ -99,7 +99,10 @@ class Profile:
             Raue et al., "Structural and practical identifiability analysis ...", Bioinformatics 25(15), 2009.
         """
         low, high = (ending is Ending.OPEN for ending in self.widest.endings)
-        below, above = self.delta_cost[self.theta <= self.optimum], self.delta_cost[self.theta >= self.optimum]
+        below, above = (
+            self.delta_chi_squared[self.theta <= self.optimum],
+            self.delta_chi_squared[self.theta >= self.optimum],
+        )
         return bool(low and below.max() < FLAT), bool(high and above.max() < FLAT)
 
     @property
@@ -152,10 +155,10 @@ def profile(
 
     From the optimum theta_j is moved outwards on both sides, and all other parameters are fitted again at each step,
 
-        delta_cost(theta_j) = min over the others of cost(theta) - cost(optimum).
+        delta_chi_squared(theta_j) = min over the others of cost(theta) - cost(optimum).
 
-    An interval is where delta_cost <= chi-squared quantile (1 degree of freedom). The cost is that of the fit, with
-    its priors: with priors this profiles the posterior density, without (`prior_sd=math.inf`) the likelihood. A side
+    An interval is where that is at most the chi-squared quantile (1 degree of freedom). The cost is that of the fit,
+    with its priors: so this profiles the posterior density, without priors (`prior_sd=math.inf`) the likelihood. A side
     on which the threshold is not met within `reach` is open; one on which the model ends first is bounded by the model.
 
     Only what hangs together with the best optimum is found; `Profile.rivals` names the other optima.
@@ -234,7 +237,7 @@ def _joined(fit: Fit, index: int, levels: Sequence[float], below: Side, above: S
         optimum,
         float(fit.information.sd[index]),
         np.array([float(point.theta[index]) for point in points]),
-        np.array([point.delta_cost for point in points]),
+        np.array([point.delta_chi_squared for point in points]),
         np.array([point.converged for point in points]),
         intervals,
         tuple(theta for theta, delta in others if delta < top and not last.low <= theta <= last.high),

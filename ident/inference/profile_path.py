@@ -12,7 +12,7 @@ from ident.inference.constrained_fit import ConstrainedFit, Point
 FIRST = 0.1
 """Largest first step in theta."""
 FINE, COARSE = 0.3, 0.7
-"""Increase of sqrt(delta cost) that a step aims at, and the largest that it may bring."""
+"""Increase of sqrt(delta chi-squared) that a step aims at, and the largest that it may bring."""
 EDGE = 1e-5
 """Accuracy of an end, as a share of its distance from the optimum."""
 
@@ -60,7 +60,7 @@ def profile_path(constrained: ConstrainedFit, sign: int, limit: float, threshold
         constrained: the problem, with one parameter held.
         sign: -1 towards smaller, 1 towards larger theta.
         limit: distance in theta at which the path ends.
-        thresholds: of the delta cost, ascending.
+        thresholds: of delta chi-squared, ascending.
     """
     path, ending = _outwards(constrained, sign, limit, thresholds[-1])
     bounds = tuple(_bound(constrained, sign, path, ending, level) for level in thresholds)
@@ -75,7 +75,7 @@ def _outwards(constrained: ConstrainedFit, sign: int, limit: float, top: float) 
     here, wall = 0.0, math.inf
     step = first = min(FIRST, FINE * constrained.sd)
     path = {here: constrained.start()}
-    while path[here].delta_cost <= top:
+    while path[here].delta_chi_squared <= top:
         if here >= limit:
             return path, Ending.OPEN
         if wall - here <= EDGE * max(min(wall, limit), first):
@@ -97,7 +97,7 @@ def _outwards(constrained: ConstrainedFit, sign: int, limit: float, top: float) 
 def _bound(constrained: ConstrainedFit, sign: int, path: dict[float, Point], ending: Ending, level: float) -> Bound:
     """Find where the profile leaves an interval for good; the points that it takes are added to the path."""
     places = sorted(path)
-    last = max(i for i, place in enumerate(places) if path[place].delta_cost <= level or i == 0)
+    last = max(i for i, place in enumerate(places) if path[place].delta_chi_squared <= level or i == 0)
     if last == len(places) - 1:
         return Bound(math.inf if ending is Ending.OPEN else places[last], ending)
 
@@ -122,4 +122,4 @@ def _theta(constrained: ConstrainedFit, sign: int, distance: float) -> float:
 
 
 def _root(point: Point) -> float:
-    return math.sqrt(max(point.delta_cost, 0.0))
+    return math.sqrt(max(point.delta_chi_squared, 0.0))

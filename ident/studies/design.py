@@ -15,6 +15,8 @@ from ident.studies.shared import as_file
 from ident.studies.sweep import MEASURES
 
 if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
@@ -109,15 +111,14 @@ class DesignResult(Result):
         return self.study.design.best.values if self.study.design else {}
 
     @property
-    def before(self) -> Mapping[str, float]:
-        """Amplitude of the arm as it is [m], by direction."""
-        return dict(zip("xyz", map(float, self.study.sensitivities.amplitude), strict=True))
+    def present(self) -> "Float[np.ndarray, '3']":
+        """Amplitude of the arm as it is, in x, y and z [m]."""
+        return self.study.sensitivities.amplitude
 
     @property
-    def after(self) -> Mapping[str, float]:
-        """Amplitude after the change [m], by direction."""
-        design = self.study.design
-        return dict(zip("xyz", map(float, design.best.amplitude), strict=True)) if design else {}
+    def best(self) -> "Float[np.ndarray, '3'] | None":
+        """Amplitude of the changed arm, in x, y and z [m]; None where only sensitivities were computed."""
+        return self.study.design.best.amplitude if self.study.design else None
 
     @property
     def changed_arm(self) -> "Arm":
@@ -143,7 +144,7 @@ class DesignResult(Result):
         return {"": trade_off_figure(self.study), "vibration": vibration, "sensitivities": sensitivities}
 
     def table(self) -> list[dict[str, Any]]:
-        """Return a row for each number [SI]: from, to and at which bound; or its sensitivities in x, y and z."""
+        """Return a row for each number [SI]: as it is and at best, and at which bound; or its sensitivities."""
         from ident.present.files.design import design_rows, sensitivity_rows
 
         design = self.study.design

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 from ident.assess.effort import Effort
 from ident.errors import InputError
 from ident.studies.diagnose_stages import Job, OnStage, carry_out, discard
+from ident.studies.fit import FitOptions
 from ident.studies.motion import HeldMotionOptions, basis_of
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
-from ident.studies.shared import ProblemOptions, as_file
+from ident.studies.shared import as_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DiagnoseOptions(ProblemOptions, HeldMotionOptions):
+class DiagnoseOptions(FitOptions, HeldMotionOptions):
     """Options of `ident.diagnose`: the limit, the motion, and what is unknown of the arm.
 
     Attributes:
@@ -33,7 +34,6 @@ class DiagnoseOptions(ProblemOptions, HeldMotionOptions):
 
     limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end")
-    starts: int = option(16, "starts of the fit, at least", low=1)
     effort: Effort = field(default_factory=Effort)
 
 

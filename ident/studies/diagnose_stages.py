@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.studies.background import in_background
+from ident.studies.fit import FitOptions
 from ident.studies.motion import basis_of
+from ident.studies.options import specs
 from ident.studies.result import Progress
+from ident.studies.sample import SampleOptions, sample
 
 if TYPE_CHECKING:
     from ident.assess.diagnosis import Diagnosis, Identification, ResonanceAssessment
@@ -108,32 +111,16 @@ def _ahead(stage: str, diagnosis: "Diagnosis", store: "Store") -> dict[str, Call
 def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
     from ident.assess.diagnosis import Identification
     from ident.assess.task import Task
-    from ident.identify.fit import fit_campaign
-    from ident.identify.sample import sample_campaign
     from ident.identify.values import Draws
-    from ident.inference.sample import BLOCK, Settings
 
-    options = job.options
-    fitted = fit_campaign(
-        job.arm.arm,
-        job.campaign,
-        options.unknowns,
-        starts=options.starts,
-        seed=options.seed,
-        trust_values=options.trust_values,
-        progress=job.progress("starts"),
-    )
-    settings = Settings(target_ess=options.effort.ess, seed=options.seed)
-    sampled = sample_campaign(
-        fitted,
-        settings=settings,
-        folder=job.folder and job.folder / CHAINS,
-        progress=job.progress("blocks of steps", settings.max_steps // BLOCK),
-    )
-    draws = Draws.of_sample(sampled).some(job.arm.arm, options.effort.draws, options.seed)
-    draws = replace(draws, values=draws.shuffled(options.seed))
-    basis = basis_of(job.arm, options, path=job.log, posterior=draws)
-    return Identification(sampled, Task(basis, options.limit / 1e3, options.effort))
+    options, effort = job.options, job.options.effort
+    shared = {each.name: getattr(options, each.name) for each, _ in specs(FitOptions)}
+    sampling = SampleOptions(**shared, ess=effort.ess)
+    folder = job.folder and job.folder / CHAINS
+    sampled = sample(job.arm, job.campaign, sampling, folder=folder, progress=job.progress)
+    draws = Draws.of_sample(sampled.sample.sample).some(job.arm.arm, effort.draws, options.seed)
+    basis = basis_of(job.arm, options, path=job.log, posterior=draws.shuffled(options.seed))
+    return Identification(sampled.sample, Task(basis, options.limit / 1e3, effort))
 
 
 def _resonance(job: Job, diagnosis: "Diagnosis") -> "ResonanceAssessment":

@@ -13,6 +13,8 @@ from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_file
 
 if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
@@ -85,9 +87,9 @@ class SweepResult(Result):
         return f"{self.study.basis.name}.{('-by-' if self.study.is_map else '+').join(names)}.sweep"
 
     @property
-    def present(self) -> Mapping[str, float]:
-        """Amplitude of the arm as it is [m], by direction."""
-        return dict(zip("xyz", map(float, self.study.present), strict=True))
+    def present(self) -> "Float[np.ndarray, '3']":
+        """Amplitude of the arm as it is, in x, y and z [m]."""
+        return self.study.present
 
     @property
     def sweeps(self) -> "Mapping[str, Sweep]":

@@ -74,7 +74,7 @@ def test_of_a_linear_model_profile_covariance_and_closed_form_are_one():
             half = half_width(interval.level) * width
             assert interval.low == pytest.approx(centre - half, abs=2e-4 * half)
             assert interval.high == pytest.approx(centre + half, abs=2e-4 * half)
-        np.testing.assert_allclose(one.delta_cost, ((one.theta - centre) / width) ** 2, atol=1e-6)
+        np.testing.assert_allclose(one.delta_chi_squared, ((one.theta - centre) / width) ** 2, atol=1e-6)
         assert one.converged.all()
         assert one.linear
         assert one.beaten == 0
@@ -138,7 +138,7 @@ def test_a_delta_that_stays_below_the_threshold_is_open_and_not_flat():
     (one,) = profile(fit(problem, starts=1))
     assert [interval.endings[1] for interval in one.intervals] == [CROSSED, CROSSED, OPEN]
     assert one.flat == (False, False)
-    assert one.delta_cost[-1] == pytest.approx(1.5**2, rel=1e-2)
+    assert one.delta_chi_squared[-1] == pytest.approx(1.5**2, rel=1e-2)
     half, sixty_eight = (interval.high for interval in one.intervals[:2])
     assert 1 / (1 + np.exp(-half)) == pytest.approx(0.7 + 0.2 * half_width(0.5), rel=1e-4)
     assert 1 / (1 + np.exp(-sixty_eight)) == pytest.approx(0.7 + 0.2 * half_width(0.683), rel=1e-4)
@@ -306,5 +306,5 @@ def test_three_numbers_without_prior_leave_all_six_open_at_99_percent():
     assert 5.0e6 < math.exp(first.high) < 5.6e6
     rng = np.random.default_rng(1)
     elsewhere = [Point(found.best.theta + rng.normal(size=6), 0.0, True, np.zeros(6)) for _ in range(3)]
-    deltas = [ConstrainedFit(found, 0).at(first.high, [point]).delta_cost for point in elsewhere]
+    deltas = [ConstrainedFit(found, 0).at(first.high, [point]).delta_chi_squared for point in elsewhere]
     assert min(deltas) == pytest.approx(threshold(0.95), abs=1e-2)

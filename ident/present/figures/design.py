@@ -9,7 +9,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from ident.assess.design import DesignStudy
+from ident.assess.design import DesignStudy, unchanged
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, motion_title, plain
 from ident.present.text.units import MM
 from ident.present.text.words import cut
@@ -151,7 +151,7 @@ def _factors(low: float, high: float) -> Iterator[float]:
 
 def _named(design: Design) -> Iterator[tuple[str, Place]]:
     yield "present", design.present
-    if design.cheapest is not None and design.cheapest.amount:
+    if design.cheapest is not None and not unchanged(design.cheapest):
         yield "minimum change", design.cheapest
     yield "best", design.best
 

@@ -100,17 +100,17 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
 
 def _combinations(axes: Axes, result: CampaignSample) -> None:
     """Draw the spread of each combination over the draws, and what the prior alone would leave."""
-    found, parameters = combinations(result.sample), result.fitted.problem.parameters
+    known, parameters = combinations(result.sample), result.fitted.problem.parameters
     names = parameters.names
-    rows(axes, [direction_name(direction, names) for direction in found])
+    rows(axes, [direction_name(direction, names) for direction in known])
     axes.set_xscale("log")
-    for y, direction in enumerate(found):
+    for y, direction in enumerate(known):
         prior = prior_spread(direction, parameters)
         if np.isfinite(prior):
             axes.plot([direction.sd, prior], [y, y], color=PALE, linewidth=1.2)
             axes.plot([prior], [y], linestyle="", marker="|", markersize=11, color=GREY)
         axes.plot([direction.sd], [y], linestyle="", **(HOLLOW if direction.sd > LEARNED * prior else FILLED))
-    ticks = [power for power in (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0) if found[0].sd / 3 < power < 5 * found[-1].sd]
+    ticks = [power for power in (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0) if known[0].sd / 3 < power < 5 * known[-1].sd]
     axes.set_xticks(ticks, [f"{100 * tick:g} %" if tick < 1 else f"factor {np.exp(tick):.3g}" for tick in ticks])
     axes.set_xticks([], minor=True)
     axes.set_xlabel("standard deviation of ln(combination) [-]", fontsize=9)

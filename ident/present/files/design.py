@@ -1,5 +1,6 @@
 """The files of a design: a summary as JSON with where it comes from, and the arm file with the changed numbers."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -34,14 +35,14 @@ def design_document(study: DesignStudy, options: Mapping[str, Any]) -> dict[str,
 
 
 def design_rows(study: DesignStudy, design: Design) -> list[dict[str, Any]]:
-    """Return a row for each number that may be changed [SI]: from, to, and between which bounds."""
+    """Return a row for each number that may be changed [SI]: as it is, at best, and by the minimum change."""
     return [
         {
             "number": path,
             "unit": unit_of(path),
             "present": float(study.basis.arm.get(path)),
             "best": design.best.values[path],
-            "minimum_change": None if design.cheapest is None else design.cheapest.values[path],
+            "minimum_change": math.nan if design.cheapest is None else design.cheapest.values[path],
             "at_bound": bound_of(study.basis.arm, variable, float(change)),
         }
         for variable, change in zip(design.trial.variables, design.best.changes, strict=True)

@@ -47,12 +47,12 @@ def _remedy(remedy: Remedy) -> dict[str, Any]:
 
 def remedy_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Return a row for each remedy, the best first: what it changes and what comes of it [SI]."""
-    percent, verifications = diagnosis.task.percent, diagnosis.verifications
+    verifications = diagnosis.verifications
     return [
         {
             "rank": rank,
             "kind": remedy.kind,
-            "change": change_words(remedy, percent),
+            "change": change_words(remedy),
             "speed_percent": remedy.percent,
             "amplitude": remedy.largest,
             "probability": remedy.keeps.share,

@@ -32,7 +32,7 @@ def profile_document(
                 "remarks": list(remarks(profile)),
                 "profile": {
                     "value": profile.values(profile.theta),
-                    "delta_cost": profile.delta_cost,
+                    "delta_chi_squared": profile.delta_chi_squared,
                     "converged": profile.converged,
                 },
             }

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import xarray
 
 FORMAT = "ident-simulate/2"
+LESS = "displacement of the end point less the quasi-static deflection"
 SPANS = ("upper", "lower")
 DIGITS = "%.10g"
 
@@ -68,7 +69,7 @@ def write_csv(simulation: Simulation, options: Mapping[str, Any], path: Path) ->
         f"{FORMAT} {head['created']} ident {head['software']['ident']}",
         f"arm: {one_line(simulation.basis.arm_file.path)} sha256 {simulation.basis.arm_file.sha256}",
         f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.basis.load}",
-        f"x, y, z: vibration of {simulation.point}, its displacement less the sag at rest; rotations include the sag",
+        f"x, y, z: vibration of {simulation.point}: {LESS}; rotations include that",
     ]
     header = ",".join(columns)
     top = "".join(f"# {note}\n" for note in notes) + header + "\n"
@@ -151,17 +152,23 @@ def size_rows(simulation: Simulation) -> list[dict[str, Any]]:
 def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
     response, other = simulation.response, simulation.study.other
     moved = ("direction", "time")
-    yield "vibration", _variable(moved, simulation.vibration, "m", "displacement of the end point less the sag at rest")
+    yield (
+        "vibration",
+        _variable(moved, simulation.vibration, "m", LESS),
+    )
     if other is not None:
         values = np.full_like(simulation.vibration, np.nan)
         values[:, : len(other.time)] = np.asarray(other.vibration)[:, : values.shape[1]]
         yield f"vibration_{other.method}", _variable(moved, values, "m", f"the same by the {other.method} method")
     yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
-    yield "sag", _variable(moved, response.sag, "m", "part of the displacement that the arm would have at rest")
+    yield "sag", _variable(moved, response.sag, "m", "quasi-static deflection, part of the displacement")
     yield "path", _variable(moved, response.path, "m", "where the end point would be with rigid joints")
-    yield "posture", _variable(("driven", "time"), response.posture, "rad", "angles that the motors are told")
+    yield "posture", _variable(("driven", "time"), response.posture, "rad", "commanded angles")
     by_joint = ("axis", "joint", "time")
-    yield "rotation", _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, sag included")
+    yield (
+        "rotation",
+        _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, quasi-static part included"),
+    )
     yield "moment", _variable(by_joint, response.moment, "N m", "moments of the bushings, weight included")
     if simulation.arm.belts:
         yield "tension", _variable(("span", "belt", "time"), simulation.tension, "N", "tension of the belts' spans")

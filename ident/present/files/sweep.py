@@ -39,7 +39,7 @@ def sweep_document(study: SweepStudy, options: Mapping[str, Any]) -> dict[str, A
 
 
 def sweep_rows(study: SweepStudy) -> list[dict[str, Any]]:
-    """Return a row for each amplitude: value in SI, the speed in %; mm; 5 and 95 % of the draws, None without."""
+    """Return a row for each amplitude: value in SI, the speed in %; mm; 5 and 95 % of the draws, NaN without."""
     return [row for sweep in study.sweeps for row in _rows(sweep)]
 
 
@@ -60,8 +60,14 @@ def write_csv(study: SweepStudy, document: Mapping[str, Any], path: Path) -> Non
     text.writelines(f"# {note}\n" for note in notes)
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(rows[0])
-    writer.writerows([f"{x:.10g}" if isinstance(x, float) else x for x in row.values()] for row in rows)
+    writer.writerows(map(_cell, row.values()) for row in rows)
     replace_file(path, lambda file: file.write(text.getvalue().encode("utf-8")), make_folders=True)
+
+
+def _cell(value: Any) -> str:
+    """Write a number with ten digits, an undefined one as nothing."""
+    text = f"{value:.10g}" if isinstance(value, float) else str(value)
+    return "" if text == "nan" else text
 
 
 def _rows(sweep: Sweep) -> Iterator[dict[str, Any]]:
@@ -74,7 +80,7 @@ def _rows(sweep: Sweep) -> Iterator[dict[str, Any]]:
         for d, direction in enumerate(DIRECTIONS):
             size, *band = (MM * float(part[(d, *place)]) for part in parts)
             columns = ("direction", "amplitude [mm]", "q05 [mm]", "q95 [mm]")
-            yield values | dict(zip(columns, (direction, size, *(band or (None, None))), strict=True))
+            yield values | dict(zip(columns, (direction, size, *(band or (np.nan, np.nan))), strict=True))
 
 
 def _sweep(sweep: Sweep, limit: float | None) -> dict[str, Any]:

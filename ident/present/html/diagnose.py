@@ -42,7 +42,7 @@ def _assumptions(arm_file: ArmFile) -> Iterator[str]:
     yield "Links, fingers and payload are rigid; bushings are linear; belts are rigid."
     yield "The priors of the fit, and the sigmas of the campaign, are as given; the model itself is taken as right."
     yield "A change leaves all other numbers as they are: a stiffer drive weighs as much, a body keeps its inertia."
-    yield "Draws are simulated by the fast method, linearised about the moving, sagging arm."
+    yield "Draws are simulated by the fast method, linearised about the quasi-static deflection."
 
 
 def _provenance(head: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

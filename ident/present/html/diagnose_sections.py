@@ -66,7 +66,7 @@ def _vibration(diagnosis: Diagnosis) -> Table:
         (direction, f"{MM * peak:.3f}", f"{MM * low:.3f} to {MM * high:.3f}")
         for direction, peak, low, high in zip("xyz", vibration.peak, *vibration.band, strict=True)
     )
-    note = "Vibration: how far the end is from where the sagging arm would be at rest. Draws by the fast method."
+    note = "Vibration: displacement of the end point from its quasi-static position. Draws by the fast method."
     return Table("Largest vibration [mm]", ("direction", "exact", "5 to 95 % of the draws"), rows, note)
 
 
@@ -89,7 +89,7 @@ def _remedies(diagnosis: Diagnosis) -> Table:
     rows = tuple(
         (
             str(rank),
-            change_words(remedy, diagnosis.task.percent),
+            change_words(remedy),
             f"{MM * remedy.largest:.3f}",
             f"{100 * remedy.keeps.share:.3g} %",
             f"{remedy.frequency:.2f}",

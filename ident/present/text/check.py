@@ -9,10 +9,11 @@ from ident.identify.check import CampaignCheck
 from ident.identify.fit import SUSPICIOUS
 from ident.identify.label_checks import LabelDoubt
 from ident.inference.information import WEAK_ABOVE, Information
+from ident.inference.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.text.fit import against, in_words, percent
-from ident.present.text.units import shown
-from ident.present.text.words import balance, describe, paragraphs, plain
+from ident.present.text.fit import against, in_words, spread_in_words
+from ident.present.text.units import in_read_unit
+from ident.present.text.words import balance, describe, paragraphs, parameter_in_words
 
 CORRELATED = 0.9
 """Correlation from which a pair of parameters is named."""
@@ -81,7 +82,7 @@ def _reason(check: CampaignCheck, i: int) -> str:
 
 
 def _within(sd: float) -> str:
-    return percent(sd) if sd < math.log(ENORMOUS) else f"a factor of more than {ENORMOUS:g}"
+    return spread_in_words(sd) if sd < math.log(ENORMOUS) else f"a factor of more than {ENORMOUS:g}"
 
 
 def _directions(check: CampaignCheck) -> Iterator[str]:
@@ -113,13 +114,17 @@ def _directions(check: CampaignCheck) -> Iterator[str]:
 
 def _correlations(check: CampaignCheck, known: Information) -> Iterator[str]:
     items = check.problem.parameters.items
-    found = np.triu(np.nan_to_num(known.correlation), 1)
-    pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(found) > CORRELATED)]
-    for i, j in sorted(pairs, key=lambda pair: -abs(found[pair]))[:10]:
-        yield f"  Correlation {found[i, j]:+.3f} between {plain(items[i])} and {plain(items[j])}"
-    if not pairs and found.any():
-        i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(found)), found.shape))
-        yield f"  Largest correlation {found[i, j]:+.2f}, between {plain(items[i])} and {plain(items[j])}"
+    correlation = np.triu(np.nan_to_num(known.correlation), 1)
+    pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(correlation) > CORRELATED)]
+    for i, j in sorted(pairs, key=lambda pair: -abs(correlation[pair]))[:10]:
+        yield f"  Correlation {correlation[i, j]:+.3f} {_pair(items[i], items[j])}"
+    if not pairs and correlation.any():
+        i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape))
+        yield f"  Largest correlation {correlation[i, j]:+.2f}, {_pair(items[i], items[j])}"
+
+
+def _pair(one: Parameter, other: Parameter) -> str:
+    return f"between {parameter_in_words(one)} and {parameter_in_words(other)}"
 
 
 def _measurements(check: CampaignCheck) -> Iterator[str]:
@@ -184,9 +189,9 @@ def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:
 def _agreement(check: CampaignCheck) -> Iterator[str]:
     measured = check.campaign.measurements
     for i, j in check.repeats:
-        values = " and ".join(f"{shown(m.kind, m.value)[0]:.4g}" for m in (measured[i], measured[j]))
+        values = " and ".join(f"{in_read_unit(m.kind, m.value)[0]:.4g}" for m in (measured[i], measured[j]))
         rows = f"rows {_number(measured[i], i)} and {_number(measured[j], j)}"
-        unit = shown(measured[i].kind, 0.0)[1]
+        unit = in_read_unit(measured[i].kind, 0.0)[1]
         yield f"CONTRADICTION: {rows} measured the same, but say {values} {unit}"
     agree = check.consistency
     if agree is None:
@@ -195,12 +200,12 @@ def _agreement(check: CampaignCheck) -> Iterator[str]:
         yield "Do the kinds of measurement agree? There is one only, or none tells of another."
     else:
         yield "Do the kinds of measurement agree? Each one, predicted from the others along a straight line:"
-    for prediction in agree.cross_predictions:
-        for i, row in enumerate(prediction.rows):
-            if len(prediction.rows) <= 6 or abs(prediction.z[i]) > SUSPICIOUS:
-                yield f"  {against(prediction, i, measured[row])}"
-        if len(prediction.rows) > 6:
-            yield f"  {prediction.kind}: {len(prediction.rows)} values, largest |z| {np.abs(prediction.z).max():.1f}"
+    for cross in agree.cross_predictions:
+        for i, row in enumerate(cross.rows):
+            if len(cross.rows) <= 6 or abs(cross.z[i]) > SUSPICIOUS:
+                yield f"  {against(cross, i, measured[row])}"
+        if len(cross.rows) > 6:
+            yield f"  {cross.kind}: {len(cross.rows)} values, largest |z| {np.abs(cross.z).max():.1f}"
     if not math.isnan(agree.p_value):
         fit = f"chi-squared {agree.chi_squared:.3g} on {agree.degrees_of_freedom} degrees of freedom"
         yield f"  All together: {fit}, p = {agree.p_value:.2g}"

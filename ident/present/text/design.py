@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.assess.design import DesignStudy, bound_of, keeps, same
+from ident.assess.design import DesignStudy, bound_of, keeps, same, unchanged
 from ident.present.text.amplitude_words import both_units, change_in_words, mm
 from ident.present.text.basis import assumed_in_words
 from ident.present.text.sensitivity import heading, present, table
@@ -128,7 +128,7 @@ def _minimum_change(design: Design) -> Iterator[str]:
     title, place = f"Minimum change that keeps {MM * design.limit:g} mm", design.cheapest
     if place is None:
         yield f"{title}: none was found"
-    elif place.amount == 0:
+    elif unchanged(place):
         yield f"{title}: none is needed"
     else:
         yield f"{title}: change norm {place.amount:.3f}, {mm(place.largest)} mm"

@@ -66,7 +66,7 @@ def verdict_words(diagnosis: Diagnosis) -> str:
     if best is None or verified is None:
         return f"{now}; the limit of {limit} is kept by {binomial_words(vibration.keeps)}."
     beyond = f"more than {limit}" if peak > vibration.limit else f"within {limit}, but not surely"
-    change = f"{change_words(best, diagnosis.task.percent)} brings it to {MM * verified.largest:.3g} mm"
+    change = f"{change_words(best)} brings it to {MM * verified.largest:.3g} mm"
     if diagnosis.verdict == "warn":
         return f"{now}, {beyond}. {change}; the limit is then kept by {binomial_words(verified.keeps)}."
     why = _failure(best, len(diagnosis.verifications))
@@ -176,16 +176,15 @@ def _remedies(diagnosis: Diagnosis) -> tuple[list[str], str]:
 
 def _verification(diagnosis: Diagnosis) -> tuple[list[str], str]:
     pairs = zip(diagnosis.remedies, diagnosis.verifications, strict=False)
-    findings = [line for remedy, verified in pairs for line in _verified(remedy, verified, diagnosis.task.percent)]
+    findings = [line for remedy, verified in pairs for line in _verified(remedy, verified)]
     if len(diagnosis.verifications) > 1:
         findings.append("All were tried with the same draws, which thereby chose among them.")
     return findings, ""
 
 
-def _verified(remedy: Remedy, verified: Verification, percent: float) -> Iterator[str]:
+def _verified(remedy: Remedy, verified: Verification) -> Iterator[str]:
     keeps = "keeps" if verified.largest <= verified.limit else "does NOT keep"
-    change = change_words(remedy, percent)
-    yield f"{change}: {MM * verified.largest:.3g} mm by the exact equations, which {keeps} the limit."
+    yield f"{change_words(remedy)}: {MM * verified.largest:.3g} mm by the exact equations, which {keeps} the limit."
     wanted = "" if verified.keeps.share >= CONFIDENT else f"; {100 * CONFIDENT:g} % are asked for"
     yield f"With draws that it was not chosen by, the limit is kept by {binomial_words(verified.keeps)}{wanted}."
 
@@ -199,10 +198,10 @@ def binomial_words(estimate: BinomialEstimate) -> str:
     )
 
 
-def change_words(remedy: Remedy, percent: float) -> str:
-    """Name a remedy by what it changes; the present speed is `percent`."""
+def change_words(remedy: Remedy) -> str:
+    """Name a remedy by what it changes."""
     if remedy.kind == "speed":
-        return f"speed {remedy.percent:.3g} % instead of {percent:.3g} %"
+        return f"speed {remedy.percent:.3g} % instead of {remedy.percent_before:.3g} %"
     return ", ".join(_changes(remedy)) or "nothing"
 
 

@@ -12,12 +12,12 @@ from ident.present.text.words import cut, degrees, paragraphs
 from ident.vibrate.response.study import DIRECTIONS
 
 METHODS = {
-    "fast": "fast, equations linearised about the moving, sagging arm",
+    "fast": "fast, equations linearised about the quasi-static deflection",
     "exact": "exact equations of motion, integrated with error control",
 }
 QUANTILES = (0.05, 0.95)
 MOST_SLACK = 4
-"""Times of a slack span that are told one by one."""
+"""Times of a slack span that are listed one by one."""
 
 
 def simulate_report(simulation: Simulation) -> str:
@@ -54,7 +54,7 @@ def _heading(simulation: Simulation) -> Iterator[str]:
 def _vibration(simulation: Simulation) -> Iterator[str]:
     late = "" if simulation.at is None else f"   from {simulation.at:g} s on"
     tolerance = f"settled to {MM * simulation.tolerance:g} mm"
-    yield f"Vibration of {simulation.point} [mm]: how far it is from where the arm, sagging, would be at rest"
+    yield f"Vibration of {simulation.point} [mm]: displacement from its quasi-static position"
     yield f"          peak      at s       rms   residual   {tolerance}{late}"
     sizes, width = simulation.sizes, len(tolerance)
     for i, direction in enumerate(DIRECTIONS):
@@ -117,13 +117,13 @@ def _trace(simulation: Simulation) -> Iterator[str]:
     yield f"          {'peak':29s} {'rms':29s} {f'strongest in {low:g} to {high:g} Hz':29s} rms in that band"
     pair = "simulated  measured"
     yield f"    {pair + '  ratio':>29s}{pair + '  ratio':>30s}{pair + ' [Hz]':>28s}   ratio"
-    for direction, found in simulation.comparisons.items():
-        ours, theirs = found.simulated, found.measured
+    for direction, comparison in simulation.comparisons.items():
+        ours, theirs = comparison.simulated, comparison.measured
         peaks = [f"{size.dominant.frequency:.3f}" if size.dominant else "none" for size in (ours, theirs)]
         yield (
-            f"  {direction} {factor * ours.peak:11.4g} {factor * theirs.peak:9.4g} {found.peak_ratio:6.3f}"
-            f"  {factor * ours.rms:11.4g} {factor * theirs.rms:9.4g} {found.rms_ratio:6.3f}"
-            f" {peaks[0]:>11s}  {peaks[1]:>11s}       {found.band_rms_ratio:6.3f}"
+            f"  {direction} {factor * ours.peak:11.4g} {factor * theirs.peak:9.4g} {comparison.peak_ratio:6.3f}"
+            f"  {factor * ours.rms:11.4g} {factor * theirs.rms:9.4g} {comparison.rms_ratio:6.3f}"
+            f" {peaks[0]:>11s}  {peaks[1]:>11s}       {comparison.band_rms_ratio:6.3f}"
         )
     if acceleration:
         yield "  the simulated displacement was differentiated twice; the measured acceleration is as it was"

@@ -72,7 +72,7 @@ def test_the_report_shows_linear_and_profile_intervals_and_every_reason():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"delta_cost": np.linspace(-0.5, 0.0, 23)}, "not the best optimum; fit again with more starts"),
+        ({"delta_chi_squared": np.linspace(-0.5, 0.0, 23)}, "not the best optimum; fit again with more starts"),
         ({"converged": np.arange(23) != 5}, "did not converge at 1 of"),
         ({"rivals": (math.log(8e5),)}, "another optimum fits about as well outside this interval, at 8e+05"),
     ],
@@ -87,8 +87,10 @@ def test_what_is_irregular_is_remarked_on(changes, words):
 def test_flat_and_not_flat_are_told_apart():
     item = Parameter(("j.k_bend",), True, 3e5, 3e5)
     flat, rising = (parabola(item, math.log(3e5), endings=(CROSSED, OPEN), height=h) for h in (0.0, 1.2))
-    assert "flat: nothing tells it on this side (as far as 3e+08 the cost does not rise)" in next(remarks(flat))
-    assert "too little tells it on this side (as far as 3e+08 the cost rises by 1.2 of 3.84)" in next(remarks(rising))
+    assert "flat: nothing tells it on this side (as far as 3e+08 delta chi-squared stays zero)" in next(remarks(flat))
+    assert "too little tells it on this side (as far as 3e+08 delta chi-squared reaches 1.2 of 3.84)" in next(
+        remarks(rising)
+    )
 
 
 def test_intervals_are_written_with_their_open_sides():
@@ -124,7 +126,7 @@ def test_the_document_is_json_with_null_for_open():
     second = json.loads(text)["parameters"][1]
     assert second["intervals"][-1]["high"] is None
     assert second["intervals"][-1]["endings"] == ["crossed", "open"]
-    assert len(second["profile"]["value"]) == len(second["profile"]["delta_cost"]) == 23
+    assert len(second["profile"]["value"]) == len(second["profile"]["delta_chi_squared"]) == 23
 
 
 @pytest.mark.parametrize("count", [1, 2, 6, 11])
@@ -145,10 +147,11 @@ def test_the_figure_has_a_panel_for_each_and_nothing_overlaps(count):
 def test_a_fall_below_the_optimum_is_drawn_and_said():
     result, profiles = made_up_profiles(2)
     fallen = tuple(
-        replace(p, delta_cost=p.delta_cost - 2 * np.exp(-((p.theta - p.theta[-3]) ** 2) / 1e-4)) for p in profiles
+        replace(p, delta_chi_squared=p.delta_chi_squared - 2 * np.exp(-((p.theta - p.theta[-3]) ** 2) / 1e-4))
+        for p in profiles
     )
     figure = profile_figure(result, fallen)
-    assert figure.axes[0].get_ylim()[0] < fallen[0].delta_cost.min()
+    assert figure.axes[0].get_ylim()[0] < fallen[0].delta_chi_squared.min()
     assert any("not the best optimum" in text.get_text() for text in _key(figure))
     assert_tidy(figure)
 
