@@ -50,7 +50,7 @@ class DesignStudy:
 
 
 def same(design: Design) -> int:
-    """Return how many starts have led to the quietest."""
+    """Return how many starts have led to the minimum amplitude."""
     spans = np.array([variable.span(design.trial.arm) for variable in design.trial.variables])
     width, first = spans[:, 1] - spans[:, 0], design.optima[0]
     return sum(
