@@ -23,14 +23,11 @@ SETUP = ("python3 -m venv", "pip install", "python -m pytest")
 REDUCED = {
     "sample": ("--ess=100", "--steps=500", "--starts=1", "--no-figure"),
     "simulate": ("--method=fast", "--no-figure"),
-    "sweep": ("--no-figure",),
-    "design": ("--starts=1", "--no-curve", "--no-figure"),
+    "sweep": ("--no-figure", "--dwell=0.1"),
+    "design": ("--starts=1", "--no-curve", "--no-figure", "--speed=60", "--dwell=0.1", "--change=joint1.k_tors"),
 }
 """What is added to a command that takes long: the way through it is tested, its numbers are elsewhere."""
-REDUCED_OPTIONS = {
-    "SampleOptions(": "ess=100, steps=500, starts=1, ",
-    "DesignOptions(": "starts=1, no_curve=True, ",
-}
+REDUCED_OPTIONS = {"SampleOptions(": "ess=100, steps=500, starts=1, "}
 """The same for Python."""
 
 

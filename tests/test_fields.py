@@ -17,9 +17,9 @@ from ident.cli.options import assignments
 from ident.description import schema
 from ident.errors import InputError
 from ident.identify.unknowns import parameter
-from ident.present.text.sweep_words import title
+from ident.present.text.sweep_words import axis_in_words
 from ident.present.text.units import is_length, read_unit, unit_of, value_in_words
-from ident.present.text.words import plain
+from ident.present.text.words import parameter_in_words
 from ident.vibrate.redesign.sensitivity import changeable
 from ident.vibrate.redesign.sweep import Axis
 from ident.vibrate.redesign.variable import Variable, check, is_shifted
@@ -161,16 +161,16 @@ def test_words_and_units_that_people_read(field):
         assert (size, unit) == ((1e-3, "mm") if field.unit == "m" else (1.0, field.unit))
         assert value_in_words(path, 1.0) == f"1 {field.unit}".removesuffix(" -")
     assert is_length(path) == (field.unit == "m")
-    assert title(Axis((path,), np.array([1.0, 2.0]), 1.0)).startswith(path)
+    assert axis_in_words(Axis((path,), np.array([1.0, 2.0]), 1.0)).startswith(path)
 
 
 def test_words_of_what_is_fitted_and_swept_most():
     names = {"joint1.k_tors": "torsion of joint1", "joint1.tau_bend": "bending damping of joint1"}
     names |= {"link1.mass": "mass of link1", "link1.com.x": "link1.com.x"}
-    assert {path: plain(parameter(lcd_arm(), path)) for path in names} == names
+    assert {path: parameter_in_words(parameter(lcd_arm(), path)) for path in names} == names
     titles = {"joint1.k_tors": "joint1.k_tors, torsional stiffness of joint1", "link1.mass": "link1.mass"}
     titles |= {"link1.com.x": "link1.com.x, mass centre of link1, x", "speed": "speed, percent of full speed"}
-    assert {path: title(Axis((path,), np.array([1.0, 2.0]), 1.0)) for path in titles} == titles
+    assert {path: axis_in_words(Axis((path,), np.array([1.0, 2.0]), 1.0)) for path in titles} == titles
     assert (unit_of("speed"), unit_of("stroke.speed"), unit_of("discrepancy.frequency")) == ("%", "rad/s", "-")
 
 

@@ -96,7 +96,7 @@ class Arm(eqx.Module):
             yield self.stroke
 
     def get(self, path: str) -> Array:
-        """Return the number at a path such as `joint1.k_bend`, `link2.mass` or `fingers.com.x`.
+        """Return the number [SI] at a path such as `joint1.k_bend`, `link2.mass` or `fingers.com.x`.
 
         Raises:
             InputError: the path names no number of this arm; the nearest names are suggested.
@@ -151,7 +151,7 @@ class Arm(eqx.Module):
         return tuple(path for path, _, _, _ in self._places())
 
     def numbers(self) -> dict[str, Array]:
-        """All numbers by path: quicker than `get` for each."""
+        """All numbers [SI] by path: quicker than `get` for each."""
         found = {}
         for path, part, field, component in self._places():
             value = getattr(part, field)

@@ -201,7 +201,7 @@ def _slower_or_faster(task: Task) -> Remedy:
         binomial_estimate(keeps),
         float(end_state.frequency[0]),
         float(end_state.deflection[0]),
-        abs(float(np.log(speeds.values[best] / speeds.present)) / np.log(2)),
+        float(abs(np.log(speeds.values[best] / speeds.present)) / np.log(2)),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from ident.description import schema as document
-from ident.description.quantities import Box, Cylinder, Direction, Lump, Origin, Quantity, Table, shown
+from ident.description.quantities import Box, Cylinder, Direction, Lump, Origin, Quantity, Table, as_written
 from ident.description.schema import Loc, named
 from ident.errors import Problem
 from ident.text import NAME_RULE, did_you_mean
@@ -90,11 +90,11 @@ class Source:
             name = table.get("name")
             if isinstance(name, str) and seen.setdefault(name, loc) != loc:
                 remedy = f"rename it or {self.words(seen[name])}"
-                yield self.problem((*loc, "name"), f"the name {shown(name)} again", "unique names", remedy)
+                yield self.problem((*loc, "name"), f"the name {as_written(name)} again", "unique names", remedy)
             for key in ("joint", "driver", "driven") if loc[0] != "joint" else ():
                 if isinstance(joint := table.get(key), str) and joint not in joints:
                     remedy = did_you_mean(joint, joints, "name a joint of this arm")
-                    yield self.problem((*loc, key), shown(joint), f"one of {', '.join(joints)}", remedy)
+                    yield self.problem((*loc, key), as_written(joint), f"one of {', '.join(joints)}", remedy)
 
     def words(self, loc: Loc) -> str:
         """Return a location such as `joint[2] 'joint3'.link[1] 'fingers'.mass`."""
@@ -104,7 +104,7 @@ class Source:
             key = step if re.fullmatch(r"[\w-]+", str(step)) else repr(step)
             text += f"[{step}]" if isinstance(step, int) else f".{key}" if text else str(key)
             name = node.get("name") if isinstance(node, dict) and isinstance(step, int) else None
-            text += f" {shown(name)}" if isinstance(name, str) else ""
+            text += f" {as_written(name)}" if isinstance(name, str) else ""
         return text
 
     def _finding(self, loc: Loc, detail: Any) -> tuple[str, str, str]:
@@ -117,11 +117,11 @@ class Source:
         if kind == "extra_forbidden":
             known = self._keys(loc[:-1])
             remedy = did_you_mean(key, known, "remove it")
-            return f"unknown key {shown(key)}", f"one of {', '.join(known)}", remedy
+            return f"unknown key {as_written(key)}", f"one of {', '.join(known)}", remedy
         if kind in ("model_type", "model_attributes_type"):
             remedy = f'write {key} = {{ value = ..., unit = "...", origin = "..." }}'
-            return shown(detail["input"]), "a table", remedy
-        return shown(detail["input"]), EXPECTED.get(kind, detail["msg"]).format(**context), "correct it"
+            return as_written(detail["input"]), "a table", remedy
+        return as_written(detail["input"]), EXPECTED.get(kind, detail["msg"]).format(**context), "correct it"
 
     def _written(self, loc: Loc, *, missing: bool) -> Loc:
         """Return the location without the names that pydantic gives to the members of a union."""

@@ -25,7 +25,7 @@ def complaint(got: str, expected: str, remedy: str) -> PydanticCustomError:
     return PydanticCustomError("ident", "{got}", {"got": got, "expected": expected, "remedy": remedy})
 
 
-def shown(value: Any) -> str:
+def as_written(value: Any) -> str:
     """Return a value for a message, as TOML writes it and on one line."""
     if isinstance(value, dict):
         return "a table"
@@ -74,13 +74,13 @@ def _checked_unit(*examples: str) -> AfterValidator:
 
 def _ordered(limits: list[float]) -> list[float]:
     if limits[0] >= limits[1]:
-        raise complaint(shown(limits), "lower limit < upper limit", "swap or correct them")
+        raise complaint(as_written(limits), "lower limit < upper limit", "swap or correct them")
     return limits
 
 
 def _not_zero(vector: list[float]) -> list[float]:
     if np.abs(vector).max() < 1e-9:
-        raise complaint(shown(vector), "a direction, such as [0, 0, 1]", "give the axis of the pin")
+        raise complaint(as_written(vector), "a direction, such as [0, 0, 1]", "give the axis of the pin")
     return vector
 
 

@@ -41,7 +41,7 @@ class Measurement:
         sigma: () [as value] its standard deviation.
         mode: mode label such as `vertical bending 1`, in lower case; None to match modes in ascending order.
         point: point of the arm whose deflection was read.
-        direction: (3,) unit vector in the base frame, along which a deflection counts; -z when not given.
+        direction: (3,) [-] unit vector in the base frame, along which a deflection counts; -z when not given.
         load: the load case.
         reference_load: the load case that a deflection difference starts from.
         unit: unit in which the value was written, such as `mm`.

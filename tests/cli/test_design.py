@@ -6,23 +6,13 @@ import tomllib
 import numpy as np
 import pytest
 from arms import lcd_arm
-from commands import ARM, files, posterior
+from commands import ARM, files, log, posterior
 
 from ident.description.file import read_arm
 
 K = ("joint1.k_tors", "joint2.k_tors", "joint3.k_tors")
 SHORT = ("--path=teach.csv", "--dwell=0.2", "--rate=100")
 NAME = "arm.teach"
-
-
-def log(path, angles=(60, -120, 60)):
-    """A way in half a second, from rest to rest."""
-    time = np.linspace(0, 0.5, 26)
-    x = time / 0.5
-    way = 10 * x**3 - 15 * x**4 + 6 * x**5
-    columns = [time, *(way * angle for angle in angles)]
-    header = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]"
-    np.savetxt(path, np.column_stack(columns), header=header, comments="", delimiter=",")
 
 
 @pytest.mark.timeout(900)  # some ten programs are compiled, slowly on a machine that others share

@@ -1,16 +1,14 @@
 """`ident.sweep` from Python: ranges as values, what it returns, and the file that brings it back."""
 
-import json
-
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 from commands import posterior
+from results import assert_comes_back, assert_plain
 
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.studies import ranges
-from ident.studies.load import load
 from ident.studies.sweep import MEASURES, SweepOptions, sweep
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.redesign.evaluator import Evaluator
@@ -48,7 +46,7 @@ def test_amplitudes_are_those_of_the_library(both):
     np.testing.assert_allclose(both.present, both.sweeps[K].amplitude[:, 1])
     rows = both.table()
     assert len(rows) == 3 * (3 + 2)
-    assert {type(value) for row in rows for value in row.values()} == {str, float}
+    assert_plain(rows)
     (row,) = [r for r in rows if (r["parameter"], r["value"], r["direction"]) == (K, values[2], "y")]
     assert row["amplitude [mm]"] == pytest.approx(1e3 * both.sweeps[K].amplitude[1, 2])
     assert np.isnan(row["q05 [mm]"])
@@ -57,17 +55,8 @@ def test_amplitudes_are_those_of_the_library(both):
 @pytest.mark.parametrize("name", ["both", "chart"])
 def test_it_comes_back_as_it_was(name, request, tmp_path):
     result = request.getfixturevalue(name)
-    table, path = result.save(tmp_path)
-    loaded = load(path)
-    assert loaded.report() == str(loaded) == result.report()
-    assert loaded.options == result.options
-    np.testing.assert_equal(loaded.table(), result.table())
-    assert [one.name for one in loaded.save_figures(tmp_path)] == [f"{result.name}.png"]
-    again = loaded.save(tmp_path / "again.json")
-    first, second = (json.loads(each.read_text()) | {"created": ""} for each in (path, again[1]))
-    assert first == second
-    first, second = (each.read_text().splitlines()[1:] for each in (table, again[0]))
-    assert first == second
+    loaded = assert_comes_back(result, tmp_path)
+    assert [path.name for path in loaded.save_figures(tmp_path)] == [f"{result.name}.png"]
 
 
 def test_the_ranges_of_the_command_line_and_of_python_are_the_same(both):

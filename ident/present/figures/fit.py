@@ -33,7 +33,7 @@ from ident.present.figures.style import (
     ratio_axis,
     rows,
 )
-from ident.present.text.units import MM, is_length, read_unit, shown
+from ident.present.text.units import MM, in_read_unit, is_length, read_unit
 from ident.present.text.words import cut, direction_name, short
 
 KIND_STYLES: dict[str, Style] = {
@@ -244,7 +244,7 @@ def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
         yield f"The kinds of measurement agree: each from the others within {worst:.1f} sd", False
     for t, i in doubts[:4]:
         m = fit.campaign.measurements[t.rows[i]]
-        (value, unit), (sd, _) = shown(m.kind, float(t.predicted[i])), shown(m.kind, float(t.sd[i]))
+        (value, unit), (sd, _) = in_read_unit(m.kind, float(t.predicted[i])), in_read_unit(m.kind, float(t.sd[i]))
         yield f"   {cut(short(m), 60)}:", False
         yield f"      the other kinds predict {value:.3g} ± {sd:.2g} {unit}, {abs(t.z[i]):.1f} sd away", False
 

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from ident.assess.spectra import Spectra
 from ident.present.figures.spectrum import PANEL, SERIES
-from ident.present.figures.style import GREY, plain
+from ident.present.figures.style import key_below, plain
 from ident.present.text.spectrum import UNITS
 from ident.present.text.words import cut
 
@@ -39,8 +39,5 @@ def orders_figure(spectra: Spectra) -> Figure:
     revolutions = next(iter(spectra.tracks.values())).revolutions
     fastest = max(float(np.max(track.frequency)) for track in spectra.tracks.values())
     notes = f"a point for each {revolutions} revolutions; pulleys turn at up to {fastest:.3g} Hz"
-    key = figure.legend(handles=handles, title=notes, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    key.get_title().set(fontsize=8, color=GREY, parse_math=False)
-    for text in key.get_texts():
-        text.set_parse_math(False)
+    key_below(figure, handles, notes, columns=3)
     return figure

@@ -1,6 +1,6 @@
 """Figures of a simulated motion: vibration of the end point, and what joints, belts and pulleys do meanwhile."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ident.assess.simulation import Simulation, alike
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PALE_BLUE, PINK, Style, plain
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PALE_BLUE, PINK, Style, key_below, plain
 from ident.present.text.units import MM
 from ident.present.text.words import cut
 from ident.vibrate.response.study import DIRECTIONS
@@ -38,7 +38,7 @@ def simulate_figure(simulation: Simulation) -> Figure:
             _measured(axes, simulation, direction)
         _arrival(axes, simulation, labelled=i == 0)
     figure.align_ylabels(grid)
-    _key(figure, list(_entries(simulation)), list(_notes(simulation)))
+    key_below(figure, list(_entries(simulation)), "\n".join(_notes(simulation)))
     return figure
 
 
@@ -57,7 +57,7 @@ def drives_figure(simulation: Simulation) -> Figure:
     if simulation.arm.belts and simulation.tension.min() <= 0:
         notes.append("a belt goes slack: see the report")
     figure.align_ylabels(grid)
-    _key(figure, [], notes)
+    key_below(figure, [], "\n".join(notes))
     return figure
 
 
@@ -176,11 +176,3 @@ def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np
 
 
 _SPANS = ((0, "upper"), (1, "lower"))
-
-
-def _key(figure: Figure, handles: Sequence[Line2D | Patch], notes: Sequence[str]) -> None:
-    """Explain lines and bands below the panels, where they hide nothing."""
-    key = figure.legend(
-        handles=handles, title="\n".join(notes), loc="outside lower center", ncols=4, frameon=False, fontsize=9
-    )
-    key.get_title().set(fontsize=8, color=GREY, parse_math=False)

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from ident.assess.spectra import Spectra
 from ident.errors import InputError, Problem
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, plain
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, plain
 from ident.present.text.spectrum import UNITS
 from ident.present.text.words import cut, degrees
 from ident.vibrate.signal.spectrogram import Spectrogram
@@ -99,7 +99,7 @@ def spectrum_figure(
     grid[-1].set_xlabel("frequency [Hz]", fontsize=9)
     handles = [Line2D([], [], label=cut(name, 40), **s) for name, s in zip(series, cycle(SERIES), strict=False)]
     figure.align_ylabels(grid)
-    _key(figure, handles, notes)
+    key_below(figure, handles, "\n".join(notes), columns=3)
     return figure
 
 
@@ -138,7 +138,8 @@ def spectrogram_figure(
     axes.set_ylim(0, upto)
     axes.set_xlabel("time [s]", fontsize=9)
     axes.set_ylabel("frequency [Hz]", fontsize=9)
-    _key(figure, handles, [spectrogram.description(), "grey: less than half a segment from an end of the trace"])
+    note = f"{spectrogram.description()}\ngrey: less than half a segment from an end of the trace"
+    key_below(figure, handles, note, columns=3)
     return figure
 
 
@@ -221,21 +222,6 @@ def _line(axes: Axes, line: tuple[str, tuple[np.ndarray, np.ndarray]], style: St
     name, (time, frequency) = line
     axes.plot(time, frequency, **style)
     return Line2D([], [], label=cut(name, 40), **style)
-
-
-def _key(figure: Figure, handles: Sequence[Line2D], notes: Sequence[str]) -> None:
-    """Explain lines and windows below the panels, where they hide nothing."""
-    key = figure.legend(
-        handles=handles,
-        title="\n".join(notes),
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-        fontsize=9,
-    )
-    key.get_title().set(fontsize=8, color=GREY, parse_math=False)
-    for text in key.get_texts():
-        text.set_parse_math(False)
 
 
 def _descriptions(series: Mapping[str, Spectrum]) -> Iterator[str]:

@@ -74,6 +74,8 @@ def key_below(figure: Figure, handles: Sequence[Artist], note: str, *, columns: 
         handles=handles, title=note, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
     )
     key.get_title().set(fontsize=8, color=GREY, parse_math=False)
+    for text in key.get_texts():
+        text.set_parse_math(False)
 
 
 def ratio_axis(axes: Axes, left: float, right: float) -> None:

@@ -9,10 +9,11 @@ from ident.identify.check import CampaignCheck
 from ident.identify.fit import SUSPICIOUS
 from ident.identify.label_checks import LabelDoubt
 from ident.inference.information import WEAK_ABOVE, Information
+from ident.inference.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.text.fit import against, in_words, percent
-from ident.present.text.units import shown
-from ident.present.text.words import balance, describe, paragraphs, plain
+from ident.present.text.fit import against, in_words, spread_in_words
+from ident.present.text.units import in_read_unit
+from ident.present.text.words import balance, describe, paragraphs, parameter_in_words
 
 CORRELATED = 0.9
 """Correlation from which a pair of parameters is named."""
@@ -42,8 +43,8 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
     yield f"Check of {check.campaign.name or 'a campaign'} on {check.arm.name}, before any solving"
     fine = check.verdicts.count("identifiable")
     yield f"  {len(check.campaign)} measurements, {count} unknowns: {fine} of {count} identifiable by the data alone"
-    if check.asked > check.answered:
-        yield f"  WARNING: the model has no answer at {check.asked - check.answered} of {check.asked} points looked at"
+    if check.tried > check.answered:
+        yield f"  WARNING: the model has no answer at {check.tried - check.answered} of {check.tried} points looked at"
     if check.missing.any():
         yield "  WARNING: nothing can be said, as the model has no answer at the arm file's values for"
         rows = np.flatnonzero(check.missing).tolist()
@@ -62,7 +63,7 @@ def _verdicts(check: CampaignCheck) -> Iterator[str]:
     if check.information is None:
         return
     limit = math.exp(WEAK_ABOVE)
-    yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.asked} points looked at: the"
+    yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.tried} points looked at: the"
     yield "  arm file's values and others about them, since one point may mislead. Priors count nothing here."
 
 
@@ -81,7 +82,7 @@ def _reason(check: CampaignCheck, i: int) -> str:
 
 
 def _within(sd: float) -> str:
-    return percent(sd) if sd < math.log(ENORMOUS) else f"a factor of more than {ENORMOUS:g}"
+    return spread_in_words(sd) if sd < math.log(ENORMOUS) else f"a factor of more than {ENORMOUS:g}"
 
 
 def _directions(check: CampaignCheck) -> Iterator[str]:
@@ -116,10 +117,14 @@ def _correlations(check: CampaignCheck, known: Information) -> Iterator[str]:
     correlation = np.triu(np.nan_to_num(known.correlation), 1)
     pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(correlation) > CORRELATED)]
     for i, j in sorted(pairs, key=lambda pair: -abs(correlation[pair]))[:10]:
-        yield f"  Correlation {correlation[i, j]:+.3f} between {plain(items[i])} and {plain(items[j])}"
+        yield f"  Correlation {correlation[i, j]:+.3f} {_pair(items[i], items[j])}"
     if not pairs and correlation.any():
         i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape))
-        yield f"  Largest correlation {correlation[i, j]:+.2f}, between {plain(items[i])} and {plain(items[j])}"
+        yield f"  Largest correlation {correlation[i, j]:+.2f}, {_pair(items[i], items[j])}"
+
+
+def _pair(one: Parameter, other: Parameter) -> str:
+    return f"between {parameter_in_words(one)} and {parameter_in_words(other)}"
 
 
 def _measurements(check: CampaignCheck) -> Iterator[str]:
@@ -184,9 +189,9 @@ def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:
 def _agreement(check: CampaignCheck) -> Iterator[str]:
     measured = check.campaign.measurements
     for i, j in check.repeats:
-        values = " and ".join(f"{shown(m.kind, m.value)[0]:.4g}" for m in (measured[i], measured[j]))
+        values = " and ".join(f"{in_read_unit(m.kind, m.value)[0]:.4g}" for m in (measured[i], measured[j]))
         rows = f"rows {_number(measured[i], i)} and {_number(measured[j], j)}"
-        unit = shown(measured[i].kind, 0.0)[1]
+        unit = in_read_unit(measured[i].kind, 0.0)[1]
         yield f"CONTRADICTION: {rows} measured the same, but say {values} {unit}"
     agree = check.consistency
     if agree is None:

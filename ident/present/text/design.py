@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.assess.design import DesignStudy, bound_of, keeps, same
+from ident.assess.design import DesignStudy, bound_of, keeps, same, unchanged
 from ident.present.text.amplitude_words import both_units, change_in_words, mm
 from ident.present.text.basis import assumed_in_words
 from ident.present.text.sensitivity import heading, present, table
@@ -79,7 +79,7 @@ def _effect(study: DesignStudy, design: Design) -> Iterator[str]:
     before, after, limit = design.present, design.best, design.limit
     yield f"  {'':34s}{'before':>10s}{'after':>10s}"
     for d, a, b in zip(DIRECTIONS, before.amplitude, after.amplitude, strict=True):
-        yield f"  {f'{study.trial.measure} in {d} [mm]':34s}{mm(a):>10s}{mm(b):>10s}{b / a - 1:+8.1%}"
+        yield f"  {f'{study.evaluator.measure} in {d} [mm]':34s}{mm(a):>10s}{mm(b):>10s}{b / a - 1:+8.1%}"
     yield f"  {'first natural frequency [Hz]':34s}{before.frequency:10.4f}{after.frequency:10.4f}"
     yield f"  {'static deflection [mm]':34s}{MM * before.deflection:10.4f}{MM * after.deflection:10.4f}"
     if study.draws and limit:
@@ -128,7 +128,7 @@ def _minimum_change(design: Design) -> Iterator[str]:
     title, place = f"Minimum change that keeps {MM * design.limit:g} mm", design.cheapest
     if place is None:
         yield f"{title}: none was found"
-    elif place.amount == 0:
+    elif unchanged(place):
         yield f"{title}: none is needed"
     else:
         yield f"{title}: change norm {place.amount:.3f}, {mm(place.largest)} mm"

@@ -11,8 +11,8 @@ from ident.inference.fit import Fit
 from ident.inference.information import Direction, Information, TradeOff
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.text.units import is_stiffness, nmm_per_deg, shown, unit_of
-from ident.present.text.words import NOTABLE, describe, known_from, paragraphs, priors_in_words
+from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.words import NOTABLE, describe, known_from, paragraphs, priors_in_words, span
 
 
 def fit_report(fit: CampaignFit) -> str:
@@ -44,7 +44,7 @@ def _parameters(fit: CampaignFit) -> Iterator[str]:
     yield "Parameters                fitted    95 % interval            arm file   ratio   known from"
     rows = zip(items, fit.best.values, fit.interval(), strict=True)
     for i, (item, value, (low, high)) in enumerate(rows):
-        interval = _interval(low, high) if fit.supported[i] else ("withheld" if known.supported[i] else "open")
+        interval = span(low, high) if fit.supported[i] else ("withheld" if known.supported[i] else "open")
         source = known_from(known.prior_share[i], known.sd[i])
         ratio = f"{value / float(item.start):.3g}" if float(item.start) else "-"
         yield (
@@ -74,16 +74,12 @@ def _worst_correlation(known: Information) -> str:
     return f"{correlation[i, j]:+.2f} between {known.names[i]} and {known.names[j]}" if correlation[i, j] else ""
 
 
-def _interval(low: float, high: float) -> str:
-    return f"{low:.4g} to {high:.4g}"
-
-
 def _measurements(fit: CampaignFit) -> Iterator[str]:
     yield "Measurements, each with its row in the file                   measured  predicted   residual   res./sigma"
     rows = zip(fit.campaign, fit.predicted, fit.residuals, fit.outliers, strict=True)
     for m, predicted, z, outlying in rows:
-        measured, unit = shown(m.kind, m.value)
-        model, _ = shown(m.kind, float(predicted))
+        measured, unit = in_read_unit(m.kind, m.value)
+        model, _ = in_read_unit(m.kind, float(predicted))
         numbers = f"{measured:10.4g} {model:10.4g} {measured - model:10.3g} {-z:8.2f}"
         row = m.where.rpartition(":")[2]
         yield f"  {row:>3s}  {describe(m):53s} {numbers}   [{unit}]{'  <--' if outlying else ''}"
@@ -97,7 +93,7 @@ def _information(fit: CampaignFit) -> Iterator[str]:
     for direction in known.directions:
         if direction.seen:
             weak = "weakly known, to" if direction.weak else "known to"
-            yield f"  {weak} {percent(direction.sd)}: {product(direction, items)}"
+            yield f"  {weak} {spread_in_words(direction.sd)}: {product(direction, items)}"
     if known.rank < count:
         yield f"What they leave open: {count - known.rank} of {count} directions, {filler}"
         for trade in known.trade_offs():
@@ -107,7 +103,7 @@ def _information(fit: CampaignFit) -> Iterator[str]:
         yield f"  Single values that the data support: {', '.join(single) if single else 'none'}."
 
 
-def percent(sd: float) -> str:
+def spread_in_words(sd: float) -> str:
     """Say how well a theta is known: in percent, or as a factor."""
     return f"{100 * sd:.2g} %" if sd < 0.3 else f"a factor of {math.exp(sd):.2g}"
 
@@ -168,9 +164,9 @@ def _explanation(fit: CampaignFit) -> Iterator[str]:
 
 def against(cross: CrossPrediction, i: int, m: Measurement) -> str:
     """Say what the other kinds predict for the i-th value of a cross-prediction, and what was measured."""
-    measured, unit = shown(m.kind, cross.measured[i])
-    predicted, _ = shown(m.kind, cross.predicted[i])
-    sd, _ = shown(m.kind, cross.sd[i])
+    measured, unit = in_read_unit(m.kind, cross.measured[i])
+    predicted, _ = in_read_unit(m.kind, cross.predicted[i])
+    sd, _ = in_read_unit(m.kind, cross.sd[i])
     return f"{describe(m)}: {predicted:.3g} +- {sd:.2g} {unit}, measured {measured:.3g}: {cross.z[i]:+.1f} sd"
 
 

@@ -23,7 +23,7 @@ def _heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
     count = len(fit.problem.parameters.items)
     yield f"Profiles of the fit of {fit.arm.name} to {fit.campaign.name}"
     yield f"  {len(fit.campaign)} measurements, {count} unknowns, least cost {fit.best.cost:.4g}"
-    yield f"  Each parameter is moved and all others are fitted again. {percent(level)}: delta"
+    yield f"  Each parameter is moved and all others are fitted again. {level_in_words(level)}: delta"
     yield f"  chi-squared is {threshold(level):.3g}, with one degree of freedom. Data and priors count, as in the fit."
     for prior in priors_in_words(fit.problem.parameters.items):
         yield f"  prior: {prior}"
@@ -35,7 +35,7 @@ def _heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
 
 def _table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
     known = fit.information
-    level = percent(profiles[0].widest.level)
+    level = level_in_words(profiles[0].widest.level)
     yield (
         f"{'Parameters':18s} {'fitted':>10s}    {f'{level}, linear':24s} {f'{level}, profile':24s}"
         f" {'profile/linear':17s} known from"
@@ -70,7 +70,7 @@ def _half(half: float, ending: Ending) -> str:
 def _nested(profiles: Sequence[Profile]) -> Iterator[str]:
     levels = [interval.level for interval in profiles[0].intervals]
     if len(levels) > 1:
-        yield "Profiles at all levels  " + "".join(f"{percent(level):26s}" for level in levels).rstrip()
+        yield "Profiles at all levels  " + "".join(f"{level_in_words(level):26s}" for level in levels).rstrip()
         for profile in profiles:
             cells = "".join(f"{interval_text(profile, interval):26s}" for interval in profile.intervals)
             yield f"  {profile.name:22s}{cells}[{unit_of(profile.name)}]"
@@ -92,10 +92,10 @@ def remarks(profile: Profile) -> Iterator[str]:
             f"{profile.name}: WARNING, on the way the cost fell {profile.beaten:.3g} below the fit's, which is not the"
             " best optimum; fit again with more starts (--starts)"
         )
-    inside = profile.settled_inside
+    inside = profile.converged_inside
     if not inside.all():
         lost = f"{(~inside).sum()} of {len(inside)} points"
-        yield f"{profile.name}: the search did not come to rest at {lost}; the profile may lie lower there"
+        yield f"{profile.name}: the search did not converge at {lost}; the profile may lie lower there"
     if profile.rivals:
         places = ", ".join(f"{value:.4g}" for value in profile.values(profile.rivals))
         yield f"{profile.name}: another optimum fits about as well outside this interval, at {places}"
@@ -110,9 +110,9 @@ def _side(profile: Profile, side: int) -> Iterator[str]:
     elif ending is Ending.OPEN:
         last = (0, -1)[side]
         (value,) = profile.values(profile.theta[[last]])
-        rise = profile.rise[last]
+        delta = profile.delta_chi_squared[last]
         reason = "flat: nothing tells it" if profile.flat[side] else "too little tells it"
-        reached = "stays zero" if rise < FLAT else f"reaches {rise:.2g} of {need:.3g}"
+        reached = "stays zero" if delta < FLAT else f"reaches {delta:.2g} of {need:.3g}"
         there = f"as far as {value:.3g} delta chi-squared {reached}"
         yield f"{profile.name}: open {SIDES[side]}, {reason} on this side ({there})"
 
@@ -126,6 +126,6 @@ def interval_text(profile: Profile, interval: Interval) -> str:
     return f"{low} to {high}"
 
 
-def percent(level: float) -> str:
+def level_in_words(level: float) -> str:
     """Write a level as `95 %`."""
     return f"{100 * level:.4g} %"

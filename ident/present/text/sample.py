@@ -10,8 +10,8 @@ from ident.inference.diagnostics import LONG_ENOUGH, MIXED, Diagnosis
 from ident.inference.posterior_summary import LEARNED, combinations, quantiles, share_of_prior
 from ident.inference.sample import RIVAL
 from ident.present.text.fit import product
-from ident.present.text.units import is_stiffness, nmm_per_deg, shown, unit_of
-from ident.present.text.words import describe, paragraphs, priors_in_words
+from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.words import describe, paragraphs, priors_in_words, span
 
 
 def sample_report(result: CampaignSample) -> str:
@@ -52,23 +52,19 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
             f"{share:6.0%}{' <- open' if share > LEARNED else ''}" if math.isfinite(float(item.prior_sd)) else "  none"
         )
         yield (
-            f"  {item.name:22s} {median:10.4g}   {_span(lower, upper)} {_span(low, high)} {best:10.4g} "
+            f"  {item.name:22s} {median:10.4g}   {span(lower, upper):24s} {span(low, high):24s} {best:10.4g} "
             f"{float(item.start):10.4g}   {width}   [{unit_of(item.name)}]"
         )
     stiff = [(item, q) for item, q in zip(items, quantiles(sample, basin).T, strict=True) if is_stiffness(item.name)]
     if stiff:
         yield "  in N mm/deg, the unit of the paper's Table 1:"
         for item, (low, _, median, _, high) in stiff:
-            numbers = f"{nmm_per_deg(median):10.4g}   95 %: {_span(nmm_per_deg(low), nmm_per_deg(high))}"
+            numbers = f"{nmm_per_deg(median):10.4g}   95 %: {span(nmm_per_deg(low), nmm_per_deg(high)):24s}"
             yield f"    {item.name:20s} {numbers}   arm file {nmm_per_deg(float(item.start)):.4g}"
     if basin == sample.basins[0]:
         yield "  of prior: width of the 95 % interval as a share of the prior's; near 100 % the data say nothing"
         for prior in priors_in_words(items):
             yield f"  prior: {prior}"
-
-
-def _span(low: float, high: float) -> str:
-    return f"{f'{low:.4g} to {high:.4g}':24s}"
 
 
 def _combinations(result: CampaignSample) -> Iterator[str]:
@@ -86,8 +82,10 @@ def _measurements(result: CampaignSample) -> Iterator[str]:
     yield f"{head:61s}  measured  predicted, 95 % band               simulated below"
     drawn = result.posterior_predictive
     for i, m in enumerate(result.fitted.campaign):
-        low, median, high = (shown(m.kind, q)[0] for q in np.quantile(drawn.predicted[:, i], (0.025, 0.5, 0.975)))
-        measured, unit = shown(m.kind, m.value)
+        low, median, high = (
+            in_read_unit(m.kind, q)[0] for q in np.quantile(drawn.predicted[:, i], (0.025, 0.5, 0.975))
+        )
+        measured, unit = in_read_unit(m.kind, m.value)
         below = float((drawn.simulated[:, i] < m.value).mean())
         row, mark = m.where.rpartition(":")[2], "  <--" if not 0.005 < below < 0.995 else ""
         band = f"{median:10.4g}  {f'({low:.4g} to {high:.4g})':24s}"

@@ -10,7 +10,7 @@ MM = 1e3
 NMM = field_named("k_tors").read_unit
 
 
-def shown(kind: str, value: float) -> tuple[float, str]:
+def in_read_unit(kind: str, value: float) -> tuple[float, str]:
     """Return a measured or predicted SI value in the unit that its kind is read in, and the unit."""
     factor, unit = KINDS.get(kind, (100.0, "%"))
     return value * factor, unit

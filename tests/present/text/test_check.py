@@ -14,7 +14,7 @@ from ident.identify.label_checks import LabelDoubt
 from ident.inference.parameters import Parameter
 from ident.measure import Campaign, read_campaign
 from ident.present.text.check import check_report
-from ident.present.text.words import balance, plain
+from ident.present.text.words import balance, parameter_in_words
 
 DATA = Path(__file__).parents[3] / "data" / "lcd_arm"
 
@@ -38,12 +38,12 @@ def unknown(*paths):
 
 
 def test_parameters_in_physical_words():
-    assert plain(unknown("joint2.k_tors")) == "torsion of joint2"
-    assert plain(unknown("link2.mass")) == "mass of link2"
-    assert plain(unknown("joint2.offset.x")) == "joint2.offset.x"
-    assert plain(unknown("stiffness")) == "stiffness"
-    assert plain(unknown("discrepancy.damping_ratio")) == "model factor of every damping ratio"
-    assert plain(unknown("joint2.k_tors", "joint3.k_tors")) == "torsion of joint2 (and what is tied to it)"
+    assert parameter_in_words(unknown("joint2.k_tors")) == "torsion of joint2"
+    assert parameter_in_words(unknown("link2.mass")) == "mass of link2"
+    assert parameter_in_words(unknown("joint2.offset.x")) == "joint2.offset.x"
+    assert parameter_in_words(unknown("stiffness")) == "stiffness"
+    assert parameter_in_words(unknown("discrepancy.damping_ratio")) == "model factor of every damping ratio"
+    assert parameter_in_words(unknown("joint2.k_tors", "joint3.k_tors")) == "torsion of joint2 (and what is tied to it)"
 
 
 @pytest.mark.parametrize(
