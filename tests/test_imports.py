@@ -17,7 +17,7 @@ MAY_USE = {
     "assess": {"arm", "description", "measure", "inference", "identify", "vibrate"},
     "present": {"arm", "description", "measure", "inference", "identify", "vibrate", "assess"},
     "studies": {"arm", "description", "measure", "inference", "identify", "vibrate", "assess", "present"},
-    "cli": {"studies", "arm", "description", "measure", "inference", "identify", "vibrate", "assess", "present"},
+    "cli": {"studies", "description", "measure"},
 }
 """Which rooms each room may use, besides the ground: no licence to use all that lie below it."""
 ONLY_IN = {
