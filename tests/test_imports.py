@@ -17,7 +17,7 @@ MAY_USE = {
     "assess": {"arm", "description", "measure", "inference", "identify", "vibrate"},
     "present": {"arm", "description", "measure", "inference", "identify", "vibrate", "assess"},
     "studies": {"arm", "description", "measure", "inference", "identify", "vibrate", "assess", "present"},
-    "cli": {"studies", "arm", "description", "measure", "inference", "identify", "vibrate", "assess", "present"},
+    "cli": {"studies", "description", "measure"},
 }
 """Which rooms each room may use, besides the ground: no licence to use all that lie below it."""
 ONLY_IN = {
@@ -26,7 +26,7 @@ ONLY_IN = {
     "emcee": "inference",
     "jinja2": "present/html",
     "matplotlib": "present",
-    "optimistix": "inference/fit",
+    "optimistix": "inference/least_squares",
     "pydantic": "description",
     "rich": "cli",
     "ruckig": "vibrate/motion/stroke",

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
-from ident.identify.sample import CampaignSample
+from ident.inference.posterior_summary import chains
+from ident.inference.sample import Sample
 
 BEST_ONLY = "draws about the best optimum only; the others are left out"
 
@@ -46,7 +46,7 @@ class Values:
         return cls.of_arm(best, arm)
 
     @classmethod
-    def of_sample(cls, sample: CampaignSample, arm: Arm, count: int, seed: int | None = None) -> "Values":
+    def of_sample(cls, sample: Sample, arm: Arm, count: int, seed: int | None = None) -> "Values":
         """Return draws of an arm's numbers; see `Draws.some`."""
         return Draws.of_sample(sample).some(arm, count, seed)
 
@@ -76,7 +76,7 @@ class Values:
         return {path: float(np.median(values)) for path, values in self.values.items()}
 
     def shuffled(self, seed: int) -> "Values":
-        """Return the draws in random order, so that any part of them is as good as any other."""
+        """Return the same draws in random order, so that any part of them is as good as any other."""
         order = np.random.default_rng(seed).permutation(len(next(iter(self.values.values()))))
         return replace(self, values={path: values[order] for path, values in self.values.items()})
 
@@ -102,13 +102,11 @@ class Draws:
     remark: str = ""
 
     @classmethod
-    def of_sample(cls, sample: CampaignSample) -> "Draws":
+    def of_sample(cls, sample: Sample) -> "Draws":
         """Return the draws of a posterior that was sampled in this process."""
-        chains = sample.sample.chains
-        best = chains.optimum == chains.optimum.min()
-        parameters = sample.sample.posterior.parameters
-        values = np.asarray(parameters.values(jnp.asarray(chains.theta)))[:, best].reshape(len(chains.theta), -1)
-        by_paths = {item.paths: own for item, own in zip(parameters.items, values, strict=True)}
+        by_chain, items = chains(sample), sample.posterior.parameters.items
+        best = by_chain.optimum == by_chain.optimum.min()
+        by_paths = {item.paths: own[best].ravel() for item, own in zip(items, by_chain.values, strict=True)}
         return cls(by_paths, remark="" if best.all() else BEST_ONLY)
 
     @property

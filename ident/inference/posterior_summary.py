@@ -1,10 +1,11 @@
 """What the draws of a posterior say: quantiles, how much narrower than the prior they are, known combinations."""
 
 import math
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ident.inference.information import Direction
 from ident.inference.parameters import Parameters
@@ -22,9 +23,30 @@ def quantiles(sample: Sample, basin: int = 0) -> Float[np.ndarray, "levels P"]:
     return np.quantile(values, LEVELS, axis=1)
 
 
-def chain_values(sample: Sample) -> Float[np.ndarray, "P chains steps"]:
-    """Return all unknowns [SI], burn-in left out, every walker as a chain."""
-    return np.asarray(sample.posterior.parameters.values(jnp.asarray(sample.chains.theta)))
+class Chains(NamedTuple):
+    """Draws of a sample, burn-in left out, every walker a chain: those of the first ensemble come first.
+
+    Attributes:
+        values: (P, chains, draws) [SI] all unknowns.
+        log_density: (chains, draws) log posterior.
+        ensemble: (chains,) to which each belongs.
+        optimum: (chains,) about which it is.
+    """
+
+    values: Float[np.ndarray, "P chains draws"]
+    log_density: Float[np.ndarray, "chains draws"]
+    ensemble: Int[np.ndarray, "chains"]
+    optimum: Int[np.ndarray, "chains"]
+
+
+def chains(sample: Sample) -> Chains:
+    """Return the draws chain by chain."""
+    theta, log_density = sample.theta[sample.burn_in :], sample.log_density[sample.burn_in :]
+    steps, ensembles, walkers, count = theta.shape
+    flat = np.moveaxis(theta, 3, 0).reshape(count, steps, -1)
+    values = np.asarray(sample.posterior.parameters.values(jnp.asarray(flat))).swapaxes(1, 2)
+    ensemble = np.repeat(np.arange(ensembles), walkers)
+    return Chains(values, log_density.reshape(steps, -1).T, ensemble, np.array(sample.basin)[ensemble])
 
 
 def prior_intervals(parameters: Parameters) -> Float[np.ndarray, "P 2"]:

@@ -5,11 +5,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ident.errors import InputError, Problem
 from ident.inference.checkpoints import Block, identity, read_blocks, write_block
@@ -97,36 +96,10 @@ class Sample:
         """Steps that are not counted."""
         return max(d.burn_in for d in self.diagnosis)
 
-    @property
-    def chains(self) -> "Chains":
-        """The draws walker by walker, burn-in left out."""
-        theta = self.theta[self.burn_in :]
-        steps, ensembles, walkers, count = theta.shape
-        by_chain = np.moveaxis(theta, (3, 0), (0, 3)).reshape(count, -1, steps)
-        log_density = self.log_density[self.burn_in :].reshape(steps, -1).T
-        ensemble = np.repeat(np.arange(ensembles), walkers)
-        return Chains(by_chain, log_density, ensemble, np.array(self.basin)[ensemble])
-
     def draws(self, basin: int = 0) -> Float[np.ndarray, "n P"]:
         """Return the draws of theta about one optimum, burn-in left out."""
         chosen = self.theta[self.burn_in :, np.array(self.basin) == basin]
         return chosen.reshape(-1, chosen.shape[-1])
-
-
-class Chains(NamedTuple):
-    """Draws of a sample, every walker a chain, as ArviZ has it for emcee.
-
-    Attributes:
-        theta: (P, chains, steps) draws.
-        log_density: (chains, steps) log posterior.
-        ensemble: (chains,) to which each belongs.
-        optimum: (chains,) about which it is.
-    """
-
-    theta: Float[np.ndarray, "P chains steps"]
-    log_density: Float[np.ndarray, "chains steps"]
-    ensemble: Int[np.ndarray, "chains"]
-    optimum: Int[np.ndarray, "chains"]
 
 
 def sample(
@@ -145,15 +118,15 @@ def sample(
     same to the bit, and a higher target only makes it longer.
 
     Args:
-        fit: of the posterior's problem; gives optima and starting points.
+        fit: of the posterior's problem; the ensembles start about its optima.
         posterior: what to sample.
         settings: how.
-        folder: where checkpoints are kept; None for none.
+        folder: where checkpoints go; None for none.
         provenance: what else must be equal for a checkpoint to be gone on with, by name.
         progress: wraps the numbers of the blocks, to show a bar.
 
     Raises:
-        InputError: settings that cannot work, data and prior that leave a parameter open or exclude each other,
+        InputError: settings that can't work, data and prior that leave a parameter open or exclude each other,
             checkpoints of another run.
         ModelError: the model has no answer about an optimum.
     """

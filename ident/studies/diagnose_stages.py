@@ -118,7 +118,7 @@ def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
     sampling = SampleOptions(**shared, ess=effort.ess)
     folder = job.folder and job.folder / CHAINS
     sampled = sample(job.arm, job.campaign, sampling, folder=folder, progress=job.progress)
-    draws = Draws.of_sample(sampled.sample).some(job.arm.arm, effort.draws, options.seed)
+    draws = Draws.of_sample(sampled.sample.sample).some(job.arm.arm, effort.draws, options.seed)
     basis = basis_of(job.arm, options, path=job.log, posterior=draws.shuffled(options.seed))
     return Identification(sampled.sample, Task(basis, options.limit / 1e3, effort))
 

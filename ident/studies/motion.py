@@ -111,10 +111,10 @@ def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm") -> "Values
 def drawn_values(
     posterior: "Values | SampleResult | str | Path | None", arm: "Arm", count: int, seed: int | None = None
 ) -> "Values | None":
-    """Return draws of a posterior, whatever they are in; `Values` as they are, None for none.
+    """Return draws of a posterior, whatever they are in; None for none.
 
     Args:
-        posterior: a result, or its file.
+        posterior: a result, its file, or draws that were chosen before, which are taken as they are.
         arm: whose numbers are looked for.
         count: draws, at most.
         seed: of a choice at random; without one the draws are spread evenly over the chains.
@@ -135,7 +135,7 @@ def drawn_groups(
     """Return two groups of draws that have none in common, to search with and to verify with; None for none.
 
     Args:
-        posterior: a result, or its file; `Values` are the first group as they are, without a second.
+        posterior: a result, its file, or draws that were chosen before: the first group, without a second.
         arm: whose numbers are looked for.
         count: draws of the first group, at most.
         fresh: draws of the second, at most.
@@ -158,7 +158,7 @@ def _draws(posterior: "SampleResult | str | Path") -> "Draws":
 
     if isinstance(posterior, str | Path):
         return read_posterior(SampleResult.form, posterior)
-    return Draws.of_sample(posterior.sample)
+    return Draws.of_sample(posterior.sample.sample)
 
 
 def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":

@@ -28,6 +28,11 @@ def names(texts: Sequence[str], flag: str) -> tuple[str, ...]:
     return tuple(texts)
 
 
+def words(text: str, flag: str) -> tuple[str, ...]:
+    """Read words with commas between, in small letters."""
+    return tuple(part.strip().lower() for part in text.split(","))
+
+
 def several(text: str, flag: str) -> tuple[float, ...]:
     """Read numbers with commas between."""
     return tuple(number(part, f"{flag} {text}") for part in text.split(","))

@@ -19,7 +19,8 @@ def test_spectrum_tells_peaks_modes_and_orders(run, tmp_path):
     for words in ("Hann window", "vertical bending 1", "Orders of drive1 and drive3", "Orders of drive2"):
         assert words in out
     pictures = [f"pictures/{NAME}.spectrum{end}.png" for end in ("", ".orders", ".x", ".z")]
-    assert [name for name in files(tmp_path) if name.startswith("pictures")] == sorted(pictures)
+    written = [*pictures, f"pictures/{NAME}.spectrum.json"]
+    assert [name for name in files(tmp_path) if name.startswith("pictures")] == sorted(written)
 
 
 def sine(path, header, amplitude, frequency):
@@ -39,7 +40,7 @@ def test_spectrum_measures_a_sine_and_sets_acceleration_beside_displacement(run,
     assert "a: a displacement, differentiated twice" in out
     assert re.search(rf"^  x +5\.000 +{0.4e-3 * (10 * np.pi) ** 2:.4f}", out, re.M)
     assert re.search(r"^  x +7\.000 +0\.7000$", out, re.M)
-    assert files(tmp_path) == ["a.csv", "b.csv", "out/a.spectrum.png"]
+    assert files(tmp_path) == ["a.csv", "b.csv", "out/a.spectrum.json", "out/a.spectrum.png"]
 
 
 @pytest.mark.parametrize(
@@ -54,7 +55,7 @@ def test_spectrum_measures_a_sine_and_sets_acceleration_beside_displacement(run,
         (["--spectrogram", "--segment=9"], "--segment: got 9 s"),
         (["--against=none.csv"], "none.csv: got no such file"),
         (["--posture=0,0,0"], "--posture"),
-        (["--from=8", "--to=3"], "--from, --to"),
+        (["--from=8", "--to=3"], "--from: got 0 samples up to --to, expected a span within 0 to 9.99 s"),
     ],
 )
 def test_bad_spectra_are_one_line_and_nothing_is_written(run, tmp_path, options, words):

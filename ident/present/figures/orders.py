@@ -8,8 +8,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from ident.assess.spectra import Spectra
-from ident.present.figures.spectrum import PANEL, SERIES, UNITS
+from ident.present.figures.spectrum import PANEL, SERIES
 from ident.present.figures.style import key_below, plain
+from ident.present.text.spectrum import UNITS
 from ident.present.text.words import cut
 
 

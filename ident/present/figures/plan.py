@@ -12,7 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocat
 from ident.identify.plan import CampaignPlan
 from ident.identify.posture_grid import main_joints
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain
-from ident.present.text.plan import aim_in_words, experiment_in_words
+from ident.present.text.plan import criterion_in_words, experiment_in_words
 from ident.present.text.words import cut, degrees
 
 COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
@@ -27,7 +27,7 @@ def plan_figure(plan: CampaignPlan) -> Figure:
     figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     _gain_over_posture(figure, left, plan)
-    _sd_over_steps(right, plan)
+    _sd_over_experiments(right, plan)
     return figure
 
 
@@ -43,7 +43,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
         axes.set_ylim(bottom=0)
         places = {
             i: (math.degrees(q[0]), height)
-            for i, (q, height) in enumerate(zip(plan.view.postures, 60 * plan.best_gain, strict=True))
+            for i, (q, height) in enumerate(zip(plan.predictions.postures, 60 * plan.best_gain, strict=True))
         }
     else:
         drawn = _map(axes, angles, gain, sampled=plan.grid.sampled)
@@ -52,7 +52,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
         bar.ax.tick_params(labelsize=8)
         bar.outline.set_visible(False)
         axes.set_ylabel(f"{cut(names[1], 30)} [deg]", parse_math=False)
-        places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.view.postures)}
+        places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.predictions.postures)}
     axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
     for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
         axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not plan.grid.sampled else MaxNLocator(9))
@@ -68,7 +68,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
 
 
 def _gain_label(plan: CampaignPlan) -> str:
-    words, unit = aim_in_words(plan)
+    words, unit = criterion_in_words(plan)
     return f"expected gain per hour [{unit}/h]: {cut(words, 60)}"
 
 
@@ -121,9 +121,9 @@ def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
         )
 
 
-def _sd_over_steps(axes: Axes, plan: CampaignPlan) -> None:
+def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
     """Draw the standard deviations of theta at the best estimate, now and after each experiment."""
-    sd, numbers = 100 * plan.sd, range(len(plan.steps) + 1)
+    sd, experiments = 100 * plan.sd, range(len(plan.steps) + 1)
     parts = list(dict.fromkeys(name.split(".")[0] for name in plan.known.names))
     entries: dict[str, Any] = {}
     for i, name in enumerate(plan.known.names):
@@ -133,7 +133,7 @@ def _sd_over_steps(axes: Axes, plan: CampaignPlan) -> None:
             "linestyle": DASHES.get(name.rpartition(".")[2], ":"),
             "linewidth": 1.8,
         }
-        axes.plot(numbers, sd[:, i], marker="o", markersize=4, **style)
+        axes.plot(experiments, sd[:, i], marker="o", markersize=4, **style)
         entries[cut(name, 28)] = style
     axes.set_yscale("log")
     axes.set_ylabel("standard deviation of ln(value) x 100, at the best estimate", fontsize=9)
@@ -154,7 +154,7 @@ def _sd_over_steps(axes: Axes, plan: CampaignPlan) -> None:
     ]
     crowded = len(labels) > 3
     axes.set_xticks(
-        list(numbers),
+        list(experiments),
         labels,
         parse_math=False,
         rotation=30 if crowded else 0,

@@ -25,7 +25,9 @@ EXPECTED = "a result file of ident (.json or .nc)"
 RERUN = "run the command again; files of older versions are not read"
 
 
-def provenance(form: str, arm_file: ArmFile, campaign: Campaign | None, options: Mapping[str, Any]) -> dict[str, Any]:
+def provenance(
+    form: str, arm_file: ArmFile | None, campaign: Campaign | None, options: Mapping[str, Any]
+) -> dict[str, Any]:
     """Say what a result was made from, with what and how: the head of every result file."""
     return {
         "format": form,
@@ -33,7 +35,7 @@ def provenance(form: str, arm_file: ArmFile, campaign: Campaign | None, options:
         "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
         "options": plain(options),
         "inputs": {
-            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
+            "arm": {"path": arm_file.path, "sha256": arm_file.sha256} if arm_file is not None else None,
             "campaign": {"path": campaign.path, "sha256": campaign.sha256} if campaign is not None else None,
         },
     }

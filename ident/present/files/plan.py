@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,30 +16,28 @@ from ident.measure import format_campaign
 from ident.present.files.document import plain, provenance
 from ident.text import one_line
 
-FORMAT = "ident-plan/1"
 
-
-def plan_document(plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
+def plan_document(form: str, plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a plan as plain data: angles in rad, standard deviations of theta, gains in nat."""
     measured = plan.fit.campaign if plan.fit else None
-    document = provenance(FORMAT, arm_file, measured, options) | {
+    document = provenance(form, arm_file, measured, options) | {
         "doubts": list(plan.fit.doubts) if plan.fit else [],
         "parameters": [
             {"name": item.name, "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}"}
             for item in plan.parameters.items
         ],
         "sd_now": plan.known.sd[0],
-        "sigma": plan.means.sigma,
-        "costs": plan.means.costs,
+        "sigma": plan.instruments.sigma,
+        "costs": plan.instruments.costs,
         "ranking": [
             {
-                **_experiment(plan.visits[i]),
-                "cost": plan.offered.cost[i],
+                **_experiment(plan.experiments[i]),
+                "cost": plan.candidates.cost[i],
                 "gain": plan.gain[i],
                 "nats": plan.nats[i],
                 "sd_after": plan.sd_after(i),
             }
-            for i in plan.ranked(len(plan.view.postures))
+            for i in plan.ranked(len(plan.predictions.postures))
         ],
         "batch": [
             {
@@ -48,7 +47,7 @@ def plan_document(plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, A
                 "nats": step.nats,
                 "sd_after": step.sd[0],
                 "sd_after_at_draws": step.sd[1:],
-                "values": [{"value": name, "nats_alone": nats} for name, nats in plan.values_told(i)],
+                "values": [{"value": name, "nats_alone": nats} for name, nats in plan.value_gains(i)],
             }
             for i, (step, experiment) in enumerate(zip(plan.steps, plan.batch, strict=True))
         ],
@@ -78,13 +77,31 @@ def write_form(plan: CampaignPlan, path: Path) -> None:
     replace_file(path, lambda file: file.write(text.getvalue().encode()), make_folders=True)
 
 
+def plan_rows(plan: CampaignPlan) -> list[dict[str, Any]]:
+    """Return a row for each experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat."""
+    return [
+        {
+            "step": number,
+            **{f"{joint.name} [deg]": math.degrees(q) for joint, q in zip(plan.arm.driven, each.posture, strict=True)},
+            "load": str(each.load),
+            "hammer": each.hammer,
+            "labelled": each.labelled,
+            "dial_gauge": each.dial,
+            "minutes": step.cost,
+            "gain": step.gain,
+            "nats": step.nats,
+        }
+        for number, (step, each) in enumerate(zip(plan.steps, plan.batch, strict=True), 1)
+    ]
+
+
 def _refuse_filled(path: Path) -> None:
     try:
         lines = [line for line in path.read_text("utf-8").splitlines() if not line.startswith("#")]
     except (OSError, UnicodeDecodeError):
         return
     if any((row.get("value") or "").strip() for row in csv.DictReader(lines)):
-        remedy = "move it away, or choose another folder (--out)"
+        remedy = "move it away, or choose another folder (`folder`)"
         raise InputError(
             Problem(one_line(str(path)), "a form that has been filled in", "none, or an empty one", remedy)
         )

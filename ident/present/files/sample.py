@@ -11,7 +11,7 @@ import numpy as np
 from ident.errors import InputError, Problem
 from ident.identify.sample import CampaignSample
 from ident.identify.values import BEST_ONLY, Draws
-from ident.inference.posterior_summary import chain_values, quantiles
+from ident.inference.posterior_summary import chains, quantiles
 from ident.present.files.document import check_format
 from ident.present.files.fit import rows
 from ident.present.text.units import unit_of
@@ -36,21 +36,21 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
     """
     import arviz
 
-    chains, drawn = result.sample.chains, result.posterior_predictive
-    posterior = result.sample.posterior
+    drawn, posterior = result.posterior_predictive, result.sample.posterior
+    by_chain = chains(result.sample)
     data = arviz.from_dict(
-        posterior=dict(zip(posterior.parameters.names, chain_values(result.sample), strict=True)),
+        posterior=dict(zip(posterior.parameters.names, by_chain.values, strict=True)),
         posterior_predictive={"data": drawn.simulated[None], "predicted": drawn.predicted[None]},
-        sample_stats={"lp": chains.log_density},
+        sample_stats={"lp": by_chain.log_density},
         observed_data={"data": np.asarray(posterior.problem.measured)},
         dims={"data": ["measurement"], "predicted": ["measurement"]},
         attrs={name: json.dumps(part) for name, part in head.items()},
     )
     for item in posterior.parameters.items:
         data.posterior[item.name].attrs["paths"] = json.dumps(item.paths)
-    data.sample_stats["ensemble"] = ("chain", chains.ensemble)
-    data.sample_stats["optimum"] = ("chain", chains.optimum)
-    data.sample_stats["acceptance"] = ("chain", result.sample.acceptance[chains.ensemble])
+    data.sample_stats["ensemble"] = ("chain", by_chain.ensemble)
+    data.sample_stats["optimum"] = ("chain", by_chain.optimum)
+    data.sample_stats["acceptance"] = ("chain", result.sample.acceptance[by_chain.ensemble])
     for name, column in rows(result.fitted.campaign).items():
         data.observed_data[name] = ("measurement", np.asarray(column))
     return data
@@ -71,7 +71,7 @@ def parameter_rows(result: CampaignSample) -> list[dict[str, Any]]:
         for basin, diagnosis in zip(sample.basins, sample.diagnosis, strict=True)
         for name, own, bulk, rhat in zip(
             sample.posterior.parameters.names,
-            quantiles(result.sample, basin).T,
+            quantiles(sample, basin).T,
             diagnosis.bulk,
             diagnosis.rhat,
             strict=True,

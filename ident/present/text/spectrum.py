@@ -5,12 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.assess.spectra import Spectra
-from ident.present.figures.spectrum import UNITS
 from ident.present.text.words import cut, degrees, paragraphs
 from ident.vibrate.signal.orders import OrderTrack
 
-NEAR = 1.0
-"""Distance of a mode from a peak, in bins of the spectrum or 5 % of the frequency, up to which it is named."""
+UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
+"""Unit in which each kind of trace is reported, and how many there are in the SI unit."""
 
 
 def spectrum_report(spectra: Spectra) -> str:
@@ -33,12 +32,12 @@ def _heading(spectra: Spectra) -> Iterator[str]:
 def _peaks(spectra: Spectra, name: str) -> Iterator[str]:
     factor, unit = UNITS[spectra.kind]
     yield f"Strongest peaks up to {spectra.upto:g} Hz of {cut(name, 40)}"
-    last = f"   nearest mode at {degrees(spectra.survey.posture)}" if spectra.survey else ""
+    last = f"   nearest mode at {degrees(spectra.modal_analysis.posture)}" if spectra.modal_analysis else ""
     yield f"  {'':4s} {'frequency [Hz]':>15s} {f'amplitude [{unit}]':>18s}{last}"
     for direction in spectra.directions:
         strongest = spectra.strongest(name, direction)
         for i, peak in enumerate(strongest):
-            mode = _mode(spectra, peak.frequency, spectra.spectra[name].resolution)
+            mode = _mode(spectra, name, peak.frequency)
             start = direction if i == 0 else ""
             yield f"  {start:4s} {peak.frequency:15.3f} {factor * peak.amplitude:#18.4g}   {mode}".rstrip()
         if not strongest:
@@ -46,19 +45,16 @@ def _peaks(spectra: Spectra, name: str) -> Iterator[str]:
     yield f"  {spectra.spectra[name].description()}"
 
 
-def _mode(spectra: Spectra, frequency: float, resolution: float) -> str:
+def _mode(spectra: Spectra, name: str, frequency: float) -> str:
     """Name the mode nearest to a peak, if it is near."""
-    if not spectra.marks:
-        return ""
-    label, at = min(spectra.marks.items(), key=lambda mark: abs(mark[1] - frequency))
-    near = abs(at - frequency) <= max(NEAR * resolution, 0.05 * frequency)
-    return f"{label}, {at:.3f} Hz" if near else "none near"
+    label = spectra.mode_near(name, frequency)
+    return f"{label}, {spectra.marks[label]:.3f} Hz" if label else "none near" if spectra.marks else ""
 
 
 def _modes(spectra: Spectra) -> Iterator[str]:
-    if spectra.survey is not None:
-        analysis = spectra.survey
-        yield f"Natural frequencies of {analysis.arm.name} at {degrees(analysis.posture)}, {analysis.load}"
+    modes = spectra.modal_analysis
+    if modes is not None:
+        yield f"Natural frequencies of {modes.arm.name} at {degrees(modes.posture)}, {modes.load}"
         for label, frequency in spectra.marks.items():
             yield f"  {frequency:10.4f} Hz  {label}"
 
