@@ -76,7 +76,7 @@ def lowest_modes(
 def lowest_modes_whitened(
     W: Square, M: Square, count: int
 ) -> tuple[Float[Array, "count *#batch"], Float[Array, "n count *#batch"]]:
-    """Return what `lowest_modes` does, H given by its whitener W."""
+    """Return what `lowest_modes` does, H given by its inverse Cholesky factor W."""
     mu, Y = largest_eigenpairs(matmul(matmul(W, M), transpose(W)), count)
     return 1 / mu, matmul(transpose(W), Y / jnp.sqrt(mu))
 

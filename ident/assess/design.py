@@ -78,7 +78,7 @@ class DesignStudy:
 
 def same(design: Design) -> int:
     """Return how many starts have led to the quietest."""
-    spans = np.array([variable.span(design.trial.arm) for variable in design.trial.variables])
+    spans = np.array([variable.span(design.evaluator.arm) for variable in design.evaluator.variables])
     width, first = spans[:, 1] - spans[:, 0], design.optima[0]
     return sum(
         one.largest < first.largest * (1 + SAME) and bool((np.abs(one.changes - first.changes) < SAME * width).all())

@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from ident.assess.task import CONFIDENT, Task
 from ident.vibrate.redesign.binomial import BinomialEstimate, binomial_estimate, binomial_from_json, binomial_to_json
-from ident.vibrate.redesign.search import Requirements, Search
+from ident.vibrate.redesign.constraints import Requirements
+from ident.vibrate.redesign.search import Effort, Search
 from ident.vibrate.redesign.sweep import SPEED, axis, sweep
 from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.exact import Progress
@@ -23,6 +24,8 @@ SPEEDS = np.linspace(0.5, 1.5, 9)
 """Speeds that are tried, of the present one."""
 FEW = 20
 """Draws by which a speed is chosen."""
+EFFORT = Effort()
+"""Of the search for several numbers together."""
 KINDS = ("torsion", "mass centre", "both", "speed")
 """Kinds of remedies in the paper's order; what it does not speak of comes last."""
 FULL = 100.0
@@ -143,15 +146,15 @@ def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
 
 def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:
     """Take the least change of several numbers that reaches the aim, or the quietest; from two starts."""
-    search = Search.of(task.trial(*variables), Requirements())
-    begins = search.begin_at(2, seed=0)
-    reached = [found for begin in begins if (found := search.cheapest(begin, aim)) is not None]
+    search = Search(task.trial(*variables), Requirements(), EFFORT)
+    begins = search.starts(2, seed=0)
+    reached = [found for begin in begins if (found := search.minimum_change(begin, aim)) is not None]
     if reached:
-        best = min(reached, key=search.square)
+        best = min(reached, key=search.objective.change_norm)
     else:
-        quiet = [found for begin in begins if (found := search.quietest(begin)) is not None]
-        best = min([*begins, *quiet], key=search.largest)
-    return _remedy(task, variables, kind, best * search.scale, float(np.sqrt(search.square(best))))
+        quiet = [found for begin in begins if (found := search.minimum_amplitude(begin)) is not None]
+        best = min([*begins, *quiet], key=search.objective.largest)
+    return _remedy(task, variables, kind, best * search.objective.scale, search.objective.change_norm(best))
 
 
 def _remedy(

@@ -11,7 +11,6 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.sensitivity import changeable
 from ident.vibrate.redesign.variable import Extents, Variable
 
 STIFFER = 2.0
@@ -85,13 +84,11 @@ class Task:
 
     def trial(self, *variables: Variable, draws: Mapping[str, np.ndarray] | None = None) -> Evaluator:
         """Return what is simulated again and again; all of a task are one program."""
-        also = (*changeable(self.arm), *(path for v in (*self.torsion, *self.centres) for path in v.paths), *self.draws)
         return Evaluator(
             self.arm,
             self.motion,
             variables,
             draws=draws or {},
-            also=tuple(dict.fromkeys(also)),
             loads=self.loads,
             rate=self.rate,
             step=self.step,

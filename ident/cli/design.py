@@ -112,12 +112,10 @@ def design_command(
 
 
 def _shared(trial: "Evaluator") -> "Evaluator":
-    """Return the trial with one step and all numbers, so that search, sensitivities and verification share programs."""
+    """Return the trial with one step, so that search, sensitivities and verification share programs."""
     from dataclasses import replace
 
-    from ident.vibrate.redesign.sensitivity import changeable
-
-    return replace(trial, step=trial.step_for(trial.bounds), also=changeable(trial.arm))
+    return replace(trial, step=trial.step_for(trial.bounds))
 
 
 def _values(
@@ -173,7 +171,7 @@ def _sensitivities(trial: "Evaluator") -> Any:
 def _verify(done: "Design", fresh: Any) -> Any:
     from ident.vibrate.redesign.verify import verify
 
-    return verify(done.trial, done.best, done.limit, fresh, running.progress("verification"))
+    return verify(done.evaluator, done.best, done.limit, fresh, running.progress("verification"))
 
 
 def _write(designing: "DesignStudy", asked: dict[str, Any], path: Path, no_figure: bool) -> None:

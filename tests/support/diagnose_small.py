@@ -5,7 +5,7 @@ import numpy as np
 from ident import cli
 from ident.assess import remedies, task
 from ident.cli import diagnose
-from ident.vibrate.redesign import search
+from ident.vibrate.redesign.search import Effort
 
 SMALL = {
     (diagnose, "ESS"): 100.0,
@@ -15,8 +15,7 @@ SMALL = {
     (remedies, "SPEEDS"): np.array([0.5, 1.25]),
     (remedies, "FEW"): 4,
     (remedies, "TRIED"): 5,
-    (search, "SCREENED"): 4,
-    (search, "ITERATIONS"): 4,
+    (remedies, "EFFORT"): Effort(screened=4, iterations=4),
 }
 
 if __name__ == "__main__":

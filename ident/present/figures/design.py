@@ -100,14 +100,14 @@ def _key(figure: Figure, handles: list[Line2D], note: str) -> None:
 
 def _curve(axes: Axes, designing: DesignStudy, design: Design) -> None:
     """Draw the curve, the limit and the places that have a name."""
-    amounts, sizes = [place.amount for place in design.curve], [MM * place.largest for place in design.curve]
+    amounts, sizes = [place.change_norm for place in design.curve], [MM * place.largest for place in design.curve]
     axes.plot(amounts, sizes, color=BLUE, linewidth=1.4, marker=".", markersize=5, zorder=3)
     handles = []
     for name, place in _named(design):
         words = f"{name}, {MM * place.largest:.3g} mm"
         if name == "best" and designing.draws and design.limit:
-            words += f" ({place.exceeding:.0%} of the draws exceed)"
-        axes.plot(place.amount, MM * place.largest, zorder=4, linestyle="", clip_on=False, **MARKS[name])
+            words += f" ({place.exceedance:.0%} of the draws exceed)"
+        axes.plot(place.change_norm, MM * place.largest, zorder=4, linestyle="", clip_on=False, **MARKS[name])
         handles.append(Line2D([], [], label=words, linestyle="", **MARKS[name]))
     if design.limit and max(sizes) > NEAR * MM * design.limit:
         axes.axhline(MM * design.limit, **LIMIT)
@@ -121,8 +121,8 @@ def _curve(axes: Axes, designing: DesignStudy, design: Design) -> None:
 
 def _bars(axes: Axes, design: Design) -> None:
     """Draw by how much each number is changed at each amount: as a factor, or as a share of the widest change."""
-    variables, places = design.trial.variables, list(_changed(design))
-    spans = np.array([variable.span(design.trial.arm) for variable in variables])
+    variables, places = design.evaluator.variables, list(_changed(design))
+    spans = np.array([variable.span(design.evaluator.arm) for variable in variables])
     by_factor = not any(variable.shifted for variable in variables)
     scale = np.ones(len(variables)) if by_factor else np.abs(spans).max(1)
     width = 0.8 / len(variables)
@@ -160,8 +160,8 @@ def _factors(low: float, high: float) -> Iterator[float]:
 
 
 def _cheapest(design: Design) -> list[Place]:
-    place = design.cheapest
-    return [] if place is None or place.amount == 0 else [place]
+    place = design.minimum_change
+    return [] if place is None or place.change_norm == 0 else [place]
 
 
 def _named(design: Design) -> Iterator[tuple[str, Place]]:
@@ -175,7 +175,7 @@ def _changed(design: Design) -> Iterator[tuple[str, Place]]:
     """Yield the places whose changes are drawn, ascending, each with its label."""
     names = [(place, name) for name, place in _named(design)][1:]
     places = [(one, "") for one in design.curve[1:-1] if all(one is not place for place, _ in names)] + names
-    if abs(design.curve[-1].amount - design.best.amount) > 1e-9:
+    if abs(design.curve[-1].change_norm - design.best.change_norm) > 1e-9:
         places.append((design.curve[-1], "quietest"))
-    for place, name in sorted(places, key=lambda pair: pair[0].amount):
-        yield f"{place.amount:.3g}" + (f"\n{name}" if name else ""), place
+    for place, name in sorted(places, key=lambda pair: pair[0].change_norm):
+        yield f"{place.change_norm:.3g}" + (f"\n{name}" if name else ""), place

@@ -74,7 +74,7 @@ def outline(
     if not 0 < factor < np.inf:
         raise InputError(Problem("factor", f"{factor:g}", "a factor above 0", "1 draws the vibration as it is"))
     at = np.clip(np.round((asked - clock[0]) / slack).astype(int), 0, len(clock) - 1)
-    found = _lines(arm, response.machine, response.motion, jnp.asarray(clock[at]), response.y[:, at], loads)
+    found = _lines(arm, response.model, response.motion, jnp.asarray(clock[at]), response.y[:, at], loads)
     rest, moved = (np.asarray(line) for line in found)
     return Outline(clock[at], rest, rest + factor * (moved - rest), float(factor))
 
@@ -86,7 +86,7 @@ def path_figure(response: Response, shown: Outline) -> Figure:
         response: of one set.
         shown: the arm at the moments to draw; the factor is taken from it.
     """
-    path = np.asarray(response.path + response.sag)
+    path = np.asarray(response.path + response.quasi_static)
     way = path + shown.factor * np.asarray(response.vibration)
     figure, panels = _panels(np.concatenate([way, shown.rest.reshape(3, -1)], 1))
     for axes, (_, across, up) in zip(panels, VIEWS, strict=True):

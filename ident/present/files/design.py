@@ -111,23 +111,23 @@ def _design(designing: DesignStudy, design: Design) -> dict[str, Any]:
         "required": {
             "frequency": required.frequency,
             "deflection": required.deflection,
-            "amount": required.amount,
+            "amount": required.change_norm,
         },
-        "variables": [_variable(designing, design, i) for i in range(len(design.trial.variables))],
+        "variables": [_variable(designing, design, i) for i in range(len(design.evaluator.variables))],
         "present": _place(design.present),
         "best": _place(design.best),
         "optima": [_place(place) for place in design.optima],
         "starts": designing.starts,
         "starts_at_the_quietest": same(design),
         "curve": [_place(place) for place in design.curve],
-        "cheapest": _place(design.cheapest),
+        "cheapest": _place(design.minimum_change),
         "verification": _verification(designing.verification),
         "verdict": verdict(design),
     }
 
 
 def _variable(designing: DesignStudy, design: Design, i: int) -> dict[str, Any]:
-    variable: Variable = design.trial.variables[i]
+    variable: Variable = design.evaluator.variables[i]
     return {
         "paths": list(variable.paths),
         "unit": unit_of(variable.paths[0]),
@@ -148,10 +148,10 @@ def _place(place: Place | None) -> dict[str, Any] | None:
         "values": place.values,
         "amplitude": place.amplitude,
         "largest": place.largest,
-        "amount": place.amount,
+        "amount": place.change_norm,
         "frequency": place.frequency,
         "deflection": place.deflection,
-        "exceeding": place.exceeding,
+        "exceeding": place.exceedance,
     }
 
 
@@ -160,5 +160,5 @@ def _verification(found: Verification | None) -> dict[str, Any] | None:
 
 
 def _check(check: Check) -> dict[str, Any]:
-    drawn = None if check.exceeding is None else binomial_to_json(check.exceeding)
+    drawn = None if check.exceedance is None else binomial_to_json(check.exceedance)
     return {"method": "exact", "amplitude": check.amplitude, "difference": check.difference, "fresh_draws": drawn}

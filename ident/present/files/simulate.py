@@ -159,7 +159,10 @@ def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
         values[:, : len(other.time)] = np.asarray(other.vibration)[:, : values.shape[1]]
         yield f"vibration_{other.method}", _variable(moved, values, "m", f"the same by the {other.method} method")
     yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
-    yield "sag", _variable(moved, response.sag, "m", "part of the displacement that the arm would have at rest")
+    yield (
+        "sag",
+        _variable(moved, response.quasi_static, "m", "part of the displacement that the arm would have at rest"),
+    )
     yield "path", _variable(moved, response.path, "m", "where the end point would be with rigid joints")
     yield "posture", _variable(("driven", "time"), response.posture, "rad", "angles that the motors are told")
     by_joint = ("axis", "joint", "time")

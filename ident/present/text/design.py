@@ -61,7 +61,7 @@ def _changes(designing: DesignStudy, design: Design) -> Iterator[str]:
     else:
         yield "Design: the change within the bounds by which the largest amplitude is least"
     yield f"  {'':24s}{'from':>12s}{'to':>12s}  {'unit':10s}{'change':>10s}  bounds"
-    for variable, change in zip(design.trial.variables, design.best.changes, strict=True):
+    for variable, change in zip(design.evaluator.variables, design.best.changes, strict=True):
         low, high = (change_in_words(variable, end) for end in variable.span(designing.arm))
         at = bound_of(designing.arm, variable, change)
         bounds = f"{low} to {high}" + (f", at the {at}" if at else "")
@@ -72,7 +72,7 @@ def _changes(designing: DesignStudy, design: Design) -> Iterator[str]:
             if is_stiffness(path):
                 before, after = (nmm_per_deg(end) for end in ends)
                 yield f"  {'':24s}{before:12.4g}{after:12.4g}  {NMM}"
-    masses = [path for variable in design.trial.variables for path in variable.paths if path.endswith(".mass")]
+    masses = [path for variable in design.evaluator.variables for path in variable.paths if path.endswith(".mass")]
     if masses:
         yield f"  {', '.join(masses)}: inertia was kept; in the arm file it follows the mass where there is a shape"
     if words := verdict(design):
@@ -88,8 +88,8 @@ def _effect(designing: DesignStudy, design: Design) -> Iterator[str]:
     yield f"  {'static deflection [mm]':34s}{MM * before.deflection:10.4f}{MM * after.deflection:10.4f}"
     if designing.draws and limit:
         name = f"exceeds {MM * limit:g} mm, by {designing.draws} draws"
-        yield f"  {name:34s}{before.exceeding:10.0%}{after.exceeding:10.0%}"
-    yield f"  {'amount of change':34s}{before.amount:10.3f}{after.amount:10.3f}"
+        yield f"  {name:34s}{before.exceedance:10.0%}{after.exceedance:10.0%}"
+    yield f"  {'amount of change':34s}{before.change_norm:10.3f}{after.change_norm:10.3f}"
     yield "  frequency and deflection: the worse of both ends of the motion"
     yield "  amount: root of the weighted sum of squares of the changes, each as a share of the widest allowed"
     required = design.required
@@ -97,8 +97,8 @@ def _effect(designing: DesignStudy, design: Design) -> Iterator[str]:
         yield f"  required: a first frequency of at least {required.frequency:g} Hz"
     if np.isfinite(required.deflection):
         yield f"  required: a static deflection of at most {MM * required.deflection:g} mm"
-    if np.isfinite(required.amount):
-        yield f"  required: an amount of change of at most {required.amount:g}"
+    if np.isfinite(required.change_norm):
+        yield f"  required: an amount of change of at most {required.change_norm:g}"
 
 
 def _optima(designing: DesignStudy, design: Design) -> Iterator[str]:
@@ -121,19 +121,19 @@ def _curve(design: Design) -> Iterator[str]:
     for place in design.curve:
         row = zip(_variables(design), place.changes, widths, strict=True)
         words = "".join(f"{change_in_words(variable, change):>{width}s}" for variable, change, width in row)
-        yield f"  {place.amount:8.3f}{mm(place.largest):>14s}{words}"
+        yield f"  {place.change_norm:8.3f}{mm(place.largest):>14s}{words}"
 
 
 def _cheapest(design: Design) -> Iterator[str]:
     if design.limit is None:
         return
-    limit, place = f"{MM * design.limit:g} mm", design.cheapest
+    limit, place = f"{MM * design.limit:g} mm", design.minimum_change
     if place is None:
         yield f"Cheapest change that keeps {limit}: none was found"
-    elif place.amount == 0:
+    elif place.change_norm == 0:
         yield f"Cheapest change that keeps {limit}: none is needed"
     else:
-        yield f"Cheapest change that keeps {limit}: amount {place.amount:.3f}, {mm(place.largest)} mm"
+        yield f"Cheapest change that keeps {limit}: amount {place.change_norm:.3f}, {mm(place.largest)} mm"
         for variable, change in zip(_variables(design), place.changes, strict=True):
             for path in variable.paths:
                 words = f"{change_in_words(variable, change):>12s}  {_both(path, place.values[path])}"
@@ -157,17 +157,17 @@ def _verification(designing: DesignStudy, design: Design) -> Iterator[str]:
 
 
 def _fresh(designing: DesignStudy, limit: float, before: Check, after: Check) -> Iterator[str]:
-    if before.exceeding is None or after.exceeding is None:
+    if before.exceedance is None or after.exceedance is None:
         yield "  no fresh draws: the posterior has none but those of the search; give fewer --draws"
         return
     yield f"  probability of exceeding {MM * limit:g} mm by {designing.fresh} fresh draws, with its 95 % interval:"
-    for name, found in (("before", before.exceeding), ("after", after.exceeding)):
+    for name, found in (("before", before.exceedance), ("after", after.exceedance)):
         low, high = found.interval
         yield f"    {name + ':':8s}{found.share:.1%} ({low:.1%} to {high:.1%})"
 
 
 def _variables(design: Design) -> tuple[Variable, ...]:
-    return design.trial.variables
+    return design.evaluator.variables
 
 
 def _told(design: Design, place: Place) -> str:

@@ -43,7 +43,7 @@ def _heading(simulation: Simulation) -> Iterator[str]:
     if simulation.pulleys:
         fastest = ", ".join(f"{name} {frequency.max():.3g} Hz" for name, (_, frequency) in simulation.pulleys.items())
         yield f"  pulleys turn up to: {fastest}"
-    belts = ("elastic" if response.machine.elastic else "rigid") if simulation.arm.belts else "none"
+    belts = ("elastic" if response.model.elastic else "rigid") if simulation.arm.belts else "none"
     rate = (len(simulation.time) - 1) / (simulation.time[-1] - simulation.time[0])
     yield f"  load: {simulation.load}; belts: {belts}; {rate:.4g} samples a second"
     yield f"  method: {METHODS[response.method]}"
@@ -155,7 +155,7 @@ def _belts(simulation: Simulation) -> Iterator[str]:
         yield f"  SLACK: {side} span of {names[number]} from {start:.4g} to {end:.4g} s"
     if len(found) > MOST_SLACK:
         yield f"  and {len(found) - MOST_SLACK} times more"
-    if found and not simulation.response.machine.elastic:
+    if found and not simulation.response.model.elastic:
         yield "  The belts are taken as rigid, which a slack one is not: raise the pretension, or use --elastic-belts"
     elif found and simulation.response.method == "fast":
         yield "  The fast method has slack spans pull on, below zero: use --method exact, or raise the pretension"

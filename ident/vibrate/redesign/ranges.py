@@ -15,7 +15,7 @@ FACTORS = (0.4, 2.5)
 SHARE = 0.2
 """Of a body's extent, to either side of the present mass centre."""
 DISTANCE = 0.1
-"""To either side of a coordinate, unless a share of a body's extent is asked for [m]."""
+"""To either side of a coordinate, unless a share of a body's extent is given [m]."""
 COUNT, MAP_COUNT = 21, 15
 """Values of a parameter that is swept alone, and on a map."""
 MOST, MOST_ON_MAP = 500, 10_000
@@ -54,14 +54,14 @@ class Range:
     count: int | None = None
 
 
-def axis_of(arm: Arm, asked: Range, percent: float, extents: Extents | None = None, usual: int = COUNT) -> Axis:
+def axis_of(arm: Arm, span: Range, percent: float, extents: Extents | None = None, usual: int = COUNT) -> Axis:
     """Return the axis of a range.
 
     Coordinates are spaced evenly, and so is the speed between bounds in %; all else by equal factors.
 
     Args:
         arm: as it is.
-        asked: the range.
+        span: the range.
         percent: present speed [%]
         extents: of the arm's bodies; a mass centre stays within.
         usual: number of values unless the range says it.
@@ -70,33 +70,33 @@ def axis_of(arm: Arm, asked: Range, percent: float, extents: Extents | None = No
         InputError: no such number, numbers that do not go together, a range that can't be, or a mass centre outside its
             body.
     """
-    is_speed = asked.paths == (SPEED,)
-    shifted = _is_shifted(arm, asked)
-    present = percent if is_speed else float(arm.get(asked.paths[0]))
+    is_speed = span.paths == (SPEED,)
+    shifted = _is_shifted(arm, span)
+    present = percent if is_speed else float(arm.get(span.paths[0]))
     if not shifted and not present > 0:
         got, remedy = f"{present:g} at present", "it is changed by a factor: set it first (--set)"
         raise InputError(Problem("", got, "a number above 0", remedy))
-    low, high = _ends(arm, asked, present, extents or {}, shifted)
-    count = usual if asked.count is None else asked.count
+    low, high = _ends(arm, span, present, extents or {}, shifted)
+    count = usual if span.count is None else span.count
     _check(low, high, count, shifted)
     if is_speed:
         _check_speed(high, percent)
-    even = shifted or (is_speed and asked.bounds is not None and not any(bound.times for bound in asked.bounds))
-    found = axis(arm, asked.paths, (np.linspace if even else np.geomspace)(low, high, count), percent)
-    if problems := [] if is_speed else list(outside(arm, found.variable, extents or {})):
+    even = shifted or (is_speed and span.bounds is not None and not any(bound.times for bound in span.bounds))
+    swept = axis(arm, span.paths, (np.linspace if even else np.geomspace)(low, high, count), percent)
+    if problems := [] if is_speed else list(outside(arm, swept.variable, extents or {})):
         raise InputError(problems)
-    return found
+    return swept
 
 
-def _is_shifted(arm: Arm, asked: Range) -> bool:
+def _is_shifted(arm: Arm, span: Range) -> bool:
     """Tell whether all numbers of a range are changed by a difference; refuse those that do not go together."""
-    if asked.paths == (SPEED,):
+    if span.paths == (SPEED,):
         return False
-    if SPEED in asked.paths:
+    if SPEED in span.paths:
         raise InputError(Problem("", "the speed with others", "it alone", "give it a range of its own"))
-    for path in asked.paths:
+    for path in span.paths:
         check_path(arm, path)
-    kinds = {is_shifted(path) for path in asked.paths}
+    kinds = {is_shifted(path) for path in span.paths}
     if len(kinds) > 1:
         got, expected = "a coordinate with other numbers", "numbers of one kind"
         remedy = "coordinates are changed by a difference, others by a factor"
@@ -104,13 +104,13 @@ def _is_shifted(arm: Arm, asked: Range) -> bool:
     return kinds.pop()
 
 
-def _ends(arm: Arm, asked: Range, present: float, extents: Extents, shifted: bool) -> tuple[float, float]:
-    if asked.bounds is not None:
-        low, high = (bound.of(present) for bound in asked.bounds)
+def _ends(arm: Arm, span: Range, present: float, extents: Extents, shifted: bool) -> tuple[float, float]:
+    if span.bounds is not None:
+        low, high = (bound.of(present) for bound in span.bounds)
         return low, high
     if not shifted:
         return FACTORS[0] * present, FACTORS[1] * present
-    return about(asked.paths[0], present, extents, share=SHARE)
+    return about(span.paths[0], present, extents, share=SHARE)
 
 
 def about(path: str, present: float, extents: Extents, *, share: float | None = None) -> tuple[float, float]:
