@@ -15,6 +15,7 @@ from ident.assess.diagnosis import STAGES, Diagnosis, ResonanceAssessment
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard
 from ident.vibrate.redesign.binomial import BinomialEstimate
 
+pytestmark = pytest.mark.timeout(900)
 ARM = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
 MEASURED = ident.read_campaign(CAMPAIGN)
 
