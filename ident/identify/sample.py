@@ -20,8 +20,8 @@ class CampaignSample:
     Attributes:
         fitted: the fit, arm and campaign with it.
         sample: the draws.
-        predictive: data as the draws about the best optimum have them.
-        weights: shares of the optima; None for a single one, or when they were not asked for and are unknown.
+        posterior_predictive: data as the draws about the best optimum have them.
+        weights: shares of the optima; None for a single one, or where they are unknown.
     """
 
     fitted: CampaignFit
@@ -57,7 +57,7 @@ def sample_campaign(
         settings: how; the threads are chosen here.
         noise: kinds of measurement whose sigma is known up to a factor only.
         weights: weigh several optima against each other, by nested sampling.
-        folder: where checkpoints are kept; None for none.
+        folder: where checkpoints go; None for none.
         provenance: what else must be equal for a checkpoint to be gone on with.
         progress: wraps the numbers of the blocks, to show a bar.
 

@@ -118,15 +118,15 @@ def sample(
     same to the bit, and a higher target only makes it longer.
 
     Args:
-        fit: of the posterior's problem; gives optima and starting points.
+        fit: of the posterior's problem; the ensembles start about its optima.
         posterior: what to sample.
         settings: how.
-        folder: where checkpoints are kept; None for none.
+        folder: where checkpoints go; None for none.
         provenance: what else must be equal for a checkpoint to be gone on with, by name.
         progress: wraps the numbers of the blocks, to show a bar.
 
     Raises:
-        InputError: settings that cannot work, data and prior that leave a parameter open or exclude each other,
+        InputError: settings that can't work, data and prior that leave a parameter open or exclude each other,
             checkpoints of another run.
         ModelError: the model has no answer about an optimum.
     """

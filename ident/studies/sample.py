@@ -133,7 +133,7 @@ def sample(
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
         options: what is unknown, what is known of it, and how long to sample.
-        folder: where checkpoints are kept, which stay there; None for none.
+        folder: where checkpoints go, and stay; None for none.
         restart: throw away what is in the folder.
         progress: shows how far it is, over the starts of the fit and the blocks of steps.
 

@@ -6,6 +6,8 @@ import pytest
 from arms import DATA
 from commands import files
 
+from ident.cli import running
+
 DATA = DATA / "lcd_arm"
 
 
@@ -33,6 +35,31 @@ def test_sample_goes_on_where_it_was_and_writes_draws_and_figures(run, tmp_path)
     assert draws.sizes["draw"] > first.posterior.sizes["draw"]
 
 
+def test_an_interrupted_run_says_how_it_goes_on(run, tmp_path, monkeypatch):
+    def interrupted(description, total=None):
+        def stop(numbers):
+            for number in numbers:
+                if description == "blocks of steps" and number == 2:
+                    raise KeyboardInterrupt
+                yield number
+
+        return stop
+
+    monkeypatch.setattr(running, "progress", interrupted)
+    code, out, err = run("sample", DATA / "table1.csv", "--starts=1", "--fix=joint1.k_bend", "--no-figure")
+    assert (code, out) == (130, "")
+    assert err == "stopped; kept out/table1.sample.part: the same command goes on from there\n"
+    assert len(list((tmp_path / "out/table1.sample.part").glob("block*"))) == 2
+
+
+def test_long_enough_a_chain_leaves_no_checkpoints(run, tmp_path):
+    options = ("--starts=1", "--fix=joint1.k_bend", "--ess=100", "--ensembles=4", "--no-figure")
+    code, out, _ = run("sample", DATA / "campaign.csv", *options)
+    assert code == 0
+    assert "TOO SHORT" not in out
+    assert files(tmp_path) == ["out/campaign.sample.nc"]
+
+
 def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
     short = ("--starts=1", "--steps=500", "--no-figure", "--fix=joint1.k_bend", "--discrepancy=deflection:0.1")
     assert run("sample", DATA / "table1.csv", *short)[0] == 0
@@ -40,6 +67,8 @@ def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
     code, out, err = run("sample", DATA / "table1.csv", *short, "--seed=1")
     assert (code, out) == (2, "")
     assert "a run with another seed" in err
+    assert "(--restart)" in err
+    assert "(--out)" in err
     assert len(err.splitlines()) == 1
     assert {path: (tmp_path / path).read_bytes() for path in files(tmp_path)} == before
     assert run("sample", DATA / "table1.csv", *short, "--seed=1", "--restart")[0] == 0

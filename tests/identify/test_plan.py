@@ -153,7 +153,7 @@ def test_promised_and_realised_standard_deviations_agree():
 
 def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     """The planned values added to the campaign, and all fitted: the fit's own standard deviations, to rounding."""
-    first = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=2).campaign())
+    first = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=2)).campaign()
     glass = (Load.parse("glass"),)
     then = plan_campaign(
         lcd_arm(),

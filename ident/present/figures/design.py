@@ -82,7 +82,7 @@ def _before_after(axes: Axes, study: DesignStudy, checks: Verification, i: int) 
         axes.axhline(sign * MM * (study.limit or 0), **LIMIT)
     axes.set_ylabel(f"{DIRECTIONS[i].upper()}: vibration\n[mm]", fontsize=9)
     sizes = (MM * checks.before.amplitude[i], MM * checks.after.amplitude[i])
-    words = f"{study.trial.measure} {sizes[0]:.3g} mm before, {sizes[1]:.3g} mm after"
+    words = f"{study.evaluator.measure} {sizes[0]:.3g} mm before, {sizes[1]:.3g} mm after"
     axes.set_title(words, fontsize=9, loc="right", color=GREY)
     axes.axvline(study.basis.motion.arrival, color=GREY, linewidth=0.8, linestyle="--")
     return shows_limit
@@ -105,7 +105,7 @@ def _curve(axes: Axes, study: DesignStudy, design: Design) -> None:
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
     axes.set_xlabel("change norm (1: one number at its farther bound)", fontsize=9)
-    axes.set_ylabel(f"largest {study.trial.measure} of X, Y, Z [mm]", fontsize=9)
+    axes.set_ylabel(f"largest {study.evaluator.measure} of X, Y, Z [mm]", fontsize=9)
     axes.legend(handles=handles, loc="best", frameon=False, fontsize=9)
 
 

@@ -25,7 +25,7 @@ def design_document(study: DesignStudy, options: Mapping[str, Any]) -> dict[str,
     """Describe a design, or sensitivities alone, in numbers as plain data, all SI; undefined ones become null."""
     document = origin(FORMAT, study.basis, options) | {
         **motion_document(study.basis),
-        "measure": study.trial.measure,
+        "measure": study.evaluator.measure,
         "direction": list(DIRECTIONS),
         "draws": study.draws,
         "sensitivities": _sensitivities(study.sensitivities),

@@ -79,7 +79,7 @@ def _effect(study: DesignStudy, design: Design) -> Iterator[str]:
     before, after, limit = design.present, design.best, design.limit
     yield f"  {'':34s}{'before':>10s}{'after':>10s}"
     for d, a, b in zip(DIRECTIONS, before.amplitude, after.amplitude, strict=True):
-        yield f"  {f'{study.trial.measure} in {d} [mm]':34s}{mm(a):>10s}{mm(b):>10s}{b / a - 1:+8.1%}"
+        yield f"  {f'{study.evaluator.measure} in {d} [mm]':34s}{mm(a):>10s}{mm(b):>10s}{b / a - 1:+8.1%}"
     yield f"  {'first natural frequency [Hz]':34s}{before.frequency:10.4f}{after.frequency:10.4f}"
     yield f"  {'static deflection [mm]':34s}{MM * before.deflection:10.4f}{MM * after.deflection:10.4f}"
     if study.draws and limit:
