@@ -24,7 +24,7 @@ class DesignStudy:
 
     Attributes:
         basis: the arm as it was simulated, its motion and the draws of the search.
-        trial: the same with the variables, as it is simulated.
+        evaluator: the same with the variables, as it is simulated.
         sensitivities: of the arm as it is.
         design: what is best; None where only the sensitivities are wanted.
         verification: of the best.
@@ -32,7 +32,7 @@ class DesignStudy:
     """
 
     basis: Basis
-    trial: Evaluator
+    evaluator: Evaluator
     sensitivities: Sensitivities
     design: Design | None = None
     verification: Verification | None = None
@@ -46,12 +46,12 @@ class DesignStudy:
     @property
     def draws(self) -> int:
         """Number of draws of the search."""
-        return self.trial.size - 1
+        return self.evaluator.size - 1
 
 
 def same(design: Design) -> int:
-    """Return how many starts have led to the quietest."""
-    spans = np.array([variable.span(design.trial.arm) for variable in design.trial.variables])
+    """Return how many starts have led to the minimum amplitude."""
+    spans = np.array([variable.span(design.evaluator.arm) for variable in design.evaluator.variables])
     width, first = spans[:, 1] - spans[:, 0], design.optima[0]
     return sum(
         one.largest < first.largest * (1 + SAME) and bool((np.abs(one.changes - first.changes) < SAME * width).all())
@@ -68,7 +68,7 @@ def bound_of(arm: Arm, variable: Variable, change: float) -> str:
 
 def unchanged(place: Place) -> bool:
     """Tell whether a design is the arm as it is, but for rounding."""
-    return place.amount < SAME
+    return place.change_norm < SAME
 
 
 def keeps(place: Place, limit: float) -> bool:

@@ -50,7 +50,7 @@ def check_campaign(
         arm: its stiffnesses are where the model is linearised.
         campaign: the measurements.
         unknowns: what is unknown, and its priors.
-        seed: of the further points that are looked at.
+        seed: of the further points that are tried.
         trust_values: take values that the arm file makes implausible, and repeats that contradict each other.
 
     Raises:

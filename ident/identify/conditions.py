@@ -115,13 +115,13 @@ def loads_of(arm: Arm, load: Load) -> Loads:
 
 
 def _modal(campaign: Campaign, kind: str, states: dict[tuple[tuple[float, ...], Load], int]) -> Modal:
-    found = [(i, m, states[m.posture, m.load]) for i, m in enumerate(campaign) if m.kind == kind]
-    labels = [parse_label(m.mode) if m.mode else None for _, m, _ in found]
+    values = [(i, m, states[m.posture, m.load]) for i, m in enumerate(campaign) if m.kind == kind]
+    labels = [parse_label(m.mode) if m.mode else None for _, m, _ in values]
     ordinals = []
-    for (_, m, state), label in zip(found, labels, strict=True):
-        unnamed = sorted(n.value for _, n, other in found if other == state and not n.mode)
+    for (_, m, state), label in zip(values, labels, strict=True):
+        unnamed = sorted(n.value for _, n, other in values if other == state and not n.mode)
         ordinals.append(label.ordinal if label else unnamed.index(m.value) + 1)
-    return Modal(tuple(i for i, _, _ in found), tuple(state for _, _, state in found), tuple(labels), tuple(ordinals))
+    return Modal(tuple(i for i, _, _ in values), tuple(state for _, _, state in values), tuple(labels), tuple(ordinals))
 
 
 def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:

@@ -1,4 +1,4 @@
-"""Doubts worth stating: values that no such arm would give, and kinds of data that contradict each other."""
+"""Data checks: values that no such arm would give, and kinds of data that contradict each other."""
 
 import math
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement
 
 PLAUSIBLE = {"frequency": 3.0, "damping_ratio": 100.0, "deflection": 5.0, "deflection_difference": 5.0}
-"""Factor by which a value may differ from what the arm file predicts before it is questioned."""
+"""Factor by which a value may differ from what the arm file predicts before it is refused."""
 
 DISAGREE = 3.0
 """Standard deviations of their difference from which two measurements of the same thing contradict each other."""

@@ -1,4 +1,4 @@
-"""The main job in one call: an arm and a campaign in, a judged fit out."""
+"""The main job in one call: an arm and a campaign in, a fit out, with what speaks against it."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -46,13 +46,13 @@ class CampaignFit(Fit):
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
-        found = {
+        reasons = {
             "the gradient does not vanish here, so this is not an optimum": not self.best.converged,
             "the kinds of measurement contradict each other (see below)": self.contradictory,
             f"{self.outliers.sum()} measurements lie more than 3 sigma from the fit": self.outliers.any(),
             f"so large a chi-squared has a chance of {self.p_value:.1g}": self.p_value < IMPROBABLE,
         }
-        return tuple(doubt for doubt, holds in found.items() if holds)
+        return tuple(doubt for doubt, holds in reasons.items() if holds)
 
     @property
     def supported(self) -> np.ndarray:

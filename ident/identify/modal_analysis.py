@@ -25,14 +25,14 @@ from ident.jit import jit
 from ident.measure import OWN_WEIGHT, Load
 
 MODES = 4
-"""Modes that are looked at, unless another number is asked for."""
+"""Modes that are returned, unless another number is asked for."""
 SLACK = 1e-9
 """Angle [rad] by which a posture may pass a joint limit before it is mentioned: rounding."""
 
 
 @dataclass(frozen=True)
 class ModalAnalysis:
-    """An arm held at a posture under a load, surveyed; all arrays are NumPy's.
+    """An arm held at a posture under a load; all arrays are NumPy's.
 
     Attributes:
         arm: the arm.
@@ -135,20 +135,20 @@ def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT
         angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
         raise InputError(Problem("", f"({angles}) deg", "finite angles", "correct the posture", "posture"))
     posture = tuple(map(float, posture))
-    found = _solve(arm, jax.device_put(np.array([posture]).T), bind_loads(arm, [load]))
-    if not np.isfinite(found.modes.frequency).all():
+    solution = _solve(arm, jax.device_put(np.array([posture]).T), bind_loads(arm, [load]))
+    if not np.isfinite(solution.modes.frequency).all():
         raise ModelError(_collapse(arm, posture, load))
-    lowest, ratio = _lowest(found.modes, modes), -found.s.real / jnp.abs(found.s)
+    lowest, ratio = _lowest(solution.modes, modes), -solution.s.real / jnp.abs(solution.s)
     return ModalAnalysis(
         arm=arm,
         posture=posture,
         load=load,
         modes=jax.device_get(lowest),
         labels=tuple(mode_labels(lowest)),
-        ambiguous=np.asarray(found.ambiguous[:modes]),
+        ambiguous=np.asarray(solution.ambiguous[:modes]),
         damping_ratio=np.asarray(ratio[:modes]),
-        deflection={point.name: np.asarray(found.moved[:, i]) for i, point in enumerate(arm.points)},
-        equilibrium=np.asarray(found.phi),
+        deflection={point.name: np.asarray(solution.moved[:, i]) for i, point in enumerate(arm.points)},
+        equilibrium=np.asarray(solution.phi),
     )
 
 
@@ -170,11 +170,11 @@ def _outline(
 def _along(
     arm: Arm, postures: Float[Array, "driven S"]
 ) -> tuple[Float[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"]]:
-    found = lowest_modes(at_posture(arm, postures))
-    return found.frequency, vertical_share(found) > 0.5, torsion_share(found) > 0.5, is_ambiguous(found)
+    along = lowest_modes(at_posture(arm, postures))
+    return along.frequency, vertical_share(along) > 0.5, torsion_share(along) > 0.5, is_ambiguous(along)
 
 
-class _Found(eqx.Module):
+class _Solution(eqx.Module):
     phi: Float[Array, "3 N"]
     modes: Modes
     ambiguous: Bool[Array, "n"]
@@ -183,13 +183,13 @@ class _Found(eqx.Module):
 
 
 @jit
-def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> _Found:
-    """Compute everything in one compiled function, whatever the number of modes that are asked for."""
+def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> _Solution:
+    """Compute everything in one compiled function, whatever the number of modes."""
     chain = at_posture(arm, posture, loads)
     at = static_equilibrium(chain)
     shapes, s = modes_about(chain, at), damped_eigenvalues(linearize(chain, at))
     parts = at.phi, shapes, is_ambiguous(shapes), s, deflection(chain, at.phi)
-    return _Found(*jax.tree.map(lambda x: x[..., 0], parts))
+    return _Solution(*jax.tree.map(lambda x: x[..., 0], parts))
 
 
 def _lowest(modes: Modes, count: int) -> Modes:

@@ -1,4 +1,4 @@
-"""Fit parameters to a campaign: least squares from several starts, with all that is needed to judge the answer."""
+"""Fit parameters to a campaign: least squares from several starts, and how far the answer can be trusted."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -105,7 +105,7 @@ class PlanResult(Result):
 
     @property
     def sd(self) -> Mapping[str, tuple[float, ...]]:
-        """Standard deviation of each parameter, now and after each experiment: of ln(value) for a positive one."""
+        """Standard deviation of each parameter, now and after each experiment: of ln(value) [-] of a positive one."""
         names = self.plan.parameters.names
         return {name: tuple(map(float, column)) for name, column in zip(names, self.plan.sd.T, strict=True)}
 

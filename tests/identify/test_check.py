@@ -121,7 +121,7 @@ def test_no_answer_at_most_of_the_points_is_unknown_too():
     problem = problem_of(lambda p: jnp.where(jnp.abs(p["a"]) < 1e-3, 10.0, jnp.nan) * p["a"][None], 1, [0.0])
     found = check(problem)
     assert not found.missing.any()
-    assert (found.answered, found.asked) == (1, 9)
+    assert (found.answered, found.tried) == (1, 9)
     assert found.verdicts == ("unknown",)
 
 

@@ -110,7 +110,7 @@ def test_the_measured_numbers_of_the_paper_contradict_each_other():
     found = fit_campaign(lcd_arm(), table_1())
     assert found.contradictory
     assert not found.supported.any(), "no interval is quoted from data that contradict each other"
-    by_kind = {tension.kind: tension for tension in found.cross_predictions}
+    by_kind = {each.kind: each for each in found.cross_predictions}
     assert by_kind["deflection"].predicted[0] > 0.029, "frequencies alone ask for some 31 mm; 22 were measured"
     assert by_kind["deflection"].z[0] < -5
     assert by_kind["frequency"].z[0] < -5

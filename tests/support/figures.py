@@ -19,7 +19,7 @@ from ident.measure import Campaign, Load, Measurement, read_campaign
 
 @cache
 def fitted(name):
-    """One start and no tensions: a figure needs no more."""
+    """One start and no cross-predictions: a figure needs no more."""
     campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
     problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
     return CampaignFit(**vars(fit(problem, starts=1)), arm=lcd_arm(), campaign=campaign, cross_predictions=())

@@ -39,7 +39,7 @@ def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
     title = f"Profiles of the fit of {names}" if columns > 1 else f"Profile of the fit of\n{names}"
     figure.suptitle(title, parse_math=False, fontsize=12, fontweight="bold")
     grid = figure.subplots(count, columns, squeeze=False).flat
-    bottom = min([0.0, *(float(profile.rise.min()) for profile in profiles)])
+    bottom = min([0.0, *(float(profile.delta_chi_squared.min()) for profile in profiles)])
     for i, profile in enumerate(profiles):
         _panel(grid[i], profile, bottom)
         if i % columns == 0:
@@ -91,7 +91,9 @@ def _panel(axes: Axes, profile: Profile, bottom: float) -> None:
         axes.axhline(threshold(interval.level), color="#D8D8D8", linewidth=0.8, zorder=1)
     # between its points a profile is drawn as pieces of parabolas
     theta = np.union1d(profile.theta, np.linspace(profile.theta[0], profile.theta[-1], 301))
-    root = np.interp(theta, profile.theta, np.sign(profile.rise) * np.sqrt(np.abs(profile.rise)))
+    root = np.interp(
+        theta, profile.theta, np.sign(profile.delta_chi_squared) * np.sqrt(np.abs(profile.delta_chi_squared))
+    )
     axes.plot(_place(profile, theta), np.sign(root) * root**2, color=BLUE, linewidth=1.8, zorder=3)
     if math.isfinite(profile.sd):
         theta = profile.optimum + np.linspace(left, right, 201)
@@ -110,7 +112,7 @@ def _ending(axes: Axes, profile: Profile, side: int, top: float) -> None:
     if ending is Ending.CROSSED:
         axes.plot([_place(profile, theta)], [top], linestyle="", zorder=4, **{**FILLED, "markersize": 4})
         return
-    at = (float(_place(profile, profile.theta[last])), float(profile.rise[last]))
+    at = (float(_place(profile, profile.theta[last])), float(profile.delta_chi_squared[last]))
     word, marker = ("open", "<>"[side]) if ending is Ending.OPEN else ("model ends", "|")
     style = {**HOLLOW, "color": BLUE, "marker": marker, "markersize": 7 if marker != "|" else 12}
     axes.plot([at[0]], [at[1]], linestyle="", zorder=4, clip_on=False, **style)

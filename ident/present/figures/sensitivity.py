@@ -85,6 +85,6 @@ def _key(figure: Figure, study: DesignStudy, shown: int) -> None:
     if study.draws:
         handles.append(Line2D([], [], color="black", linewidth=1.1, label=f"5 to 95 % of {study.draws} draws"))
     left = len(study.sensitivities.paths) - shown
-    notes = [f"{study.trial.measure} of the vibration, at the arm as it is; scales differ"]
+    notes = [f"{study.evaluator.measure} of the vibration, at the arm as it is; scales differ"]
     notes += [f"{left} weaker ones are not shown"] if left else []
     key_below(figure, handles, "; ".join(notes), columns=3)

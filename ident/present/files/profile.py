@@ -32,8 +32,8 @@ def profile_document(
                 "remarks": list(remarks(profile)),
                 "profile": {
                     "value": profile.values(profile.theta),
-                    "delta_chi_squared": profile.rise,
-                    "settled": profile.settled,
+                    "delta_chi_squared": profile.delta_chi_squared,
+                    "converged": profile.converged,
                 },
             }
             for profile in profiles

@@ -43,8 +43,8 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
     yield f"Check of {check.campaign.name or 'a campaign'} on {check.arm.name}, before any solving"
     fine = check.verdicts.count("identifiable")
     yield f"  {len(check.campaign)} measurements, {count} unknowns: {fine} of {count} identifiable by the data alone"
-    if check.asked > check.answered:
-        yield f"  WARNING: the model has no answer at {check.asked - check.answered} of {check.asked} points looked at"
+    if check.tried > check.answered:
+        yield f"  WARNING: the model has no answer at {check.tried - check.answered} of {check.tried} points looked at"
     if check.missing.any():
         yield "  WARNING: nothing can be said, as the model has no answer at the arm file's values for"
         rows = np.flatnonzero(check.missing).tolist()
@@ -63,7 +63,7 @@ def _verdicts(check: CampaignCheck) -> Iterator[str]:
     if check.information is None:
         return
     limit = math.exp(WEAK_ABOVE)
-    yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.asked} points looked at: the"
+    yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.tried} points looked at: the"
     yield "  arm file's values and others about them, since one point may mislead. Priors count nothing here."
 
 

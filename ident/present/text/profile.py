@@ -92,10 +92,10 @@ def remarks(profile: Profile) -> Iterator[str]:
             f"{profile.name}: WARNING, on the way the cost fell {profile.beaten:.3g} below the fit's, which is not the"
             " best optimum; fit again with more starts (--starts)"
         )
-    inside = profile.settled_inside
+    inside = profile.converged_inside
     if not inside.all():
         lost = f"{(~inside).sum()} of {len(inside)} points"
-        yield f"{profile.name}: the search did not come to rest at {lost}; the profile may lie lower there"
+        yield f"{profile.name}: the search did not converge at {lost}; the profile may lie lower there"
     if profile.rivals:
         places = ", ".join(f"{value:.4g}" for value in profile.values(profile.rivals))
         yield f"{profile.name}: another optimum fits about as well outside this interval, at {places}"
@@ -110,9 +110,9 @@ def _side(profile: Profile, side: int) -> Iterator[str]:
     elif ending is Ending.OPEN:
         last = (0, -1)[side]
         (value,) = profile.values(profile.theta[[last]])
-        rise = profile.rise[last]
+        delta = profile.delta_chi_squared[last]
         reason = "flat: nothing tells it" if profile.flat[side] else "too little tells it"
-        reached = "stays zero" if rise < FLAT else f"reaches {rise:.2g} of {need:.3g}"
+        reached = "stays zero" if delta < FLAT else f"reaches {delta:.2g} of {need:.3g}"
         there = f"as far as {value:.3g} delta chi-squared {reached}"
         yield f"{profile.name}: open {SIDES[side]}, {reason} on this side ({there})"
 

@@ -23,13 +23,13 @@ def sensitivity_report(study: DesignStudy) -> str:
 
 def heading(study: DesignStudy) -> Iterator[str]:
     """Say what is moved, and by which numbers."""
-    yield from simulated_in_words(study.basis, elastic_belts=study.trial.elastic_belts, rate=study.trial.rate)
+    yield from simulated_in_words(study.basis, elastic_belts=study.evaluator.elastic_belts, rate=study.evaluator.rate)
     yield from basis_in_words(study.basis, changed_draws=True)
 
 
 def present(study: DesignStudy) -> Iterator[str]:
     """Tell the amplitudes of the arm as it is."""
-    return present_in_words(study.basis, study.trial.measure, study.sensitivities.amplitude, study.limit)
+    return present_in_words(study.basis, study.evaluator.measure, study.sensitivities.amplitude, study.limit)
 
 
 def table(study: DesignStudy, most: int = MOST) -> Iterator[str]:

@@ -22,9 +22,9 @@ LEVELS = (0.5, 0.683, 0.95)
 
 
 def parabola(item, optimum, *, sd=0.05, endings=(CROSSED, CROSSED), height=1.0, **changes):
-    """A made-up profile: a parabola on crossed sides, on open ones a rise to `height` that stays there."""
+    """A made-up profile: a parabola on crossed sides, on open ones an increase to `height` that stays there."""
     below, above = (np.linspace(0, 2.2 * 0.05 if e is CROSSED else math.log(1000), 12) for e in endings)
-    rises = [
+    sides = [
         (d / 0.05) ** 2 if e is CROSSED else height * np.tanh(d) for d, e in zip((below, above), endings, strict=True)
     ]
     intervals = []
@@ -35,8 +35,8 @@ def parabola(item, optimum, *, sd=0.05, endings=(CROSSED, CROSSED), height=1.0, 
             ends.append(optimum + sign * reach)
         intervals.append(Interval(level, *ends, endings))
     theta = np.concatenate([optimum - below[:0:-1], optimum + above])
-    rise = np.concatenate([rises[0][:0:-1], rises[1]])
-    regular = Profile(item, optimum, sd, theta, rise, np.ones(len(theta), bool), tuple(intervals), ())
+    delta = np.concatenate([sides[0][:0:-1], sides[1]])
+    regular = Profile(item, optimum, sd, theta, delta, np.ones(len(theta), bool), tuple(intervals), ())
     return replace(regular, **changes)
 
 
@@ -72,8 +72,8 @@ def test_the_report_shows_linear_and_profile_intervals_and_every_reason():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"rise": np.linspace(-0.5, 0.0, 23)}, "not the best optimum; fit again with more starts"),
-        ({"settled": np.arange(23) != 5}, "did not come to rest at 1 of"),
+        ({"delta_chi_squared": np.linspace(-0.5, 0.0, 23)}, "not the best optimum; fit again with more starts"),
+        ({"converged": np.arange(23) != 5}, "did not converge at 1 of"),
         ({"rivals": (math.log(8e5),)}, "another optimum fits about as well outside this interval, at 8e+05"),
     ],
 )
@@ -146,9 +146,12 @@ def test_the_figure_has_a_panel_for_each_and_nothing_overlaps(count):
 
 def test_a_fall_below_the_optimum_is_drawn_and_said():
     result, profiles = made_up_profiles(2)
-    fallen = tuple(replace(p, rise=p.rise - 2 * np.exp(-((p.theta - p.theta[-3]) ** 2) / 1e-4)) for p in profiles)
+    fallen = tuple(
+        replace(p, delta_chi_squared=p.delta_chi_squared - 2 * np.exp(-((p.theta - p.theta[-3]) ** 2) / 1e-4))
+        for p in profiles
+    )
     figure = profile_figure(result, fallen)
-    assert figure.axes[0].get_ylim()[0] < fallen[0].rise.min()
+    assert figure.axes[0].get_ylim()[0] < fallen[0].delta_chi_squared.min()
     assert any("not the best optimum" in text.get_text() for text in _key(figure))
     assert_tidy(figure)
 
