@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.parts import Body, Joint, Point
-from ident.arm.chain import hold
+from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection
 from ident.arm.modes import damped_eigenvalues, linearize, natural_frequencies
 
@@ -33,7 +33,7 @@ def often(f, k):
     return found
 
 def answers(k):
-    chain = hold(arm.replace(dict(zip(paths, k, strict=True))), jnp.zeros((2,) + (1,) * (k.ndim - 1)))
+    chain = at_posture(arm.replace(dict(zip(paths, k, strict=True))), jnp.zeros((2,) + (1,) * (k.ndim - 1)))
     system = linearize(chain)
     return natural_frequencies(chain, 3), deflection(chain, system.phi)[:, 0]
 """
@@ -52,7 +52,7 @@ assert f.shape == (500, 3, 4) and d.shape == (500, 3, 4)
 """,
     "damped eigenvalues of 500, vmap, with gradients": """
 def damped(k):
-    chain = hold(arm.replace(dict(zip(paths, k, strict=True))), jnp.zeros(2))
+    chain = at_posture(arm.replace(dict(zip(paths, k, strict=True))), jnp.zeros(2))
     return jnp.abs(damped_eigenvalues(linearize(chain)))
 f, d = often(jax.vmap(lambda k: (damped(k), jax.jacfwd(damped)(k))), many(500).T)
 assert f.shape == (500, 6) and d.shape == (500, 6, 4)
