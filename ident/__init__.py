@@ -1,3 +1,82 @@
-"""ident: joint stiffness of serial robot arms from natural frequencies and static deflection."""
+"""ident: joint stiffness of serial robot arms from natural frequencies and static deflection.
+
+In the order of use; every study is one function that returns one frozen result. `print(result)` prints its report,
+`result.figures()` draws it, `result.table()` gives rows, `result.save(path)` writes it and `load(path)` brings it back.
+
+    read_arm        an arm from its TOML file
+    read_urdf       an arm from a URDF file, completed with joint stiffness
+    read_campaign   natural frequencies, static deflections and damping ratios from a CSV file
+    read_log        a joint path as a robot controller logs it
+    read_trace      a measured vibration
+    predict         natural frequencies, modes and static deflection at postures
+    check           what a campaign can tell about each parameter, before any solving
+    fit             joint stiffnesses from a campaign, and what the data support
+    profile         profile likelihood: are the intervals of the fit right?
+    sample          the posterior: how sure each stiffness is, and which combinations are known
+    plan            what to measure next, by what it would tell for its cost
+    resonance       pulley frequencies against natural frequencies along a motion
+    simulate        how far the end point vibrates while the arm carries out a motion
+    spectrum        at which frequencies a trace vibrates
+    sweep           how the vibration depends on numbers of the arm, or on its speed
+    design          what to change so that the arm vibrates least
+    diagnose        all of it, from a campaign to advice
+    load            a result that was saved
+
+The first name that is used switches jax to double precision, for the whole process: the mechanics need it, and jax
+has single precision otherwise. Arrays that the process has made before stay as they are.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import IdentError, InputError, ModelError
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile, read_arm
+    from ident.description.urdf import read_urdf
+    from ident.measure import Campaign, Load, Log, Measurement, Trace, read_campaign, read_log, read_trace
+    from ident.studies.check import CheckOptions, CheckResult, check
+    from ident.studies.design import DesignOptions, DesignResult, design
+    from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
+    from ident.studies.fit import FitOptions, FitResult, fit
+    from ident.studies.load import load
+    from ident.studies.plan import PlanOptions, PlanResult, plan
+    from ident.studies.predict import PredictOptions, PredictResult, predict
+    from ident.studies.profile import ProfileOptions, ProfileResult, profile
+    from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
+    from ident.studies.sample import SampleOptions, SampleResult, sample
+    from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
+    from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
+    from ident.studies.sweep import SweepOptions, SweepResult, sweep
 
 __version__ = "0.1.0"
+
+_ERRORS = ("IdentError", "InputError", "ModelError")
+_PLACES = {
+    "arm.arm": ("Arm",),
+    "description.file": ("ArmFile", "read_arm"),
+    "description.urdf": ("read_urdf",),
+    "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
+    "studies.load": ("load",),
+}
+_STUDIES: tuple[str, ...] = ("predict", "check", "fit", "profile", "sample", "plan")
+_STUDIES += ("resonance", "simulate", "spectrum", "sweep", "design", "diagnose")
+_PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in _STUDIES}
+_MODULES = {name: module for module, names in _PLACES.items() for name in names}
+__all__ = sorted([*_ERRORS, *_MODULES])
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'ident' has no attribute '{name}'")
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    value = getattr(importlib.import_module(f"ident.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

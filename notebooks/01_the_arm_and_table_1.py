@@ -30,9 +30,9 @@ jax.config.update("jax_enable_x64", True)
 
 # %matplotlib inline
 
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
-from ident.identify.modal_analysis import modal_analysis
+from ident.identify.modal_analysis import modal_analysis, modes_along_motion
 from ident.measure import Load, read_campaign
 from ident.present.figures.fit import fit_figure
 from ident.present.figures.modes import mode_figure, posture_figure
@@ -40,7 +40,7 @@ from ident.present.text.fit import fit_report
 from ident.present.text.predict import predict_report
 
 data = Path("..") / "data" / "lcd_arm"
-arm_file = read_arm_file(data / "arm.toml")
+arm_file = read_arm(data / "arm.toml")
 arm = arm_file.arm
 
 # %% [markdown]
@@ -67,7 +67,7 @@ unfolded = modal_analysis(arm, (0.0, 0.0, 0.0), Load(), 6)
 print(predict_report(unfolded))
 
 # %%
-mode_figure(arm, (0.0, 0.0, 0.0))
+mode_figure(modal_analysis(arm, (0.0, 0.0, 0.0)))
 
 # %% [markdown]
 # While the arm moves its hand straight, q = alpha (1, -2, 1), the two lowest branches come together and cross near 66
@@ -75,7 +75,7 @@ mode_figure(arm, (0.0, 0.0, 0.0))
 # do not cross: they exchange their shapes, and in between their names are a near draw.
 
 # %%
-posture_figure(arm, (1.0, -2.0, 1.0), np.radians(np.arange(0.0, 80.5, 1.0)))
+posture_figure(modes_along_motion(arm, (1.0, -2.0, 1.0), np.radians(np.arange(0.0, 80.5, 1.0))))
 
 # %% [markdown]
 # ## The fit to the three measured numbers

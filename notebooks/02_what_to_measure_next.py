@@ -45,10 +45,10 @@ from ident.measure import Campaign, Measurement
 from ident.present.figures.fit import fit_figure
 from ident.present.figures.plan import plan_figure
 from ident.present.text.check import check_report
-from ident.present.text.fit import fit_report, percent
+from ident.present.text.fit import fit_report, spread_in_words
 from ident.present.text.plan import plan_report
 
-true_arm = read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml")
+true_arm = read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml").arm
 
 # %% [markdown]
 # ## The arm as the engineer knows it
@@ -120,7 +120,7 @@ at_truth = check_campaign(true_arm, first)
 print("known by the data alone, within     at the guess      at the worst point   at the truth")
 for i, name in enumerate(stiffnesses):
     sds = check.check.data_sd[0, i], check.check.data_sd[:, i].max(), at_truth.check.data_sd[0, i]
-    print(f"{name:32s}" + "".join(f"{percent(sd):>19s}" for sd in sds))
+    print(f"{name:32s}" + "".join(f"{spread_in_words(sd):>19s}" for sd in sds))
 
 # %% [markdown]
 # ### The fit agrees
@@ -214,7 +214,7 @@ print("stiffness             before   promised   at other draws          got   o
 for i, name in enumerate(after.fit.information.names):
     draws = plan.steps[-1].sd[1:, i]
     sds = before.fit.information.sd[i], plan.sd[-1, i], after.fit.information.sd[i]
-    was, promised, got = (percent(sd).replace("a factor of", "factor") for sd in sds)
+    was, promised, got = (spread_in_words(sd).replace("a factor of", "factor") for sd in sds)
     error = after.fit.parameters[name] / float(true_arm.get(name)) - 1
     spread = f"{100 * draws.min():.1f} to {100 * draws.max():.1f} %"
     print(f"{name:16s} {was:>11s} {promised:>10s} {spread:>16s} {got:>12s} {error:+8.1%}")

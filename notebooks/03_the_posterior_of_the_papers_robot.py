@@ -42,6 +42,7 @@ from matplotlib.figure import Figure
 from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
 from ident.identify.sample import sample_campaign
+from ident.identify.unknowns import Unknowns
 from ident.inference.sample import Settings
 from ident.measure import read_campaign
 from ident.present.figures.sample import corner_figure, posterior_figure
@@ -49,7 +50,7 @@ from ident.present.figures.style import BLUE, GREY, ORANGE, heading, plain
 from ident.present.text.sample import sample_report
 
 data = Path("..") / "data" / "lcd_arm"
-arm, table_1 = read_arm(data / "arm.toml"), read_campaign(data / "table1.csv")
+arm, table_1 = read_arm(data / "arm.toml").arm, read_campaign(data / "table1.csv")
 
 # %% [markdown]
 # ## The model taken as right
@@ -103,7 +104,7 @@ for name, (low, median, high) in zip(names, ratios(taken_as_right), strict=True)
 # %%
 WIDTH = {"frequency": 0.1, "deflection": 0.1}
 with_discrepancy = sample_campaign(
-    fit_campaign(arm, table_1, discrepancy=WIDTH), settings=Settings(walkers=96, max_steps=1500)
+    fit_campaign(arm, table_1, unknowns=Unknowns(discrepancy=WIDTH)), settings=Settings(walkers=96, max_steps=1500)
 )
 print(sample_report(with_discrepancy))
 

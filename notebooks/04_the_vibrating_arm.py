@@ -43,7 +43,7 @@ jax.config.update("jax_enable_x64", True)
 from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
 from ident.measure import read_campaign
-from ident.present.figures.motion import motion_animation, outline, path_figure
+from ident.present.figures.motion import motion_animation, path_figure
 from ident.present.figures.resonance import resonance_figure
 from ident.present.figures.spectrum import spectrogram_figure, spectrum_figure
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, heading, plain
@@ -51,13 +51,14 @@ from ident.vibrate.modal.branches import branches
 from ident.vibrate.modal.excitation import excitation
 from ident.vibrate.modal.resonance import resonance_crossings
 from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.response.outline import outline
 from ident.vibrate.response.response import peak, rms, settling_time
 from ident.vibrate.response.simulate import simulate
 from ident.vibrate.signal.spectrogram import spectrogram
 from ident.vibrate.signal.spectrum import amplitude_spectrum, band_rms, peaks
 
 data = Path("..") / "data" / "lcd_arm"
-arm = read_arm(data / "arm.toml")
+arm = read_arm(data / "arm.toml").arm
 AXES = ("X", "Y", "Z")
 
 # %% [markdown]

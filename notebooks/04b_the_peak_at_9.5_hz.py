@@ -52,7 +52,7 @@ from ident.vibrate.response.simulate import simulate
 from ident.vibrate.signal.spectrogram import spectrogram
 from ident.vibrate.signal.spectrum import amplitude_spectrum, band_rms, peaks
 
-arm = read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml")
+arm = read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml").arm
 AXES, SPEEDS, PEAK = ("X", "Y", "Z"), (8, 10, 12), 9.5
 UNFOLDED, FOLDED = (0.0, 0.0, 0.0), tuple(np.radians((80.0, -160.0, 80.0)).tolist())
 

@@ -38,8 +38,9 @@ jax.config.update("jax_enable_x64", True)
 
 from matplotlib.figure import Figure
 
+from ident.assess.basis import Basis
 from ident.assess.sweep import SweepStudy
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load, read_campaign
@@ -54,7 +55,7 @@ from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.simulate import vibrations
 
 data = Path("..") / "data" / "lcd_arm"
-arm_file = read_arm_file(data / "arm.toml")
+arm_file = read_arm(data / "arm.toml")
 arm = arm_file.arm
 motion = stroke(arm.stroke, percent=10, dwell=2.0)
 
@@ -85,13 +86,14 @@ print("as it is: " + ", ".join(f"{d} {1e3 * a:.3f} mm" for d, a in zip("XYZ", pr
 # Figure 9, torsional stiffness:
 
 # %%
-sweep_figure(SweepStudy(arm_file, trial, Load(), tuple(swept[path] for path in TORSION)))
+basis = Basis(arm_file, arm, motion, percent=10)
+sweep_figure(SweepStudy(basis, tuple(swept[path] for path in TORSION), rate=200))
 
 # %% [markdown]
 # Figure 10, mass centres:
 
 # %%
-sweep_figure(SweepStudy(arm_file, trial, Load(), tuple(swept[path] for path in CENTRES)))
+sweep_figure(SweepStudy(basis, tuple(swept[path] for path in CENTRES), rate=200))
 
 # %% [markdown]
 # What the paper says of its own figures: the largest amplitude becomes smaller with a stiffer joint 1, with softer

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.description.file import read_arm, read_arm_file
+from ident.description.file import read_arm
 from ident.measure import read_campaign
 
 LCD = Path(__file__).parents[1] / "data" / "lcd_arm"
@@ -29,7 +29,7 @@ def test_the_shipped_arm_gives_table_1_to_every_printed_digit():
 
 
 def test_only_the_solved_numbers_are_called_calibrated():
-    origins = read_arm_file(LCD / "arm.toml").origins
+    origins = read_arm(LCD / "arm.toml").origins
     calibrated = {path for path, origin in origins.items() if origin == "calibrated"}
     assert calibrated == {
         "joint2.offset.x",
@@ -80,4 +80,4 @@ def test_table_1_has_the_measured_values_of_the_paper():
         ("tip", pytest.approx(0.022)),
     ]
     assert {m.note for m in campaign} == {"paper, Table 1 (measured)"}
-    assert campaign.joints == len(read_arm(LCD / "arm.toml").driven)
+    assert campaign.joints == len(read_arm(LCD / "arm.toml").arm.driven)

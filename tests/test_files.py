@@ -8,7 +8,7 @@ import pytest
 
 from ident.errors import InputError
 from ident.files import replace_file, replace_path
-from ident.present.files.fit import write_json
+from ident.present.files.document import write_json
 
 
 @pytest.fixture

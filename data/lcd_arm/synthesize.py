@@ -64,7 +64,7 @@ def _measured(kind: str, unit: str, posture: tuple[float, ...], true: float, z: 
 
 def main(path: Path = HERE / "campaign.csv") -> None:
     """Write the campaign."""
-    campaign = synthesize(read_arm(HERE / "arm.toml"))
+    campaign = synthesize(read_arm(HERE / "arm.toml").arm)
     write_campaign(campaign, path, header_comments=COMMENTS, relative_sigma=True)
 
 

@@ -11,19 +11,15 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ident.arm.drive import SCALARS, Belt, Drive, Stroke
+from ident.arm.drive import Belt, Drive, Stroke
 from ident.arm.drive_check import check_drives
+from ident.arm.fields import STIFFNESS, fields_of
 from ident.arm.parts import Body, Joint, Payload, Point
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean
 
 GRAVITY = (0.0, 0.0, -9.80665)
 """Standard gravity [m/s^2] in the base frame (CGPM 1901)."""
-
-COMPONENTS = {"x": (0,), "y": (1,), "z": (2,), "xx": (0, 0), "yy": (1, 1), "zz": (2, 2)}
-"""Names of vector and matrix components in a parameter's path."""
-RANKS = {"com": 1, "offset": 1, "position": 1, "inertia": 2}
-"""Number of component axes of the fields that are no scalars; any further axes are batch."""
 
 
 class Arm(eqx.Module):
@@ -82,9 +78,9 @@ class Arm(eqx.Module):
         """Batch axes `(*batch)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
         return jnp.broadcast_shapes(
             *(
-                jnp.shape(getattr(part, field))[RANKS.get(field, 0) :]
+                jnp.shape(getattr(part, field.name))[field.rank :]
                 for part in self.parts()
-                for field in _fields(part)
+                for field in fields_of(type(part).__name__)
             )
         )
 
@@ -100,7 +96,7 @@ class Arm(eqx.Module):
             yield self.stroke
 
     def get(self, path: str) -> Array:
-        """Return the number at a path such as `joint1.k_bend`, `link2.mass` or `fingers.com.x`.
+        """Return the number [SI] at a path such as `joint1.k_bend`, `link2.mass` or `fingers.com.x`.
 
         Raises:
             InputError: the path names no number of this arm; the nearest names are suggested.
@@ -155,7 +151,7 @@ class Arm(eqx.Module):
         return tuple(path for path, _, _, _ in self._places())
 
     def numbers(self) -> dict[str, Array]:
-        """All numbers by path: quicker than `get` for each."""
+        """All numbers [SI] by path: quicker than `get` for each."""
         numbers = {}
         for path, part, field, component in self._places():
             value = getattr(part, field)
@@ -164,40 +160,24 @@ class Arm(eqx.Module):
 
     def _places(self) -> Iterator[tuple[str, Any, str, tuple[int, ...]]]:
         for part in self.parts():
-            for field in _fields(part):
-                rank = RANKS.get(field, 0)
-                if not rank:
-                    yield f"{part.name}.{field}", part, field, ()
-                for end, component in COMPONENTS.items():
-                    if rank and len(component) == rank:
-                        yield f"{part.name}.{field}.{end}", part, field, component
+            for field in fields_of(type(part).__name__):
+                for end, component in field.ends.items():
+                    yield f"{part.name}.{field.name}{end}", part, field.name, component
 
     def _split(self, path: str) -> tuple[str, str, tuple[int, ...]]:
         name, _, rest = path.partition(".")
-        field, _, end = rest.partition(".")
         part = next((part for part in self.parts() if part.name == name), None)
-        component = COMPONENTS.get(end, ()) if end else ()
-        complete = len(component) == RANKS.get(field, 0) and bool(end) == bool(component)
-        if part is None or field not in _fields(part) or not complete:
-            remedy = did_you_mean(path, self.paths(), "see `Arm.paths()`")
-            raise InputError(Problem("", path, f"a number of the arm {self.name}", remedy))
-        return name, field, component
-
-
-STIFFNESS = ("k_bend", "k_tors")
-DAMPING = ("tau_bend", "tau_tors")
-FIELDS = ("mass", "com", "inertia", "offset", "position", *STIFFNESS, *DAMPING)
-"""Numbers of bodies, joints and points that can be changed by their paths."""
+        for field in fields_of(type(part).__name__):
+            for end, component in field.ends.items():
+                if rest == field.name + end:
+                    return name, field.name, component
+        remedy = did_you_mean(path, self.paths(), "see `Arm.paths()`")
+        raise InputError(Problem("", path, f"a number of the arm {self.name}", remedy))
 
 
 def stiffness_paths(arm: Arm) -> tuple[str, ...]:
     """Paths of all bushing stiffnesses: bending of every joint, then torsion of every joint."""
     return tuple(f"{joint.name}.{field}" for field in STIFFNESS for joint in arm.joints)
-
-
-def _fields(part: Any) -> list[str]:
-    """Return the names of a part's numbers."""
-    return [field for field in SCALARS.get(type(part).__name__, FIELDS) if hasattr(part, field)]
 
 
 def _with_component(old: Array, component: tuple[int, ...], value: Array) -> Array:

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.arm import DAMPING, STIFFNESS, Arm
+from ident.arm.arm import Arm
+from ident.arm.fields import DAMPING, STIFFNESS
 from ident.arm.rotations import identity, matmul, matvec, outer, total, transpose
 from ident.errors import ModelError
 

@@ -6,12 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-SCALARS = {
-    "Drive": ("ratio", "rotor_inertia", "eccentric_mass", "eccentricity", "height", "phase", "error", "error_phase"),
-    "Belt": ("driver_radius", "driven_radius", "pretension", "stiffness", "tau", "height"),
-    "Stroke": ("folded", "unfolded", "speed", "acceleration", "jerk"),
-}
-"""Numbers of each part that can be changed by their paths, as `drive1.eccentricity`."""
+from ident.arm.fields import names_of
 
 
 class Drive(eqx.Module):
@@ -53,7 +48,7 @@ class Drive(eqx.Module):
 
     def __init__(self, name: str, joint: str, *, ratio: Any, **numbers: Any):
         self.name, self.joint = name, joint
-        for field in SCALARS["Drive"]:
+        for field in names_of("Drive"):
             setattr(self, field, jnp.asarray(ratio if field == "ratio" else numbers.pop(field, 0.0), float))
         _no_more(numbers)
 
@@ -85,7 +80,7 @@ class Belt(eqx.Module):
 
     def __init__(self, name: str, driver: str, driven: str, **numbers: Any):
         self.name, self.driver, self.driven = name, driver, driven
-        for field in SCALARS["Belt"]:
+        for field in names_of("Belt"):
             setattr(self, field, jnp.asarray(numbers.pop(field, 0.0), float))
         _no_more(numbers)
 
@@ -113,7 +108,7 @@ class Stroke(eqx.Module):
 
     def __init__(self, direction: Any, **numbers: Any):
         self.name, self.direction = "stroke", jnp.asarray(direction, float)
-        for field in SCALARS["Stroke"]:
+        for field in names_of("Stroke"):
             setattr(self, field, jnp.asarray(numbers.pop(field), float))
         _no_more(numbers)
 

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 
 from ident.arm.drive import Belt, Drive, Stroke
+from ident.arm.fields import EXPECTED, fields_of
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean
 
@@ -24,10 +25,12 @@ def check_drives(arm: "Arm") -> None:
     Raises:
         InputError: every problem, each with the name of its part.
     """
+    strokes = (arm.stroke,) if arm.stroke else ()
     problems = [
         *(problem for drive in arm.drives for problem in _of_drive(arm, drive)),
         *(problem for belt in arm.belts for problem in _of_belt(arm, belt)),
-        *(_of_stroke(arm, arm.stroke) if arm.stroke else ()),
+        *(problem for stroke in strokes for problem in _of_stroke(arm, stroke)),
+        *(problem for part in (*arm.drives, *arm.belts, *strokes) for problem in _of_signs(part)),
     ]
     if problems:
         raise InputError(problems)
@@ -41,14 +44,11 @@ def _of_drive(arm: "Arm", drive: Drive) -> Iterator[Problem]:
         return
     if [d.joint for d in arm.drives].count(drive.joint) > 1:
         yield Problem(drive.name, f"a second drive of {drive.joint}", "one drive a joint", "remove one", "joint")
-    ratio, mass = _known(drive.ratio), _known(drive.eccentric_mass)
-    if ratio is not None and not (np.isfinite(ratio).all() and np.all(ratio != 0)):
-        remedy = "give the turns of the wave generator for one of the joint, as 100"
-        yield Problem(drive.name, f"{_first(ratio)}", "a ratio that is not zero", remedy, "ratio")
+    mass = _known(drive.eccentric_mass)
     shaft = [_known(body.mass) for joint in arm.joints if joint.name == drive.joint for body in joint.shaft]
     if mass is not None and None not in shaft:
         heaviest = np.sum([m for m in shaft if m is not None], axis=0)
-        if np.any(mass > heaviest) or np.any(mass < 0):
+        if np.any(mass > heaviest):
             remedy = "the turning mass is part of the shaft's: correct one of them"
             expected = f"0 to {_first(heaviest):.4g} kg, the mass of the shaft"
             yield Problem(drive.name, f"{_first(mass):.4g} kg", expected, remedy, "eccentric_mass")
@@ -70,14 +70,6 @@ def _of_belt(arm: "Arm", belt: Belt) -> Iterator[Problem]:
         yield from _of_geometry(arm, belt)
     if [b.driven for b in arm.belts].count(belt.driven) > 1:
         yield Problem(belt.name, f"a second belt that drives {belt.driven}", "one", "remove one of them", "driven")
-    radii = _known(belt.driver_radius), _known(belt.driven_radius)
-    if radii[0] is not None and radii[1] is not None and (np.any(radii[0] <= 0) or np.any(radii[1] <= 0)):
-        got = f"radii {_first(radii[0]):g} and {_first(radii[1]):g} m"
-        yield Problem(belt.name, got, "radii > 0", "correct them", "driver_radius")
-    for field in ("pretension", "stiffness", "tau"):
-        value = _known(getattr(belt, field))
-        if value is not None and np.any(value < 0):
-            yield Problem(belt.name, f"{_first(value):g}", "a value >= 0", "correct it", field)
 
 
 def _of_geometry(arm: "Arm", belt: Belt) -> Iterator[Problem]:
@@ -105,10 +97,14 @@ def _of_stroke(arm: "Arm", stroke: Stroke) -> Iterator[Problem]:
     if folded is not None and unfolded is not None and np.any(folded == unfolded):
         remedy = "give two different angles"
         yield Problem("stroke", f"folded and unfolded at {_first(folded):g} rad", "a motion", remedy, "folded")
-    for field in ("speed", "acceleration", "jerk"):
-        value = _known(getattr(stroke, field))
-        if value is not None and not np.all(value > 0):
-            yield Problem("stroke", f"{_first(value):g}", "a limit > 0", "correct it", field)
+
+
+def _of_signs(part: Drive | Belt | Stroke) -> Iterator[Problem]:
+    for field in fields_of(type(part).__name__):
+        value = _known(getattr(part, field.name))
+        if value is not None and not (allowed := field.allows(value)).all():
+            got = f"{_first(value[~allowed]):g} {field.unit}".removesuffix(" -")
+            yield Problem(part.name, got, EXPECTED[field.sign], "correct it", field.name)
 
 
 def _known(value: Any) -> np.ndarray | None:

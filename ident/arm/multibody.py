@@ -20,7 +20,7 @@ from ident.arm.assembly import (
     positions,
     stack,
 )
-from ident.arm.drive import SCALARS
+from ident.arm.fields import names_of
 from ident.arm.rotations import skew
 
 
@@ -180,12 +180,12 @@ def balanced(multibody: Multibody) -> Multibody:
 
 def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
     by_joint = {drive.joint: drive for drive in arm.drives}
-    absent = dict.fromkeys(SCALARS["Drive"], 0.0) | {"ratio": 1.0}
+    absent = dict.fromkeys(names_of("Drive"), 0.0) | {"ratio": 1.0}
     columns = {
         field: stack(
             [getattr(by_joint[j.name], field) if j.name in by_joint else absent[field] for j in arm.joints], 0, rank
         )
-        for field in SCALARS["Drive"]
+        for field in names_of("Drive")
     }
     return Drives(
         ratio=columns["ratio"],

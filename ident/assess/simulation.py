@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.description.file import ArmFile
-from ident.identify.values import Values
-from ident.measure import Load, Log, Trace
-from ident.vibrate.response.belt_tension import belt_tension
+from ident.assess.basis import Basis
+from ident.measure import Trace
+from ident.vibrate.response.belt_tension import belt_tension, slack
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.study import Draws, SimulatedMotion, Sizes, measures
 from ident.vibrate.signal.compare import Comparison
@@ -22,34 +22,22 @@ class Simulation:
     """What was simulated, from what, and what came out.
 
     Attributes:
-        arm_file: the arm as its file has it.
-        arm: the arm as it was simulated.
-        load: the load case.
+        basis: what was simulated, and what that rests on.
         study: the simulated motion.
         tolerance: [m] of the settling time.
         at: [s] from when on the late peak counts; None for none.
         limit: [m] that the peak should not exceed; None for none.
-        log: the joint path, if one was replayed.
-        fit: values of a fit that the arm has taken over.
-        posterior: draws of a posterior.
-        draws: the vibration by these draws.
-        changed: numbers that the user has set, by path.
+        draws: the vibration by draws of the basis' posterior.
         trace: a measured trace.
         comparisons: the simulation against it, by direction.
     """
 
-    arm_file: ArmFile
-    arm: Arm
-    load: Load
+    basis: Basis
     study: SimulatedMotion
     tolerance: float
     at: float | None = None
     limit: float | None = None
-    log: Log | None = None
-    fit: Values | None = None
-    posterior: Values | None = None
     draws: Draws | None = None
-    changed: Mapping[str, float] | None = None
     trace: Trace | None = None
     comparisons: Mapping[str, Comparison] | None = None
 
@@ -59,9 +47,14 @@ class Simulation:
         return self.study.response
 
     @property
+    def arm(self) -> Arm:
+        """The arm as it was simulated."""
+        return self.basis.arm
+
+    @property
     def point(self) -> str:
         """Name of the end point."""
-        return self.arm.points[-1].name
+        return self.basis.point
 
     @cached_property
     def time(self) -> Float[np.ndarray, "T"]:
@@ -70,7 +63,7 @@ class Simulation:
 
     @cached_property
     def vibration(self) -> Float[np.ndarray, "3 T"]:
-        """Displacement of the end point from where the sagging arm would be [m]."""
+        """Displacement of the end point from its quasi-static position [m]."""
         return np.asarray(self.response.vibration)
 
     @cached_property
@@ -87,6 +80,12 @@ class Simulation:
     def tension(self) -> Float[np.ndarray, "2 B T"]:
         """Tension of upper and lower span of each belt [N]."""
         return np.asarray(belt_tension(self.response))
+
+    @cached_property
+    def slack(self) -> tuple[tuple[int, str, float, float], ...]:
+        """Belt, span (`upper` or `lower`) and the times [s] between which it pulls with nothing, the earliest first."""
+        spans = slack(self.response.time, jnp.asarray(self.tension))
+        return tuple(sorted(spans, key=lambda span: span[2]))
 
     @cached_property
     def pulleys(self) -> dict[str, tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T"]]]:

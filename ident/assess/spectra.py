@@ -1,28 +1,34 @@
 """The spectra of a trace as they are reported: beside another trace, over time, and by a pulley's orders."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from ident.assess.simulation import alike
+from ident.errors import InputError, Problem
 from ident.identify.modal_analysis import ModalAnalysis
 from ident.measure import Pulley, Trace
+from ident.text import quoted
 from ident.vibrate.signal.derivative import second_derivative
 from ident.vibrate.signal.orders import OrderTrack, order_tracking
+from ident.vibrate.signal.spectrogram import Spectrogram, spectrogram
 from ident.vibrate.signal.spectrum import Peak, Spectrum, amplitude_spectrum, peaks
 
-REVOLUTIONS = 4
-"""Revolutions of a block for order tracking: they tell orders half a turn apart."""
+Pulleys = Mapping[str, Pulley]
 PEAKS = 5
-"""Peaks of each direction that are told."""
+"""Peaks of each direction that are reported."""
 SLOW = 3.0
 """Bins from zero up to which a peak may be a drift or the slow part of a motion."""
 STANDING = 1e-3
 """Share of its fastest turning below which a pulley counts as standing."""
 SMALL = 0.02
-"""Share of the largest peak below which a peak is not told."""
+"""Share of the largest peak below which a peak is not reported."""
+NEAR = 0.05
+"""Distance of a mode from a peak, relative to the frequency, up to which it is named; or a bin, if that is more."""
+LONGEST, LEAST_SEGMENTS = 1.0, 4
+"""Duration [s] of a spectrogram's segments unless asked otherwise, in a trace that has so many of them."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +41,10 @@ class Spectra:
         spectra: by the same names, a column for each direction.
         upto: [Hz] highest frequency that is looked at.
         pulleys: of the first trace's file, those that turn alike under one name.
-        survey: modes of the arm, if one was named.
+        modal_analysis: modes of the arm, if one was named.
         tracks: by pulley, the orders in each direction.
         orders: multiples of the pulleys' turning that were asked for.
+        spectrograms: of the first trace by direction, if they were asked for.
         remark: what was done to make the traces comparable; mostly empty.
     """
 
@@ -46,10 +53,16 @@ class Spectra:
     spectra: Mapping[str, Spectrum]
     upto: float
     pulleys: Mapping[str, Pulley] = field(default_factory=dict)
-    survey: ModalAnalysis | None = None
+    modal_analysis: ModalAnalysis | None = None
     tracks: Mapping[str, OrderTrack] = field(default_factory=dict)
     orders: tuple[float, ...] = ()
+    spectrograms: Mapping[str, Spectrogram] = field(default_factory=dict)
     remark: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the first trace."""
+        return next(iter(self.traces))
 
     @property
     def kind(self) -> str:
@@ -71,66 +84,114 @@ class Spectra:
     @property
     def marks(self) -> dict[str, float]:
         """Natural frequencies [Hz] by the modes' labels."""
-        if self.survey is None:
+        if self.modal_analysis is None:
             return {}
-        return {str(label): float(f) for label, f in zip(self.survey.labels, self.survey.modes.frequency, strict=True)}
+        frequency = np.asarray(self.modal_analysis.modes.frequency).tolist()
+        return dict(zip(map(str, self.modal_analysis.labels), frequency, strict=True))
 
     def strongest(self, name: str, direction: str) -> tuple[Peak, ...]:
         """Return the strongest peaks of a trace in a direction, the largest first; none that is a slow drift."""
         spectrum = self.spectra[name].column(self.directions.index(direction))
-        found = peaks(spectrum, PEAKS, (SLOW * spectrum.resolution, self.upto))
-        return tuple(peak for peak in found if peak.amplitude >= SMALL * found[0].amplitude)
+        largest = peaks(spectrum, PEAKS, (SLOW * spectrum.resolution, self.upto))
+        return tuple(peak for peak in largest if peak.amplitude >= SMALL * largest[0].amplitude)
+
+    def mode_near(self, name: str, frequency: float) -> str | None:
+        """Return the label of the mode nearest to a peak [Hz] of a trace, if it is near."""
+        label, at = min(self.marks.items(), key=lambda mark: abs(mark[1] - frequency), default=("", np.inf))
+        near = abs(at - frequency) <= max(self.spectra[name].resolution, NEAR * frequency)
+        return label if near else None
 
 
-def spectra_of(
-    traces: Mapping[str, Trace],
-    directions: Sequence[str],
-    *,
-    window: str = "hann",
-    segments: int = 1,
-    upto: float = 20.0,
-    pulleys: Mapping[str, Pulley] | None = None,
-    survey: ModalAnalysis | None = None,
-    orders: Sequence[float] = (),
-    revolutions: int = REVOLUTIONS,
-) -> Spectra:
-    """Return the spectra of traces that all have these directions.
-
-    A displacement beside an acceleration is differentiated twice; no acceleration is ever integrated.
+def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: float | None) -> tuple[Trace, Pulleys]:
+    """Return what of a trace, and of the pulleys beside it, lies between two times [s].
 
     Raises:
-        InputError: a trace is too short, or see `amplitude_spectrum` and `order_tracking`.
+        InputError: fewer than two samples do.
     """
-    comparable, remark = _comparable(traces)
-    spectra = {
-        name: amplitude_spectrum(trace.time, _columns(trace, directions), window=window, segments=segments)
-        for name, trace in comparable.items()
-    }
-    first, turning = next(iter(comparable.values())), _alike(pulleys or {})
-    tracks = dict(_tracks(first, directions, turning, orders, revolutions)) if orders else {}
-    return Spectra(tuple(directions), comparable, spectra, upto, turning, survey, tracks, tuple(orders), remark)
+    time = trace.time
+    low = 0 if start is None else int(np.searchsorted(time, start - 1e-9))
+    high = len(time) if end is None else int(np.searchsorted(time, end + 1e-9))
+    if high - low < 2:
+        got, expected = f"{max(high - low, 0)} samples up to `end`", f"a span within {time[0]:.4g} to {time[-1]:.4g} s"
+        raise InputError(Problem("start", got, expected, "widen it"))
+    inside = slice(low, high)
+    part = replace(trace, time=time[inside], values={d: values[inside] for d, values in trace.values.items()})
+    return part, {name: Pulley(_part(p.frequency, inside), _part(p.angle, inside)) for name, p in pulleys.items()}
 
 
-def _columns(trace: Trace, directions: Sequence[str]) -> Float[np.ndarray, "T D"]:
-    return np.stack([trace.values[direction] for direction in directions], axis=1)
+def common_directions(traces: Mapping[str, Trace], wanted: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the directions asked for, which all traces must have; by default all that they have in common.
+
+    Raises:
+        InputError: they have none in common, or not one that is asked for.
+    """
+    common = [d for d in next(iter(traces.values())).values if all(d in trace.values for trace in traces.values())]
+    for direction in wanted or ():
+        if direction not in common:
+            expected = f"some of {', '.join(common)}" if common else "a direction that both traces have"
+            raise InputError(Problem("direction", quoted(direction), expected, "the traces have no other in common"))
+    if not common:
+        raise InputError(Problem("against", "a trace of other directions", "one in common", "give another trace"))
+    return tuple(dict.fromkeys(wanted or common))
 
 
-def _comparable(traces: Mapping[str, Trace]) -> tuple[dict[str, Trace], str]:
+def comparable(traces: Mapping[str, Trace]) -> tuple[dict[str, Trace], str]:
+    """Return traces of one kind, and what was done to them.
+
+    A displacement beside an acceleration is differentiated twice; no acceleration is ever integrated.
+    """
     if len({trace.kind for trace in traces.values()}) == 1:
         return dict(traces), ""
-    made = {
-        name: replace(
-            trace,
-            kind="acceleration",
-            values={d: second_derivative(trace.time, values) for d, values in trace.values.items()},
-        )
-        for name, trace in traces.items()
-        if trace.kind == "displacement"
-    }
+    made = {name: _differentiated(trace) for name, trace in traces.items() if trace.kind == "displacement"}
     return {**traces, **made}, f"{', '.join(made)}: a displacement, differentiated twice"
 
 
-def _alike(pulleys: Mapping[str, Pulley]) -> dict[str, Pulley]:
+def amplitude_spectra(
+    traces: Mapping[str, Trace], directions: Sequence[str], *, window: str, segments: int
+) -> dict[str, Spectrum]:
+    """Return the spectrum of each trace, a column for each direction.
+
+    Raises:
+        InputError: see `amplitude_spectrum`.
+    """
+    return {
+        name: amplitude_spectrum(trace.time, _columns(trace, directions), window=window, segments=segments)
+        for name, trace in traces.items()
+    }
+
+
+def spectrograms(
+    trace: Trace, directions: Sequence[str], *, window: str, seconds: float | None
+) -> dict[str, Spectrogram]:
+    """Return the spectrogram of a trace in each direction.
+
+    Raises:
+        InputError: see `spectrogram`.
+    """
+    segment = seconds or min(LONGEST, float(trace.time[-1] - trace.time[0]) / LEAST_SEGMENTS)
+    return {
+        direction: spectrogram(trace.time, trace.values[direction], window=window, segment_seconds=segment)
+        for direction in directions
+    }
+
+
+def order_tracks(
+    trace: Trace, directions: Sequence[str], pulleys: Pulleys, orders: Sequence[float], revolutions: int
+) -> dict[str, OrderTrack]:
+    """Return the orders of each pulley whose angle is known.
+
+    Raises:
+        InputError: see `order_tracking`.
+    """
+    values = _columns(trace, directions)
+    return {
+        name: order_tracking(trace.time, values, pulley.angle, orders=orders, revolutions=revolutions)
+        for name, pulley in pulleys.items()
+        if pulley.angle is not None
+    }
+
+
+def distinct(pulleys: Pulleys) -> dict[str, Pulley]:
     """Put pulleys that turn alike under one name: their orders cannot be told from each other."""
     groups: list[tuple[list[str], Pulley]] = []
     for name, pulley in pulleys.items():
@@ -140,6 +201,19 @@ def _alike(pulleys: Mapping[str, Pulley]) -> dict[str, Pulley]:
         else:
             group.append(name)
     return {" and ".join(names): pulley for names, pulley in groups}
+
+
+def _differentiated(trace: Trace) -> Trace:
+    values = {direction: second_derivative(trace.time, values) for direction, values in trace.values.items()}
+    return replace(trace, kind="acceleration", values=values)
+
+
+def _part(values: np.ndarray | None, inside: slice) -> np.ndarray | None:
+    return None if values is None else values[inside]
+
+
+def _columns(trace: Trace, directions: Sequence[str]) -> Float[np.ndarray, "T D"]:
+    return np.stack([trace.values[direction] for direction in directions], axis=1)
 
 
 def _turns_as(one: Pulley, other: Pulley) -> bool:
@@ -156,12 +230,3 @@ def _close(a: np.ndarray | None, b: np.ndarray | None) -> bool:
     if a is None or b is None:
         return a is b
     return bool(np.allclose(a, b, rtol=1e-6, atol=1e-6 * np.abs(a).max()))
-
-
-def _tracks(
-    trace: Trace, directions: Sequence[str], pulleys: Mapping[str, Pulley], orders: Sequence[float], turns: int
-) -> Iterator[tuple[str, OrderTrack]]:
-    for name, pulley in pulleys.items():
-        if pulley.angle is not None:
-            values = _columns(trace, directions)
-            yield name, order_tracking(trace.time, values, pulley.angle, orders=orders, revolutions=turns)

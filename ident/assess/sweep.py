@@ -1,27 +1,12 @@
 """A sweep as it is reported: all that the report, the files and the figures have in common."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.arm import Arm
-from ident.description.file import ArmFile
-from ident.identify.values import Values
-from ident.measure import Load, Log
-from ident.present.text.units import value_in_words
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.sweep import Axis, Sweep
-
-FIELD_WORDS = {
-    "k_bend": "bending stiffness of {}",
-    "k_tors": "torsional stiffness of {}",
-    "com": "mass centre of {}, {}",
-    "offset": "offset of {}, {}",
-    "position": "position of {}, {}",
-}
+from ident.assess.basis import Basis
+from ident.vibrate.redesign.sweep import Sweep
 
 
 @dataclass(frozen=True)
@@ -29,46 +14,28 @@ class SweepStudy:
     """What was swept, of what, and what came out.
 
     Attributes:
-        arm_file: the arm as its file has it.
-        trial: the arm as it was simulated, its motion and draws.
-        load: the load case.
+        basis: the arm as it was simulated, its motion and draws.
         sweeps: one for each parameter, or a single one of two.
+        rate: samples a second.
+        elastic_belts: whether belts stretch.
         limit: [m] that the amplitude should not exceed; None for none.
-        log: the joint path, if one was replayed.
-        fit: values of a fit that the arm has taken over.
-        posterior: draws of a posterior.
-        changed: numbers that the user has set, by path.
     """
 
-    arm_file: ArmFile
-    trial: Evaluator
-    load: Load
+    basis: Basis
     sweeps: tuple[Sweep, ...]
+    rate: float
+    elastic_belts: bool = False
     limit: float | None = None
-    log: Log | None = None
-    fit: Values | None = None
-    posterior: Values | None = None
-    changed: Mapping[str, float] | None = None
-
-    @property
-    def arm(self) -> Arm:
-        """The arm as it was simulated."""
-        return self.trial.arm
-
-    @property
-    def motion(self) -> Motion:
-        """What the motors are told."""
-        return self.trial.motion
 
     @property
     def measure(self) -> str:
         """Of the vibration."""
-        return self.trial.measure
+        return self.sweeps[0].measure
 
     @property
-    def point(self) -> str:
-        """Name of the end point."""
-        return self.arm.points[-1].name
+    def is_map(self) -> bool:
+        """Whether two parameters were varied together."""
+        return len(self.sweeps[0].axes) > 1
 
     @property
     def present(self) -> Float[np.ndarray, "3"]:
@@ -78,26 +45,5 @@ class SweepStudy:
     @property
     def draws(self) -> int:
         """Number of draws."""
-        return self.trial.size - 1
-
-
-def in_words(axis: Axis, value: float) -> str:
-    """Write a value of what is swept with its unit."""
-    return value_in_words(axis.paths[0], value)
-
-
-def is_factor(axis: Axis) -> bool:
-    """Tell whether it is changed by a factor."""
-    return axis.is_speed or not axis.variable.shifted
-
-
-def title(axis: Axis, *, brief: bool = False) -> str:
-    """Say what is swept: `joint1.k_tors, torsional stiffness of joint1`; of several numbers only the first if brief."""
-    if axis.is_speed:
-        return "speed, percent of full speed"
-    if len(axis.paths) > 1:
-        names = f"{axis.paths[0]} and {len(axis.paths) - 1} more" if brief else f"{', '.join(axis.paths)} together"
-        return f"{names}, by one {'factor' if is_factor(axis) else 'difference'}"
-    part, field, *component = axis.paths[0].split(".")
-    words = FIELD_WORDS.get(field)
-    return f"{axis.name}, {words.format(part, *component)}" if words else axis.name
+        draws = self.sweeps[0].draws
+        return 0 if draws is None else draws.shape[-1]

@@ -1,4 +1,4 @@
-"""What a diagnosis is asked: an arm, a motion, a limit, and what of the arm is uncertain."""
+"""What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,9 +9,11 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
+from ident.assess.basis import Basis
+from ident.assess.effort import Effort
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.variable import Extents, Variable
+from ident.vibrate.redesign.variable import Variable
 
 STIFFER = 2.0
 """Factor by which a torsional stiffness may be raised or lowered; our assumption of what another drive can be."""
@@ -19,8 +21,10 @@ MOVED = 0.2
 """Share of a body's length by which its mass centre may be moved either way; our assumption."""
 CONFIDENT = 0.95
 """Probability of keeping the limit that is asked for."""
-SEEN = 100
-"""Draws by which vibration and remedies are judged; all others are kept for the proof."""
+RATE = 250.0
+"""Samples a second."""
+
+Draws = Mapping[str, Float[np.ndarray, "D"]]
 
 
 @dataclass(frozen=True)
@@ -28,34 +32,54 @@ class Task:
     """A diagnosis of an arm whose numbers are known as well as the draws say.
 
     Attributes:
-        arm: with the medians of the draws.
-        motion: what the motors are told, at `percent` of full speed.
-        percent: [%]
-        draws: of the identified numbers, by path.
+        basis: the arm with the medians of the draws, its motion and its load; its draws in random order.
         limit: [m] largest vibration, in any direction, that is accepted.
-        loads: the load case.
-        extents: of the bodies whose shape is known.
-        rate: samples a second.
+        effort: how much is computed.
     """
 
-    arm: Arm
-    motion: Motion
-    percent: float
-    draws: Mapping[str, Float[np.ndarray, "D"]]
+    basis: Basis
     limit: float
-    loads: Loads | None = None
-    extents: Extents = field(default_factory=dict)
-    rate: float = 250.0
+    effort: Effort = field(default_factory=Effort)
 
     @property
-    def seen(self) -> dict[str, Float[np.ndarray, "D"]]:
-        """The draws by which vibration and remedies are judged."""
-        return {path: values[:SEEN] for path, values in self.draws.items()}
+    def arm(self) -> Arm:
+        """The arm as it is, with the medians of the draws."""
+        return self.basis.arm
 
     @property
-    def unseen(self) -> dict[str, Float[np.ndarray, "D"]]:
-        """The draws that nothing was judged or optimised by."""
-        return {path: values[SEEN:] for path, values in self.draws.items()}
+    def motion(self) -> Motion:
+        """What the motors are told."""
+        return self.basis.motion
+
+    @property
+    def percent(self) -> float:
+        """Speed of the motion [%]."""
+        return self.basis.percent
+
+    @property
+    def loads(self) -> Loads:
+        """The load case."""
+        return self.basis.loads
+
+    @property
+    def assessment_draws(self) -> Draws:
+        """The draws by which vibration and remedies are assessed."""
+        return self._first(self.effort.assessment_draws)
+
+    @property
+    def speed_draws(self) -> Draws:
+        """Those of them by which a speed is chosen."""
+        return self._first(min(self.effort.speed_draws, self.effort.assessment_draws))
+
+    @property
+    def band_draws(self) -> Draws:
+        """The draws for the bands of natural frequencies."""
+        return self._first(self.effort.band_draws)
+
+    @property
+    def fresh_draws(self) -> Draws:
+        """The draws that nothing was assessed or optimised by."""
+        return {path: values[self.effort.assessment_draws :] for path, values in self.basis.draws.items()}
 
     @cached_property
     def torsion(self) -> tuple[Variable, ...]:
@@ -67,22 +91,22 @@ class Task:
     @cached_property
     def centres(self) -> tuple[Variable, ...]:
         """The mass centres of the last joint's bodies along the arm, as far as their shapes are known."""
-        found = []
+        extents, centres = self.basis.arm_file.extents, []
         for body in self.arm.joints[-1].link:
-            if body.name in self.extents:
-                low, high = self.extents[body.name][:, 0]
+            if body.name in extents:
+                low, high = extents[body.name][:, 0]
                 present, reach = float(body.com[0]), MOVED * (high - low)
                 bounds = max(low, present - reach), min(high, present + reach)
-                found += [Variable((f"{body.name}.com.x",), *bounds)] if bounds[0] < present < bounds[1] else []
-        return tuple(found)
+                centres += [Variable((f"{body.name}.com.x",), *bounds)] if bounds[0] < present < bounds[1] else []
+        return tuple(centres)
 
     @cached_property
     def step(self) -> float:
         """Time step [s] for the stiffest arm that is tried; one for all, so that they share their programs."""
-        tried = Evaluator(self.arm, self.motion, (*self.torsion, *self.centres), loads=self.loads)
-        return tried.step_for(tried.bounds)
+        stiffest = Evaluator(self.arm, self.motion, (*self.torsion, *self.centres), loads=self.loads)
+        return stiffest.step_for(stiffest.bounds)
 
-    def trial(self, *variables: Variable, draws: Mapping[str, np.ndarray] | None = None) -> Evaluator:
+    def evaluator(self, *variables: Variable, draws: Draws | None = None) -> Evaluator:
         """Return what is simulated again and again; all of a task are one program."""
         return Evaluator(
             self.arm,
@@ -90,6 +114,9 @@ class Task:
             variables,
             draws=draws or {},
             loads=self.loads,
-            rate=self.rate,
+            rate=RATE,
             step=self.step,
         )
+
+    def _first(self, count: int) -> Draws:
+        return {path: values[:count] for path, values in self.basis.draws.items()}

@@ -4,16 +4,12 @@ import atexit
 import gc
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import typer
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ident.arm.arm import Arm
     from ident.description.file import ArmFile
-    from ident.identify.fit import CampaignFit
     from ident.measure import Campaign
 
 
@@ -32,35 +28,11 @@ def start() -> None:
 
 def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
     """Read a campaign and its arm: arm.toml beside the campaign if no other is named."""
-    from ident.description.file import read_arm_file
+    from ident.description.file import read_arm
     from ident.measure import read_campaign
 
     measured = read_campaign(campaign)
-    return measured, read_arm_file(arm or campaign.parent / "arm.toml")
-
-
-def fit(arm: "Arm", measured: "Campaign", asked: Mapping[str, Any], unknown: Mapping[str, Any]) -> "CampaignFit":
-    """Fit an arm to a campaign by the options that a command was given, with a bar on a terminal."""
-    from ident.identify.fit import fit_campaign
-
-    return fit_campaign(
-        arm,
-        measured,
-        starts=asked["starts"],
-        seed=asked["seed"],
-        trust_values=asked["trust_values"],
-        progress=progress("starts"),
-        **unknown,
-    )
-
-
-def draw(figures: Mapping[Path, Any]) -> None:
-    """Write matplotlib figures, each to its path, and say so."""
-    from ident.present.figures.fit import save
-
-    for path, figure in figures.items():
-        save(figure, path)
-        typer.echo(f"wrote {path}")
+    return measured, read_arm(arm or campaign.parent / "arm.toml")
 
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:

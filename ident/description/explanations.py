@@ -9,7 +9,7 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from ident.description import schema as document
-from ident.description.quantities import Box, Cylinder, Direction, Lump, Origin, Quantity, Table, shown
+from ident.description.quantities import Box, Cylinder, Direction, Lump, Origin, Quantity, Table, as_written
 from ident.description.schema import Loc, named
 from ident.errors import Problem
 from ident.text import NAME_RULE, did_you_mean
@@ -57,7 +57,7 @@ SHAPES: dict[str, type[Table]] = {"box": Box, "cylinder": Cylinder, "point": Lum
 
 @dataclass(frozen=True)
 class Source:
-    """The text and its content, which together tell where a thing stands.
+    """The text and its content, which together tell where a thing is written.
 
     Attributes:
         where: names the text.
@@ -70,7 +70,7 @@ class Source:
     raw: dict[str, Any]
 
     def problem(self, loc: Loc, got: str, expected: str, remedy: str) -> Problem:
-        """Return a problem with what stands, or should stand, at a location."""
+        """Return a problem with what is, or should be, at a location."""
         lines = _line_numbers(self.text)
         line = next(lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in lines)
         return Problem(f"{self.where}:{line}", got, expected, remedy, self.words(loc))
@@ -90,11 +90,11 @@ class Source:
             name = table.get("name")
             if isinstance(name, str) and seen.setdefault(name, loc) != loc:
                 remedy = f"rename it or {self.words(seen[name])}"
-                yield self.problem((*loc, "name"), f"the name {shown(name)} again", "unique names", remedy)
+                yield self.problem((*loc, "name"), f"the name {as_written(name)} again", "unique names", remedy)
             for key in ("joint", "driver", "driven") if loc[0] != "joint" else ():
                 if isinstance(joint := table.get(key), str) and joint not in joints:
                     remedy = did_you_mean(joint, joints, "name a joint of this arm")
-                    yield self.problem((*loc, key), shown(joint), f"one of {', '.join(joints)}", remedy)
+                    yield self.problem((*loc, key), as_written(joint), f"one of {', '.join(joints)}", remedy)
 
     def words(self, loc: Loc) -> str:
         """Return a location such as `joint[2] 'joint3'.link[1] 'fingers'.mass`."""
@@ -104,7 +104,7 @@ class Source:
             key = step if re.fullmatch(r"[\w-]+", str(step)) else repr(step)
             text += f"[{step}]" if isinstance(step, int) else f".{key}" if text else str(key)
             name = node.get("name") if isinstance(node, dict) and isinstance(step, int) else None
-            text += f" {shown(name)}" if isinstance(name, str) else ""
+            text += f" {as_written(name)}" if isinstance(name, str) else ""
         return text
 
     def _finding(self, loc: Loc, detail: Any) -> tuple[str, str, str]:
@@ -117,20 +117,20 @@ class Source:
         if kind == "extra_forbidden":
             known = self._keys(loc[:-1])
             remedy = did_you_mean(key, known, "remove it")
-            return f"unknown key {shown(key)}", f"one of {', '.join(known)}", remedy
+            return f"unknown key {as_written(key)}", f"one of {', '.join(known)}", remedy
         if kind in ("model_type", "model_attributes_type"):
             remedy = f'write {key} = {{ value = ..., unit = "...", origin = "..." }}'
-            return shown(detail["input"]), "a table", remedy
-        return shown(detail["input"]), EXPECTED.get(kind, detail["msg"]).format(**context), "correct it"
+            return as_written(detail["input"]), "a table", remedy
+        return as_written(detail["input"]), EXPECTED.get(kind, detail["msg"]).format(**context), "correct it"
 
     def _written(self, loc: Loc, *, missing: bool) -> Loc:
         """Return the location without the names that pydantic gives to the members of a union."""
-        node, kept = self.raw, ()  # type: Any, Loc
+        node, written = self.raw, ()  # type: Any, Loc
         for n, step in enumerate(loc):
             there = isinstance(step, int) or (isinstance(node, dict) and step in node)
             if there or (missing and n == len(loc) - 1):
-                kept, node = (*kept, step), _child(node, step)
-        return kept
+                written, node = (*written, step), _child(node, step)
+        return written
 
     def _keys(self, loc: Loc) -> list[str]:
         """Return the keys that a table may have."""
@@ -152,20 +152,20 @@ def _child(node: Any, step: str | int) -> Any:
 def _line_numbers(text: str) -> dict[Loc, int]:
     """Return the line of every table and key that begins a line; multi-line strings are passed over."""
     plain = re.sub(r"(\"\"\"|''').*?\1", lambda m: "\n" * m[0].count("\n"), text, flags=re.S)
-    found: dict[Loc, int] = {(): 1}
+    lines: dict[Loc, int] = {(): 1}
     counts: dict[Loc, int] = {}
     table: Loc = ()
     for number, line in enumerate(plain.split("\n"), 1):
         if header := re.match(r"\s*\[(\[?)\s*([\w.\- ]+?)\s*\]", line):
             table = _table_loc(header[2].split("."), counts, new=bool(header[1]))
-            found.setdefault(table, number)
+            lines.setdefault(table, number)
         elif key := re.match(r"\s*([\w-]+)\s*=", line):
-            found.setdefault((*table, key[1]), number)
-    return found
+            lines.setdefault((*table, key[1]), number)
+    return lines
 
 
 def _table_loc(keys: list[str], counts: dict[Loc, int], *, new: bool) -> Loc:
-    """Return where a header's table stands; `counts` remembers how many each array of tables has."""
+    """Return where a header's table is; `counts` remembers how many each array of tables has."""
     loc: Loc = ()
     for n, key in enumerate(keys):
         loc += (key.strip(),)

@@ -13,7 +13,8 @@ import tomlkit
 from jaxtyping import Float
 from pydantic import ValidationError
 
-from ident.arm.arm import COMPONENTS, Arm
+from ident.arm.arm import Arm
+from ident.arm.fields import COMPONENTS
 from ident.arm.parts import Joint
 from ident.description.explanations import Source
 from ident.description.quantities import Origin, si
@@ -41,16 +42,7 @@ class ArmFile:
     extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
 
 
-def read_arm(path: str | PathLike[str]) -> Arm:
-    """Return the arm that a TOML file describes.
-
-    Raises:
-        InputError: the file cannot be read or is not such a description; every problem is listed.
-    """
-    return read_arm_file(path).arm
-
-
-def read_arm_file(path: str | PathLike[str]) -> ArmFile:
+def read_arm(path: str | PathLike[str]) -> ArmFile:
     """Return the arm that a TOML file describes, with the origin of every number.
 
     Raises:
@@ -135,7 +127,7 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
         where: names the text in errors.
 
     Raises:
-        InputError: a path names no number that is written in the text, or the revised text is not valid.
+        InputError: a path names no number that is written in the text, or the updated text is not valid.
     """
     parse_document(text, where)
     document = tomlkit.parse(text)
@@ -144,9 +136,9 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
         entry, holder, key = _slot(tables, path, where)
         holder[key] = float(f"{value / si(1.0, entry['unit']):.12g}")
         entry["origin"] = origin
-    revised = tomlkit.dumps(document)
-    parse_document(revised, where)
-    return revised
+    updated = tomlkit.dumps(document)
+    parse_document(updated, where)
+    return updated
 
 
 def _slot(tables: Mapping[str, Any], path: str, where: str) -> tuple[Any, Any, Any]:
@@ -170,8 +162,8 @@ def _toml(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        found = re.search(r"^(.*) \(at line (\d+), column (\d+)\)$", str(error), re.S)
-        what, line, column = found.groups() if found else (str(error), "", "")
+        parts = re.search(r"^(.*) \(at line (\d+), column (\d+)\)$", str(error), re.S)
+        what, line, column = parts.groups() if parts else (str(error), "", "")
         if not line and "end of document" in what:
             line = str(text.count("\n") + 1)
         place, column = f"{where}:{line}" if line else where, f"column {column}" if column else ""

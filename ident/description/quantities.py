@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
+from ident.arm.fields import field_named
 from ident.text import NAME, did_you_mean, quoted
 from ident.units import in_base_units, parse_unit
 
@@ -24,7 +25,7 @@ def complaint(got: str, expected: str, remedy: str) -> PydanticCustomError:
     return PydanticCustomError("ident", "{got}", {"got": got, "expected": expected, "remedy": remedy})
 
 
-def shown(value: Any) -> str:
+def as_written(value: Any) -> str:
     """Return a value for a message, as TOML writes it and on one line."""
     if isinstance(value, dict):
         return "a table"
@@ -43,6 +44,20 @@ def si(value: Any, unit: str) -> Any:
     return np.asarray(value, dtype=float) * in_base_units(parse_unit(unit))[0]
 
 
+def _range(name: str) -> Any:
+    """Accept what a field of the arm can be, by its sign."""
+    sign = field_named(name).sign
+    if sign == "positive":
+        return Field(gt=0, le=LARGEST)
+    return Field(ge=0 if sign == "non-negative" else -LARGEST, le=LARGEST)
+
+
+def _unit(name: str, *others: str) -> AfterValidator:
+    """Accept units of the dimension that a field of the arm has; others are shown beside its own."""
+    field = field_named(name)
+    return _checked_unit(*(unit.replace(" ", "*") for unit in (field.unit, *others, field.read_unit)))
+
+
 def _checked_unit(*examples: str) -> AfterValidator:
     """Accept units of the dimension of the examples, the first of which is SI."""
 
@@ -59,13 +74,13 @@ def _checked_unit(*examples: str) -> AfterValidator:
 
 def _ordered(limits: list[float]) -> list[float]:
     if limits[0] >= limits[1]:
-        raise complaint(shown(limits), "lower limit < upper limit", "swap or correct them")
+        raise complaint(as_written(limits), "lower limit < upper limit", "swap or correct them")
     return limits
 
 
 def _not_zero(vector: list[float]) -> list[float]:
     if np.abs(vector).max() < 1e-9:
-        raise complaint(shown(vector), "a direction, such as [0, 0, 1]", "give the axis of the pin")
+        raise complaint(as_written(vector), "a direction, such as [0, 0, 1]", "give the axis of the pin")
     return vector
 
 
@@ -78,7 +93,6 @@ def _no_zero(ratio: float) -> float:
 Name = Annotated[str, Field(pattern=f"^{NAME}$")]
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(gt=0, le=LARGEST)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Interval = Annotated[list[Number], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -111,20 +125,25 @@ class Quantity(Sourced, Generic[Unit, Value]):
         return si(self.value, self.unit)
 
 
-Mass = Quantity[Annotated[str, _checked_unit("kg", "g")], NonNegative]
-Position = Quantity[LengthUnit, Vector]
-Stiffness = Quantity[Annotated[str, _checked_unit("N*m/rad", "N*mm/deg")], Positive]
-Time = Quantity[Annotated[str, _checked_unit("s", "ms")], NonNegative]
+Mass = Quantity[Annotated[str, _unit("mass", "g")], Annotated[float, _range("mass")]]
+Position = Quantity[Annotated[str, _unit("com")], Vector]
+Stiffness = Quantity[Annotated[str, _unit("k_bend")], Annotated[float, _range("k_bend")]]
+Time = Quantity[Annotated[str, _unit("tau_bend", "ms")], Annotated[float, _range("tau_bend")]]
 Acceleration = Quantity[Annotated[str, _checked_unit("m/s^2")], Vector]
 Limits = Quantity[Annotated[str, _checked_unit("rad", "deg")], Interval]
-Angle = Quantity[Annotated[str, _checked_unit("rad", "deg")], Number]
-AngleRate = Quantity[Annotated[str, _checked_unit("rad/s", "deg/s")], Positive]
-AngularAcceleration = Quantity[Annotated[str, _checked_unit("rad/s^2", "deg/s^2")], Positive]
-AngularJerk = Quantity[Annotated[str, _checked_unit("rad/s^3", "deg/s^3")], Positive]
-Length = Quantity[LengthUnit, Number]
-MassMoment = Quantity[Annotated[str, _checked_unit("kg*m^2", "kg*mm^2")], NonNegative]
-Force = Quantity[Annotated[str, _checked_unit("N")], NonNegative]
-SpanStiffness = Quantity[Annotated[str, _checked_unit("N/m", "N/mm")], NonNegative]
+Angle = Quantity[Annotated[str, _unit("phase", "deg")], Annotated[float, _range("phase")]]
+AngleAmplitude = Quantity[Annotated[str, _unit("error", "deg")], Annotated[float, _range("error")]]
+AngleRate = Quantity[Annotated[str, _unit("speed", "deg/s")], Annotated[float, _range("speed")]]
+AngularAcceleration = Quantity[
+    Annotated[str, _unit("acceleration", "deg/s^2")], Annotated[float, _range("acceleration")]
+]
+AngularJerk = Quantity[Annotated[str, _unit("jerk", "deg/s^3")], Annotated[float, _range("jerk")]]
+Height = Quantity[Annotated[str, _unit("height")], Annotated[float, _range("height")]]
+Eccentricity = Quantity[Annotated[str, _unit("eccentricity")], Annotated[float, _range("eccentricity")]]
+Radius = Quantity[Annotated[str, _unit("driver_radius")], Annotated[float, _range("driver_radius")]]
+MassMoment = Quantity[Annotated[str, _unit("rotor_inertia", "kg*mm^2")], Annotated[float, _range("rotor_inertia")]]
+Force = Quantity[Annotated[str, _unit("pretension")], Annotated[float, _range("pretension")]]
+SpanStiffness = Quantity[Annotated[str, _unit("stiffness", "N/mm")], Annotated[float, _range("stiffness")]]
 
 
 class Direction(Sourced):

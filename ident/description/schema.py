@@ -7,20 +7,23 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ident.arm.arm import GRAVITY, Arm
-from ident.arm.drive import SCALARS, Belt, Drive, Stroke
+from ident.arm.drive import Belt, Drive, Stroke
+from ident.arm.fields import names_of
 from ident.arm.parts import Body, Joint, Payload, Point, check_inertia
 from ident.description.quantities import (
     Acceleration,
     Angle,
+    AngleAmplitude,
     AngleRate,
     AngularAcceleration,
     AngularJerk,
     Box,
     Cylinder,
     Direction,
+    Eccentricity,
     Force,
+    Height,
     Inertia,
-    Length,
     Limits,
     Line,
     Lump,
@@ -29,6 +32,7 @@ from ident.description.quantities import (
     Name,
     NonZero,
     Position,
+    Radius,
     Shares,
     SpanStiffness,
     Stiffness,
@@ -133,15 +137,15 @@ class DriveTable(Table):
     ratio: NonZero
     rotor_inertia: MassMoment | None = None
     eccentric_mass: Mass | None = None
-    eccentricity: Length | None = None
-    height: Length | None = None
+    eccentricity: Eccentricity | None = None
+    height: Height | None = None
     phase: Angle | None = None
-    error: Angle | None = None
+    error: AngleAmplitude | None = None
     error_phase: Angle | None = None
 
     def drive(self) -> Drive:
         """Return the drive as a value; what is not given is zero."""
-        return Drive(self.name, self.joint, **_given(self, SCALARS["Drive"]))
+        return Drive(self.name, self.joint, **_given(self, names_of("Drive")))
 
 
 class BeltTable(Table):
@@ -150,16 +154,16 @@ class BeltTable(Table):
     name: Name
     driver: str
     driven: str
-    driver_radius: Length
-    driven_radius: Length
+    driver_radius: Radius
+    driven_radius: Radius
     pretension: Force
     stiffness: SpanStiffness
     tau: Time | None = None
-    height: Length | None = None
+    height: Height | None = None
 
     def belt(self) -> Belt:
         """Return the belt as a value."""
-        return Belt(self.name, self.driver, self.driven, **_given(self, SCALARS["Belt"]))
+        return Belt(self.name, self.driver, self.driven, **_given(self, names_of("Belt")))
 
 
 class StrokeTable(Table):
@@ -174,7 +178,7 @@ class StrokeTable(Table):
 
     def stroke(self) -> Stroke:
         """Return the stroke as a value."""
-        return Stroke(self.direction.number, **_given(self, SCALARS["Stroke"]))
+        return Stroke(self.direction.number, **_given(self, names_of("Stroke")))
 
 
 def _given(table: Table, fields: tuple[str, ...]) -> dict[str, Any]:

@@ -1,17 +1,14 @@
 """An arm, a campaign and a choice of unknowns, posed as an inverse problem."""
 
-from collections.abc import Iterable, Mapping
-
 import jax
 import numpy as np
 
 from ident.arm.arm import Arm
 from ident.identify.conditions import bind
 from ident.identify.predict import ArmModel
-from ident.identify.unknowns import WEAK_PRIOR, stiffness_parameters
+from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.discrepancy import with_discrepancy
 from ident.inference.parameters import Parameters
-from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign
 
@@ -31,34 +28,18 @@ def arm_problem(arm: Arm, campaign: Campaign, parameters: Parameters) -> Inverse
     )
 
 
-def build_problem(
-    arm: Arm,
-    campaign: Campaign,
-    *,
-    fixed: Iterable[str] = (),
-    tied: Iterable[tuple[str, ...]] = (),
-    free: Mapping[str, float] | None = None,
-    prior_sd: float = WEAK_PRIOR,
-    priors: Mapping[str, Prior] | None = None,
-    discrepancy: Mapping[str, float] | None = None,
-) -> InverseProblem:
+def build_problem(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> InverseProblem:
     """Make the joint stiffnesses, and what else is asked for, unknown; damping where damping ratios were measured.
 
     Args:
         arm: its numbers are starting values and centres of the priors.
         campaign: the measurements.
-        fixed: paths to keep.
-        tied: groups of paths fitted as one number.
-        free: further paths, each with the width of its prior (`math.inf` for none).
-        prior_sd: width of the log-normal priors of stiffness and damping; `math.inf` for none.
-        priors: priors of single parameters by path, in place of those.
-        discrepancy: by kind of measurement, the standard deviation of ln(factor) by which the model may be off.
+        unknowns: what is unknown, and its priors.
 
     Raises:
         InputError: campaign and arm, or the named parameters, do not fit together.
     """
+    unknowns = unknowns or Unknowns()
     damping = any(m.kind == "damping_ratio" for m in campaign)
-    unknown = stiffness_parameters(
-        arm, fixed=fixed, tied=tied, free=free, prior_sd=prior_sd, priors=priors, damping=damping
-    )
-    return with_discrepancy(arm_problem(arm, campaign, unknown), discrepancy or {})
+    parameters = stiffness_parameters(arm, unknowns, damping=damping)
+    return with_discrepancy(arm_problem(arm, campaign, parameters), unknowns.discrepancy)

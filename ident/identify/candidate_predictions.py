@@ -8,18 +8,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.equilibrium import deflection, static_equilibrium
 from ident.arm.labels import AMBIGUOUS, Label, labels_of_shares, torsion_share, vertical_share
 from ident.arm.modes import modes_about
-from ident.identify.conditions import bind
+from ident.errors import ModelError
+from ident.identify.conditions import bind_loads
 from ident.inference.discrepancy import Discrepant
 from ident.inference.parameters import Parameters
 from ident.jit import jit
-from ident.measure import Campaign, Load, Measurement
+from ident.measure import Load
 
 CHUNK = 256
 """Columns (a posture, a load and a theta) that are computed together."""
@@ -52,7 +53,7 @@ class CandidatePredictions:
     gap: Float[np.ndarray, "m G L T"]
 
     @property
-    def stands(self) -> Bool[np.ndarray, "G T"]:
+    def stable(self) -> Bool[np.ndarray, "G T"]:
         """Where the arm has a stable equilibrium under every load."""
         return np.isfinite(self.jacobian).all((0, 1, 3)) & np.isfinite(self.frequency).all((0, 2))
 
@@ -88,15 +89,15 @@ def candidate_predictions(
         InputError: a payload or point that the arm has not.
     """
     shape = len(postures), len(loads), len(points)
-    hung = _hung(arm, loads)
+    load_columns = _load_columns(arm, loads)
     count = min(modes, 3 * len(arm.joints))
     g, s, t = (index.ravel() for index in np.indices(shape))
-    columns = np.concatenate([points.T[:, t], postures.T[:, g], hung[:, s]])
+    columns = np.concatenate([points.T[:, t], postures.T[:, g], load_columns[:, s]])
     missing = -columns.shape[1] % CHUNK
     columns = np.concatenate([columns, np.repeat(columns[:, -1:], missing, 1)], 1)
     values, jacobians = [], []
     for chunk in np.split(columns, columns.shape[1] // CHUNK, 1):
-        seen = _see(arm, parameters, count, jnp.asarray(chunk))
+        seen = _observe(arm, parameters, count, jnp.asarray(chunk))
         values.append(np.asarray(seen[0]))
         jacobians.append(np.asarray(seen[1]))
     size = g.size
@@ -116,15 +117,61 @@ def candidate_predictions(
     )
 
 
-def equivalent_postures(view: CandidatePredictions, favoured: np.ndarray) -> np.ndarray:
+def distinct_predictions(
+    arm: Arm,
+    parameters: Parameters,
+    points: Float[np.ndarray, "T P"],
+    postures: Float[np.ndarray, "G joints"],
+    measured: Float[np.ndarray, "M joints"],
+    loads: tuple[Load, ...],
+    modes: int,
+) -> tuple[CandidatePredictions, Int[np.ndarray, "G"], Bool[np.ndarray, "V"]]:
+    """Compute what an arm would show in one of each group of equivalent postures, where it stands.
+
+    Args:
+        arm: the arm.
+        parameters: the unknowns.
+        points: where they may lie; the first is the best estimate.
+        postures: to choose from, those that were measured among them.
+        measured: postures that stand for those equivalent to them.
+        loads: the load cases.
+        modes: number of frequencies.
+
+    Returns:
+        The predictions; for each posture its place among them, -1 for none; which of them were measured.
+
+    Raises:
+        InputError: a payload or point that the arm has not.
+        ModelError: the arm stands in no posture.
+    """
+    first = candidate_predictions(arm, parameters, points[:2], postures, loads, modes)
+    if not first.stable[:, 0].any():
+        raise ModelError(
+            f"{arm.name} has no stable equilibrium in any of {len(postures)} postures: its bushings are too soft for"
+            " what they carry; check stiffnesses, masses and their units"
+        )
+    stable = np.flatnonzero(first.stable[:, 0])
+    fine = first.at(postures=stable, points=np.asarray(first.stable[stable].all(0)))
+    before = (postures[stable, None] == measured[None]).all(-1).any(1)
+    # where none was measured those of little turning stand for others, to the left rather than the right
+    turning = np.abs(postures[stable]).sum(1) - 1e-6 * postures[stable].sum(1)
+    leader = equivalent_postures(fine, np.where(before, -1.0 / (1.0 + turning), turning))
+    leaders = np.unique(leader)
+    place = np.full(len(postures), -1)
+    place[stable] = np.searchsorted(leaders, leader)
+    predictions = candidate_predictions(arm, parameters, points, postures[stable[leaders]], loads, modes)
+    return predictions, place, np.isin(np.arange(len(leaders)), place[stable[before]])
+
+
+def equivalent_postures(predictions: CandidatePredictions, favoured: np.ndarray) -> np.ndarray:
     """Return for each posture the first one that shows just the same, such as one turned about a vertical axis.
 
     Args:
-        view: what each shows, at points enough to tell postures apart.
-        favoured: (G,) postures of least value stand for their twins.
+        predictions: what each shows, at points enough to tell postures apart.
+        favoured: (G,) postures of least value stand for those equivalent to them.
     """
-    shown = np.concatenate([view.frequency, view.deflection[None], *view.jacobian.swapaxes(0, 1)])
-    shown = np.moveaxis(shown, 1, 0).reshape(len(view.postures), -1)
+    shown = np.concatenate([predictions.frequency, predictions.deflection[None], *predictions.jacobian.swapaxes(0, 1)])
+    shown = np.moveaxis(shown, 1, 0).reshape(len(predictions.postures), -1)
     scale = np.abs(shown).max(0)
     scale = np.maximum(scale, ROUNDING * scale.max())
     mark = (shown / scale) @ np.random.default_rng(0).standard_normal(shown.shape[1])
@@ -138,11 +185,9 @@ def equivalent_postures(view: CandidatePredictions, favoured: np.ndarray) -> np.
     return np.array([leader[int(k)] for k in group])
 
 
-def _hung(arm: Arm, loads: tuple[Load, ...]) -> np.ndarray:
+def _load_columns(arm: Arm, loads: tuple[Load, ...]) -> np.ndarray:
     """Return the load cases as columns, as `_loads_of` takes them apart."""
-    still = (0.0,) * len(arm.driven)
-    rows = [Measurement(kind="frequency", posture=still, load=load, value=1.0, sigma=1.0) for load in loads]
-    bound = bind(arm, Campaign(measurements=tuple(rows))).loads
+    bound = bind_loads(arm, loads)
     parts = [np.asarray(part).reshape(-1, len(loads)) for part in (bound.payload, bound.mass, bound.force)]
     return np.concatenate(parts)
 
@@ -154,21 +199,21 @@ def _loads_of(arm: Arm, columns: Array) -> Loads:
 
 
 @jit
-def _see(
+def _observe(
     arm: Arm, parameters: Parameters, count: int, columns: Float[Array, "n B"]
 ) -> tuple[Float[Array, "R B"], Float[Array, "R P B"]]:
-    """Return frequencies (one more than asked for), deflection and shares of the modes, and the Jacobian by theta."""
+    """Return frequencies (one more than `count`), deflection and shares of the modes, and the Jacobian by theta."""
     unknown, driven = len(parameters.items), len(arm.driven)
-    theta, posture, hung = jnp.split(columns, [unknown, unknown + driven])
+    theta, posture, load_columns = jnp.split(columns, [unknown, unknown + driven])
     m = min(count + 1, 3 * len(arm.joints))
     kinds = ("frequency",) * m + ("deflection",) + ("share",) * (2 * m)
 
     def shown(numbers: Mapping[str, Any]) -> Array:
-        chain = at_posture(arm.replace(numbers), posture, _loads_of(arm, hung))
+        chain = at_posture(arm.replace(numbers), posture, _loads_of(arm, load_columns))
         at = static_equilibrium(chain)
-        found = modes_about(chain, at, m)
+        modes = modes_about(chain, at, m)
         down = -deflection(chain, at.phi)[2, -1:]
-        return jnp.concatenate([found.frequency, down, torsion_share(found), vertical_share(found)])
+        return jnp.concatenate([modes.frequency, down, torsion_share(modes), vertical_share(modes)])
 
     def predict(theta: Array) -> Array:
         return Discrepant(shown, kinds)(parameters.by_path(parameters.values(theta)))

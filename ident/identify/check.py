@@ -1,7 +1,6 @@
 """All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,20 +10,19 @@ from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, contradictory_repeats
 from ident.identify.fit import SUSPICIOUS
 from ident.identify.label_checks import LabelDoubt, label_doubts
-from ident.identify.unknowns import WEAK_PRIOR
+from ident.identify.unknowns import Unknowns
 from ident.inference.consistency import Consistency, consistency
 from ident.inference.identifiability import Check, check
 from ident.measure import Campaign
 
 
-@dataclass(frozen=True)
-class CampaignCheck:
+@dataclass(frozen=True, kw_only=True)
+class CampaignCheck(Check):
     """What a campaign can tell about an arm, before any solving.
 
     Attributes:
         arm: with the numbers of its file.
         campaign: what was measured.
-        check: verdicts, directions, and the part of each measurement.
         consistency: the data among themselves; None where the model has no answer at the start.
         labels: measurements whose mode is not sure.
         repeats: pairs of rows that measured the same and contradict each other; refused unless values are trusted.
@@ -32,7 +30,6 @@ class CampaignCheck:
 
     arm: Arm
     campaign: Campaign
-    check: Check
     consistency: Consistency | None
     labels: tuple[LabelDoubt, ...]
     repeats: tuple[tuple[int, int], ...]
@@ -40,36 +37,40 @@ class CampaignCheck:
     @property
     def contradictory(self) -> bool:
         """Whether one kind of measurement contradicts the others."""
-        found = self.consistency.cross_predictions if self.consistency else ()
-        return any(np.abs(tension.z).max() > SUSPICIOUS for tension in found)
+        compared = self.consistency.cross_predictions if self.consistency else ()
+        return any(np.abs(each.z).max() > SUSPICIOUS for each in compared)
 
 
 def check_campaign(
-    arm: Arm, campaign: Campaign, *, seed: int = 0, trust_values: bool = False, **unknowns: Any
+    arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None, *, seed: int = 0, trust_values: bool = False
 ) -> CampaignCheck:
     """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
 
     Args:
         arm: its stiffnesses are where the model is linearised.
         campaign: the measurements.
-        seed: of the further points that are looked at.
+        unknowns: what is unknown, and its priors.
+        seed: of the further points that are tried.
         trust_values: take values that the arm file makes implausible, and repeats that contradict each other.
-        **unknowns: what is unknown, and its priors, as in `pose`.
 
     Raises:
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
             repeats; a campaign that says nothing of any unknown.
     """
-    problem = build_problem(arm, campaign, **unknowns)
+    problem = build_problem(arm, campaign, unknowns)
     if not trust_values:
         check_values(problem, campaign, arm)
-    found = check(problem, seed=seed)
-    if found.blind:
+    checked = check(problem, seed=seed)
+    if checked.blind:
         got = "no measurement that depends on any of the unknowns"
         remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
         raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
-    # one kind of data alone may leave directions open, so the comparison needs some prior
-    unknowns["prior_sd"] = min(unknowns.get("prior_sd", WEAK_PRIOR), WEAK_PRIOR)
-    agree = consistency(build_problem(arm, campaign, **unknowns))
-    repeats = tuple(contradictory_repeats(campaign))
-    return CampaignCheck(arm, campaign, found, agree, label_doubts(arm, campaign), repeats)
+    agree = consistency(build_problem(arm, campaign, (unknowns or Unknowns()).with_prior))
+    return CampaignCheck(
+        **vars(checked),
+        arm=arm,
+        campaign=campaign,
+        consistency=agree,
+        labels=label_doubts(arm, campaign),
+        repeats=tuple(contradictory_repeats(campaign)),
+    )

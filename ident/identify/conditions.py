@@ -1,6 +1,6 @@
 """A campaign bound to an arm: under which conditions each value was measured, as arrays."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax
@@ -79,7 +79,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     names = [point.name for point in arm.points]
     return Conditions(
         posture=jax.device_put(np.array([posture for posture, _ in states], float).T),
-        loads=_loads(arm, [load for _, load in states]),
+        loads=_columns(arm, [load for _, load in states]),
         frequency=_modal(campaign, "frequency", states),
         damping=_modal(campaign, "damping_ratio", states),
         deflected=tuple(i for i, _ in reads),
@@ -92,32 +92,39 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     )
 
 
+def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
+    """Return load cases as the arm's equations need them, batch (S).
+
+    Raises:
+        InputError: a payload or point that the arm has not.
+    """
+    problems = [problem for load in loads for problem in _unknown_names(arm, load, "", "load")]
+    if problems:
+        raise InputError(problems)
+    return _columns(arm, loads)
+
+
 def loads_of(arm: Arm, load: Load) -> Loads:
     """Return a load case as the arm's equations need it, without batch.
 
     Raises:
         InputError: a payload or point that the arm has not.
     """
-    posture = (0.0,) * len(arm.driven)
-    asked = Measurement(kind="frequency", posture=posture, load=load, value=1.0, sigma=1.0)
-    problems = [problem for problem in _misfits(arm, asked) if problem.column == "load"]
-    if problems:
-        raise InputError(problems)
-    bound = _loads(arm, [load])
+    bound = bind_loads(arm, [load])
     return Loads(bound.payload[:, 0], bound.mass[:, 0], bound.force[:, :, 0])
 
 
 def _modal(campaign: Campaign, kind: str, states: dict[tuple[tuple[float, ...], Load], int]) -> Modal:
-    found = [(i, m, states[m.posture, m.load]) for i, m in enumerate(campaign) if m.kind == kind]
-    labels = [parse_label(m.mode) if m.mode else None for _, m, _ in found]
+    values = [(i, m, states[m.posture, m.load]) for i, m in enumerate(campaign) if m.kind == kind]
+    labels = [parse_label(m.mode) if m.mode else None for _, m, _ in values]
     ordinals = []
-    for (_, m, state), label in zip(found, labels, strict=True):
-        unnamed = sorted(n.value for _, n, other in found if other == state and not n.mode)
+    for (_, m, state), label in zip(values, labels, strict=True):
+        unnamed = sorted(n.value for _, n, other in values if other == state and not n.mode)
         ordinals.append(label.ordinal if label else unnamed.index(m.value) + 1)
-    return Modal(tuple(i for i, _, _ in found), tuple(state for _, _, state in found), tuple(labels), tuple(ordinals))
+    return Modal(tuple(i for i, _, _ in values), tuple(state for _, _, state in values), tuple(labels), tuple(ordinals))
 
 
-def _loads(arm: Arm, cases: list[Load]) -> Loads:
+def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:
     points, payloads = [p.name for p in arm.points], [p.body.name for p in arm.payloads]
     share = np.zeros((len(payloads), len(cases)))
     mass = np.zeros((len(points), len(cases)))
@@ -140,12 +147,7 @@ def _misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
     if m.point is not None and m.point not in points:
         yield _unknown(m.where, "point", m.point, points)
     for column, load in (("load", m.load), ("reference_load", m.reference_load)):
-        for name in (name for _, name in (*load.masses, *load.forces)):
-            if name not in points:
-                yield _unknown(m.where, column, name, points)
-        for name in load.payloads:
-            if name not in (known := [payload.body.name for payload in arm.payloads]):
-                yield _unknown(m.where, column, name, known)
+        yield from _unknown_names(arm, load, m.where, column)
     if m.kind == "damping_ratio" and not m.mode:
         remedy = "name it: damping ratios do not rise with the modes"
         yield Problem(m.where, "a damping ratio without mode", "the label of its mode", remedy, "mode")
@@ -158,6 +160,17 @@ def _misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
             remedy = "name it so, or leave the field empty to match modes in ascending order"
             expected = "a label such as 'vertical bending 1' or 'torsion 2'"
             yield Problem(m.where, f"'{m.mode}'", expected, remedy, "mode")
+
+
+def _unknown_names(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:
+    """Yield what a load case hangs on points, or takes for payloads, that the arm has not."""
+    points, payloads = [point.name for point in arm.points], [payload.body.name for payload in arm.payloads]
+    for name in (name for _, name in (*load.masses, *load.forces)):
+        if name not in points:
+            yield _unknown(where, column, name, points)
+    for name in load.payloads:
+        if name not in payloads:
+            yield _unknown(where, column, name, payloads)
 
 
 def _unknown(where: str, column: str, name: str, known: list[str]) -> Problem:

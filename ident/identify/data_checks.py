@@ -1,4 +1,4 @@
-"""Doubts worth stating: values that no such arm would give, and kinds of data that contradict each other."""
+"""Data checks: values that no such arm would give, and kinds of data that contradict each other."""
 
 import math
 from collections.abc import Iterator
@@ -12,12 +12,12 @@ from ident.arm.arm import Arm
 from ident.errors import InputError, ModelError, Problem
 from ident.identify.conditions import BY_MODE
 from ident.identify.modal_analysis import modal_analysis
-from ident.inference.fit import evaluate
+from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement
 
 PLAUSIBLE = {"frequency": 3.0, "damping_ratio": 100.0, "deflection": 5.0, "deflection_difference": 5.0}
-"""Factor by which a value may differ from what the arm file predicts before it is questioned."""
+"""Factor by which a value may differ from what the arm file predicts before it is refused."""
 
 DISAGREE = 3.0
 """Standard deviations of their difference from which two measurements of the same thing contradict each other."""
@@ -45,7 +45,7 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm) -> None:
         if not 1 / limit < ratio < limit and math.isfinite(ratio):
             hint = "it looks like rad/s written as Hz: " if 0.8 < ratio / (2 * math.pi) < 1.25 else ""
             hint = hint if m.kind == "frequency" else ""
-            remedy = f"{hint}check value and unit, or say that it is right (--trust-values)"
+            remedy = f"{hint}check value and unit, or say that it is right (`trust_values`)"
             got = f"{m.value:.4g} (SI), {ratio:.3g} times what the arm file predicts"
             doubts.append(Problem(m.where, got, f"about {expected:.4g}", remedy, "value"))
     if doubts:
@@ -78,7 +78,7 @@ def _contradictions(campaign: Campaign) -> Iterator[Problem]:
         first, second = campaign.measurements[i], campaign.measurements[j]
         row = first.where.rpartition(":")[2] or str(i + 1)
         got = f"{second.value:.4g} (SI), {_apart(first, second):.2g} sd from row {row}, which measured the same"
-        remedy = "drop the wrong one, widen their sigmas, or say that both are right (--trust-values)"
+        remedy = "drop the wrong one, widen their sigmas, or say that both are right (`trust_values`)"
         yield Problem(second.where, got, f"about {first.value:.4g}", remedy, "value")
 
 
@@ -86,7 +86,7 @@ def _no_such_mode(m: Measurement, arm: Arm) -> Iterator[Problem]:
     """Name the modes that the arm has there; nothing if it has none because it collapses."""
     with suppress(ModelError):
         names = map(str, modal_analysis(arm, m.posture, m.load, 3 * len(arm.joints)).labels)
-        remedy = "correct the label, leave it empty, or say that it is right (--trust-values)"
+        remedy = "correct the label, leave it empty, or say that it is right (`trust_values`)"
         yield Problem(m.where, f"'{m.mode}'", f"a mode of the arm at that posture: {', '.join(names)}", remedy, "mode")
 
 
@@ -96,5 +96,5 @@ def _beyond_limits(m: Measurement, arm: Arm) -> Iterator[Problem]:
         if not low - SLACK <= angle <= high + SLACK:
             got = f"{joint.name} at {math.degrees(angle):.4g} deg"
             expected = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg, its limits in the arm file"
-            remedy = "check the angle and its unit, or say that it is right (--trust-values)"
+            remedy = "check the angle and its unit, or say that it is right (`trust_values`)"
             yield Problem(m.where, got, expected, remedy, "posture")

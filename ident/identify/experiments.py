@@ -1,4 +1,4 @@
-"""What can be done on a visit to an arm, how well, and at what cost: hammer, accelerometers, dial gauge, payload."""
+"""What can be measured on an arm, how well, and at what cost: hammer, accelerometers, dial gauge, payload."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ SIGMA = {"frequency": 0.005, "deflection": 0.02}
 RESOLUTION = 1e-5
 """Standard deviation [m] that a dial gauge has however small the deflection; assumed."""
 COSTS = {"posture": 10.0, "hammer": 10.0, "labels": 10.0, "dial": 10.0, "load": 20.0}
-"""Minutes for each part of a visit; assumed."""
+"""Minutes for each part of an experiment; assumed."""
 PARTS = {
     "posture": "a new posture",
     "hammer": "a hammer test",
@@ -40,7 +40,7 @@ class Instruments:
         modes: frequencies that a hammer test gives, from the lowest.
         loads: the load cases.
         sigma: by kind, the standard deviation as a share of the value.
-        costs: of the parts of a visit, in one unit, see `COSTS`.
+        costs: of the parts of an experiment, in one unit, see `COSTS`.
     """
 
     modes: int = 4
@@ -58,7 +58,7 @@ class Instruments:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One visit: the arm goes to a posture, under a load, and is measured.
+    """The arm goes to a posture, under a load, and is measured.
 
     Attributes:
         place: posture in the `CandidatePredictions`.
@@ -81,94 +81,110 @@ class Experiment:
     def cost(self, costs: Mapping[str, float]) -> float:
         """Return what it costs."""
         parts = {"hammer": self.hammer, "labels": self.labelled, "dial": self.dial, "load": bool(self.load)}
-        return costs["posture"] + sum(costs[part] for part, done in parts.items() if done)
+        return costs["posture"] + sum(costs[part] for part, included in parts.items() if included)
 
 
 WAYS = ((True, False, False), (True, True, False), (False, False, True), (True, False, True), (True, True, True))
-"""What may be done on a visit: hammer, labels, dial."""
+"""What may be done in an experiment: hammer, labels, dial."""
 
 
 def relative_sigma(campaign: Campaign, given: Mapping[str, float] | None = None) -> dict[str, float]:
     """Return the relative standard deviation by kind: as given, or as in the campaign (the median), or as assumed."""
-    found = {}
+    measured = {}
     for kind in SIGMA:
         shares = [m.sigma / abs(m.value) for m in campaign.of_kind(kind) if m.value]
         if shares:
-            found[kind] = float(np.median(shares))
-    return SIGMA | found | dict(given or {})
+            measured[kind] = float(np.median(shares))
+    return SIGMA | measured | dict(given or {})
 
 
-def candidates(view: CandidatePredictions, means: Instruments) -> tuple[tuple[Experiment, ...], Experiments]:
-    """Return all visits, and what each would tell."""
-    rows, counted = row_information(view, means), counted_modes(view)
+def candidate_experiments(
+    predictions: CandidatePredictions, instruments: Instruments
+) -> tuple[tuple[Experiment, ...], Experiments]:
+    """Return all experiments, and what each would tell."""
+    rows, counted = row_information(predictions, instruments), counted_modes(predictions)
     by_way = []
     for hammer, labelled, dial in WAYS:
         modes = (rows[:-1] * counted[int(labelled)][..., None, None]).sum(0)
         by_way.append(modes * hammer + rows[-1] * dial)
-    places = list(product(range(len(view.postures)), range(len(means.loads))))
-    visits = tuple(
-        Experiment(g, s, tuple(map(float, view.postures[g])), means.loads[s], *way) for way in WAYS for g, s in places
+    places = list(product(range(len(predictions.postures)), range(len(instruments.loads))))
+    experiments = tuple(
+        Experiment(g, s, tuple(map(float, predictions.postures[g])), instruments.loads[s], *way)
+        for way in WAYS
+        for g, s in places
     )
     information = np.concatenate([part.reshape(len(places), *part.shape[2:]) for part in by_way])
-    return visits, Experiments(information, np.array([visit.cost(means.costs) for visit in visits]))
+    return experiments, Experiments(
+        information, np.array([experiment.cost(instruments.costs) for experiment in experiments])
+    )
 
 
-def row_information(view: CandidatePredictions, means: Instruments) -> Float[np.ndarray, "r G L T P P"]:
+def row_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T P P"]:
     """Return the Fisher information of each frequency, and last of the deflection."""
-    scaled = np.moveaxis(view.jacobian, 1, -1) / sigmas(view, means)[..., None]
+    scaled = np.moveaxis(predictions.jacobian, 1, -1) / sigmas(predictions, instruments)[..., None]
     return fisher(scaled[..., None, :])
 
 
-def sigmas(view: CandidatePredictions, means: Instruments) -> Float[np.ndarray, "r G L T"]:
+def sigmas(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T"]:
     """Return the standard deviations [SI] that are to be expected."""
-    read = np.hypot(means.sigma["deflection"] * view.deflection, RESOLUTION)
-    return np.concatenate([means.sigma["frequency"] * view.frequency, read[None]])
+    read = np.hypot(instruments.sigma["deflection"] * predictions.deflection, RESOLUTION)
+    return np.concatenate([instruments.sigma["frequency"] * predictions.frequency, read[None]])
 
 
-def counted_modes(view: CandidatePredictions) -> tuple[Bool[np.ndarray, "m G L T"], Bool[np.ndarray, "m G L T"]]:
+def counted_modes(predictions: CandidatePredictions) -> tuple[Bool[np.ndarray, "m G L T"], Bool[np.ndarray, "m G L T"]]:
     """Return which frequencies count without and with a second accelerometer.
 
     Without one, those that no neighbour is so close to that their order is in doubt. With one, those too whose label
     is clear.
     """
-    apart = view.gap >= CLOSE
-    return apart, apart | view.named
+    apart = predictions.gap >= CLOSE
+    return apart, apart | predictions.named
 
 
-def modes_of(view: CandidatePredictions, visit: Experiment) -> list[tuple[Label, bool]]:
-    """Return the modes of a visit with their labels, and whether each counts."""
-    counted = counted_modes(view)[int(visit.labelled)][:, visit.place, visit.case, 0]
-    return list(zip(view.labels(visit.place, visit.case), map(bool, counted), strict=True))
+def modes_of(predictions: CandidatePredictions, experiment: Experiment) -> list[tuple[Label, bool]]:
+    """Return the modes of an experiment with their labels, and whether each counts."""
+    counted = counted_modes(predictions)[int(experiment.labelled)][:, experiment.place, experiment.case, 0]
+    return list(zip(predictions.labels(experiment.place, experiment.case), map(bool, counted), strict=True))
 
 
 def expected_rows(
-    view: CandidatePredictions, means: Instruments, visit: Experiment, point: str
+    predictions: CandidatePredictions, instruments: Instruments, experiment: Experiment, point: str
 ) -> tuple[Measurement, ...]:
-    """Return a visit's measurements with the values that are expected at the first point.
+    """Return an experiment's measurements with the values that are expected at the first point.
 
     All frequencies are there, so that those without label can be matched in ascending order.
 
     Args:
-        view: what the arm would show.
-        means: gives the standard deviations.
-        visit: the visit.
+        predictions: what the arm would show.
+        instruments: gives the standard deviations.
+        experiment: the experiment.
         point: name of the arm's end point.
     """
-    sigma = sigmas(view, means)[:, visit.place, visit.case, 0]
-    clear = view.named[:, visit.place, visit.case, 0]
+    sigma = sigmas(predictions, instruments)[:, experiment.place, experiment.case, 0]
+    clear = predictions.named[:, experiment.place, experiment.case, 0]
     rows = []
-    for i, label in enumerate(view.labels(visit.place, visit.case) if visit.hammer else ()):
-        value = float(view.frequency[i, visit.place, visit.case, 0])
-        mode = str(label) if visit.labelled and clear[i] else None
-        rows.append(_row(visit, "frequency", value, sigma[i], mode=mode))
-    if visit.dial:
-        value = float(view.deflection[visit.place, visit.case, 0])
-        rows.append(_row(visit, "deflection", value, sigma[-1], point=point))
+    for i, label in enumerate(predictions.labels(experiment.place, experiment.case) if experiment.hammer else ()):
+        value = float(predictions.frequency[i, experiment.place, experiment.case, 0])
+        mode = str(label) if experiment.labelled and clear[i] else None
+        rows.append(_row(experiment, "frequency", value, sigma[i], mode=mode))
+    if experiment.dial:
+        value = float(predictions.deflection[experiment.place, experiment.case, 0])
+        rows.append(_row(experiment, "deflection", value, sigma[-1], point=point))
     return tuple(rows)
 
 
-def _row(visit: Experiment, kind: str, value: float, sigma: float, **what: str | None) -> Measurement:
-    return Measurement(kind=kind, posture=visit.posture, load=visit.load, value=value, sigma=float(sigma), **what)  # type: ignore[arg-type]
+def _row(
+    experiment: Experiment, kind: str, value: float, sigma: float, mode: str | None = None, point: str | None = None
+) -> Measurement:
+    return Measurement(
+        kind=kind,
+        posture=experiment.posture,
+        load=experiment.load,
+        value=value,
+        sigma=float(sigma),
+        mode=mode,
+        point=point,
+    )
 
 
 def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float], above: float = -1e-300) -> dict:

@@ -1,15 +1,14 @@
-"""The main job in one call: an arm and a campaign in, a judged fit out."""
+"""The main job in one call: an arm and a campaign in, a fit out, with what speaks against it."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ident.arm.arm import Arm
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values
-from ident.identify.unknowns import WEAK_PRIOR
+from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import CrossPrediction, cross_predictions
 from ident.inference.fit import STARTS, Fit, fit
 from ident.measure import Campaign
@@ -20,83 +19,80 @@ IMPROBABLE = 1e-3
 """Chance of so large a chi-squared below which model or sigmas are called wrong."""
 
 
-@dataclass(frozen=True)
-class CampaignFit:
-    """A fit of an arm to a campaign, with the tension between its kinds of data.
+@dataclass(frozen=True, kw_only=True)
+class CampaignFit(Fit):
+    """A fit of an arm to a campaign, with each kind of data predicted from the others.
 
     Attributes:
         arm: with the numbers of its file.
         campaign: what was measured.
-        fit: the fit.
-        tensions: each kind of measurement against the others.
+        cross_predictions: each kind of measurement against the others.
     """
 
     arm: Arm
     campaign: Campaign
-    fit: Fit
     cross_predictions: tuple[CrossPrediction, ...]
 
     @property
     def contradictory(self) -> bool:
         """Whether one kind of measurement contradicts the others."""
-        return any(np.abs(tension.z).max() > SUSPICIOUS for tension in self.cross_predictions)
+        return any(np.abs(each.z).max() > SUSPICIOUS for each in self.cross_predictions)
 
     @property
     def outliers(self) -> np.ndarray:
         """Which measurements lie more than three sigma from the fit."""
-        return np.abs(self.fit.residuals) > SUSPICIOUS
+        return np.abs(self.residuals) > SUSPICIOUS
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
-        found = {
-            "the gradient does not vanish here, so this is not an optimum": not self.fit.best.converged,
+        reasons = {
+            "the gradient does not vanish here, so this is not an optimum": not self.best.converged,
             "the kinds of measurement contradict each other (see below)": self.contradictory,
             f"{self.outliers.sum()} measurements lie more than 3 sigma from the fit": self.outliers.any(),
-            f"so large a chi-squared has a chance of {self.fit.p_value:.1g}": self.fit.p_value < IMPROBABLE,
+            f"so large a chi-squared has a chance of {self.p_value:.1g}": self.p_value < IMPROBABLE,
         }
-        return tuple(doubt for doubt, holds in found.items() if holds)
+        return tuple(doubt for doubt, holds in reasons.items() if holds)
 
     @property
     def supported(self) -> np.ndarray:
         """Which parameters an interval may be quoted for: none where the fit itself is in doubt."""
-        return self.fit.information.supported & (not self.doubts)
+        return self.information.supported & (not self.doubts)
 
     @property
     def fitted_arm(self) -> Arm:
         """The arm with the fitted numbers in place."""
-        return self.arm.replace(self.fit.parameters)
+        return self.arm.replace(self.parameters)
 
 
 def fit_campaign(
     arm: Arm,
     campaign: Campaign,
+    unknowns: Unknowns | None = None,
     *,
     starts: int = STARTS,
     seed: int = 0,
     trust_values: bool = False,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
-    **unknowns: Any,
 ) -> CampaignFit:
     """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
+        unknowns: what is unknown, and its priors.
         starts: number of starts.
         seed: of the starts.
         trust_values: take values that the arm file makes implausible.
         progress: wraps the numbers of the starts, to show a bar.
-        **unknowns: what is unknown, and its priors, as in `pose`.
 
     Raises:
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
         ModelError: no optimum was reached.
     """
-    problem = build_problem(arm, campaign, **unknowns)
+    problem = build_problem(arm, campaign, unknowns)
     if not trust_values:
         check_values(problem, campaign, arm)
-    found = fit(problem, starts=starts, seed=seed, progress=progress)
-    # one kind of data alone may leave directions open, so the comparison needs some prior
-    unknowns["prior_sd"] = min(unknowns.get("prior_sd", WEAK_PRIOR), WEAK_PRIOR)
-    return CampaignFit(arm, campaign, found, cross_predictions(build_problem(arm, campaign, **unknowns)))
+    best = fit(problem, starts=starts, seed=seed, progress=progress)
+    compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
+    return CampaignFit(**vars(best), arm=arm, campaign=campaign, cross_predictions=cross_predictions(compared))

@@ -20,7 +20,7 @@ from ident.measure import Campaign
 NEAR = 0.05
 """Relative distance of two frequencies below which their order may change in the fit."""
 ALIKE = 3.0
-"""Standard deviations within which two values of different modes look like one mode that was measured twice."""
+"""Standard deviations within which two values of different modes may be of one mode that was measured twice."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class LabelDoubt:
 
 
 def label_doubts(arm: Arm, campaign: Campaign) -> tuple[LabelDoubt, ...]:
-    """Look for measured modes that may be mistaken for others, with the arm as it is.
+    """Find measured modes that may be mistaken for others, with the arm as it is.
 
     A label whose mode is named by a near draw may pick another mode after a small step of the fit. Values without
     label are matched by order, which changes where frequencies cross; and one mode measured twice is taken for two.
@@ -55,13 +55,13 @@ def label_doubts(arm: Arm, campaign: Campaign) -> tuple[LabelDoubt, ...]:
     modal = [m for m in (conditions.frequency, conditions.damping) if m.rows]
     if not modal or not arm.points:
         return ()
-    looks = jax.device_get(_look(arm, conditions))
-    pairs = zip(modal, looks.choice, strict=True)
-    found = [doubt for m, choice in pairs for doubt in _doubts(campaign, m, looks, choice)]
-    return tuple(sorted(found, key=lambda doubt: doubt.row))
+    states = jax.device_get(_modes_of_states(arm, conditions))
+    pairs = zip(modal, states.choice, strict=True)
+    doubts = [doubt for m, choice in pairs for doubt in _doubts(campaign, m, states, choice)]
+    return tuple(sorted(doubts, key=lambda doubt: doubt.row))
 
 
-class _Looks(NamedTuple):
+class _States(NamedTuple):
     """Modes of all states, ascending; whether each is named by a near draw; the choice of each kind of value."""
 
     modes: Any
@@ -70,35 +70,35 @@ class _Looks(NamedTuple):
 
 
 @jit
-def _look(arm: Arm, conditions: Conditions) -> _Looks:
+def _modes_of_states(arm: Arm, conditions: Conditions) -> _States:
     chain = chains(arm, {}, conditions)
-    found = modes_about(chain, static_equilibrium(chain))
-    choice = [mode_choice(m, found) for m in (conditions.frequency, conditions.damping) if m.rows]
-    return _Looks(found, is_ambiguous(found), choice)
+    modes = modes_about(chain, static_equilibrium(chain))
+    choice = [mode_choice(m, modes) for m in (conditions.frequency, conditions.damping) if m.rows]
+    return _States(modes, is_ambiguous(modes), choice)
 
 
-def _doubts(campaign: Campaign, modal: Modal, looks: _Looks, choice: Float[np.ndarray, "m D"]) -> list[LabelDoubt]:
+def _doubts(campaign: Campaign, modal: Modal, states: _States, choice: Float[np.ndarray, "m D"]) -> list[LabelDoubt]:
     matched = np.argmax(choice, 0)
-    found = []
+    doubts = []
     for i, (row, state, label) in enumerate(zip(modal.rows, modal.states, modal.labels, strict=True)):
-        hertz, mode = looks.modes.frequency[:, state], matched[i]
+        hertz, mode = states.modes.frequency[:, state], matched[i]
         if not (choice[:, i].any() and np.isfinite(hertz).all()):
             continue
         beside = [j for j in (mode - 1, mode + 1) if 0 <= j < len(hertz) and _near(hertz[j], hertz[mode])]
         near = [] if label else beside
-        twin = None if label else _twin(campaign, modal, i)
-        drawn = bool(label) and bool(looks.near_draw[mode, state])
-        if near or drawn or twin is not None:
-            names = mode_labels(jax.tree.map(lambda x, s=state: jnp.asarray(x[..., s]), looks.modes))
-            found.append(LabelDoubt(row, names[mode], drawn, tuple(names[j] for j in near), twin))
-    return found
+        other = None if label else _row_alike(campaign, modal, i)
+        drawn = bool(label) and bool(states.near_draw[mode, state])
+        if near or drawn or other is not None:
+            names = mode_labels(jax.tree.map(lambda x, s=state: jnp.asarray(x[..., s]), states.modes))
+            doubts.append(LabelDoubt(row, names[mode], drawn, tuple(names[j] for j in near), other))
+    return doubts
 
 
 def _near(a: float, b: float) -> bool:
     return bool(abs(a - b) < NEAR * min(a, b))
 
 
-def _twin(campaign: Campaign, modal: Modal, i: int) -> int | None:
+def _row_alike(campaign: Campaign, modal: Modal, i: int) -> int | None:
     """Return the row of the first value without label in the same state that is nearly the same."""
     own = campaign.measurements[modal.rows[i]]
     for j, row in enumerate(modal.rows):

@@ -1,8 +1,9 @@
-"""What an arm does at one posture under one load: modes, damping and static deflection."""
+"""What an arm does at one posture under one load: modes, damping and static deflection; and modes along a motion."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import equinox as eqx
@@ -14,20 +15,24 @@ from jaxtyping import Array, Bool, Complex, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.equilibrium import deflection, static_equilibrium
-from ident.arm.labels import Label, is_ambiguous, mode_labels
+from ident.arm.labels import Label, is_ambiguous, mode_labels, torsion_share, vertical_share
+from ident.arm.mechanics import Phi, forward_kinematics, point_positions, unflatten
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
+from ident.arm.modes import modes as lowest_modes
 from ident.errors import InputError, ModelError, Problem
-from ident.identify.conditions import bind
+from ident.identify.conditions import bind_loads
 from ident.jit import jit
-from ident.measure import Campaign, Load, Measurement
+from ident.measure import OWN_WEIGHT, Load
 
+MODES = 4
+"""Modes that are returned, unless another number is asked for."""
 SLACK = 1e-9
 """Angle [rad] by which a posture may pass a joint limit before it is mentioned: rounding."""
 
 
 @dataclass(frozen=True)
 class ModalAnalysis:
-    """An arm held at a posture under a load, surveyed; all arrays are NumPy's.
+    """An arm held at a posture under a load; all arrays are NumPy's.
 
     Attributes:
         arm: the arm.
@@ -51,6 +56,17 @@ class ModalAnalysis:
     deflection: dict[str, Float[np.ndarray, "3"]]
     equilibrium: Float[np.ndarray, "3 N"]
 
+    @cached_property
+    def outline(self) -> tuple[Float[np.ndarray, "3 K"], Float[np.ndarray, "3 K m"]]:
+        """The arm as a line [m] through its bushings to its end point, and that line's displacement by each mode.
+
+        A mode has no amplitude: only the ratios of its displacements mean something.
+        """
+        line, displacement = _outline(
+            self.arm, jnp.asarray(self.posture), jnp.asarray(self.equilibrium), jnp.asarray(self.modes.shape)
+        )
+        return np.asarray(line), np.asarray(displacement)
+
     def beyond_limits(self) -> Iterator[tuple[str, float, tuple[float, float]]]:
         """Yield name, angle and limits [rad] of the joints that are held outside their limits."""
         for joint, angle in zip(self.arm.driven, self.posture, strict=True):
@@ -59,8 +75,44 @@ class ModalAnalysis:
                 yield joint.name, angle, joint.limits
 
 
-def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load, modes: int) -> ModalAnalysis:
-    """Survey an arm at a posture under a load.
+@dataclass(frozen=True)
+class ModesAlongMotion:
+    """The modes of an arm held at postures q = alpha * motion under its own weight, ascending at each.
+
+    Attributes:
+        arm: the arm.
+        motion: (driven,) [-] how far each joint turns with alpha.
+        alpha: (S,) [rad]
+        frequency: (m, S) [Hz]
+        vertical: (m, S) whether a mode moves the end point up and down, rather than sideways.
+        torsion: (m, S) whether it twists the bushings, rather than bends them.
+        ambiguous: (m, S) whether it is named by a near draw.
+    """
+
+    arm: Arm
+    motion: tuple[float, ...]
+    alpha: Float[np.ndarray, "S"]
+    frequency: Float[np.ndarray, "m S"]
+    vertical: Bool[np.ndarray, "m S"]
+    torsion: Bool[np.ndarray, "m S"]
+    ambiguous: Bool[np.ndarray, "m S"]
+
+
+def modes_along_motion(arm: Arm, motion: tuple[float, ...], alpha: Iterable[float]) -> ModesAlongMotion:
+    """Return the modes of an arm held at postures q = alpha * motion, under its own weight.
+
+    Args:
+        arm: the arm.
+        motion: (driven,) [-] how far each joint turns with alpha.
+        alpha: (S,) [rad]
+    """
+    angles = np.asarray(list(alpha), float)
+    parts = _along(arm, jnp.asarray(np.outer(motion, angles)))
+    return ModesAlongMotion(arm, tuple(motion), angles, *(np.asarray(part) for part in parts))
+
+
+def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT, modes: int = MODES) -> ModalAnalysis:
+    """Return what an arm does, held at a posture under a load.
 
     Args:
         arm: the arm.
@@ -79,26 +131,50 @@ def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load, modes: int)
     if not arm.points:
         remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
         raise InputError(Problem(arm.name, "no point", "at least one", remedy))
-    asked = Measurement(kind="frequency", posture=posture, load=load, value=1.0, sigma=1.0)
-    conditions = bind(arm, Campaign("survey", measurements=(asked,)))
-    found = _solve(arm, conditions.posture, conditions.loads)
-    if not np.isfinite(found.modes.frequency).all():
-        raise ModelError(_collapse(arm, asked.posture, load))
-    lowest, ratio = _lowest(found.modes, modes), -found.s.real / jnp.abs(found.s)
+    if not all(map(math.isfinite, posture)):
+        angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
+        raise InputError(Problem("", f"({angles}) deg", "finite angles", "correct the posture", "posture"))
+    posture = tuple(map(float, posture))
+    solution = _solve(arm, jax.device_put(np.array([posture]).T), bind_loads(arm, [load]))
+    if not np.isfinite(solution.modes.frequency).all():
+        raise ModelError(_collapse(arm, posture, load))
+    lowest, ratio = _lowest(solution.modes, modes), -solution.s.real / jnp.abs(solution.s)
     return ModalAnalysis(
         arm=arm,
-        posture=asked.posture,
+        posture=posture,
         load=load,
         modes=jax.device_get(lowest),
         labels=tuple(mode_labels(lowest)),
-        ambiguous=np.asarray(found.ambiguous[:modes]),
+        ambiguous=np.asarray(solution.ambiguous[:modes]),
         damping_ratio=np.asarray(ratio[:modes]),
-        deflection={point.name: np.asarray(found.moved[:, i]) for i, point in enumerate(arm.points)},
-        equilibrium=np.asarray(found.phi),
+        deflection={point.name: np.asarray(solution.moved[:, i]) for i, point in enumerate(arm.points)},
+        equilibrium=np.asarray(solution.phi),
     )
 
 
-class _Found(eqx.Module):
+@jit
+def _outline(
+    arm: Arm, posture: Float[Array, "driven"], phi: Phi, shapes: Float[Array, "n m"]
+) -> tuple[Float[Array, "3 K"], Float[Array, "3 K m"]]:
+    chain = at_posture(arm, posture)
+
+    def line(phi: Phi) -> Array:
+        centres, ends = forward_kinematics(chain, phi).centre, point_positions(chain, phi)[:, -1:]
+        return jnp.concatenate([centres, ends], 1)
+
+    moved = jax.vmap(lambda shape: jax.jvp(line, (phi,), (unflatten(shape),))[1], 1, 2)(shapes)
+    return line(phi), moved
+
+
+@jit
+def _along(
+    arm: Arm, postures: Float[Array, "driven S"]
+) -> tuple[Float[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"]]:
+    along = lowest_modes(at_posture(arm, postures))
+    return along.frequency, vertical_share(along) > 0.5, torsion_share(along) > 0.5, is_ambiguous(along)
+
+
+class _Solution(eqx.Module):
     phi: Float[Array, "3 N"]
     modes: Modes
     ambiguous: Bool[Array, "n"]
@@ -107,13 +183,13 @@ class _Found(eqx.Module):
 
 
 @jit
-def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> _Found:
-    """Compute everything in one compiled function, whatever the number of modes that are asked for."""
+def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> _Solution:
+    """Compute everything in one compiled function, whatever the number of modes."""
     chain = at_posture(arm, posture, loads)
     at = static_equilibrium(chain)
     shapes, s = modes_about(chain, at), damped_eigenvalues(linearize(chain, at))
     parts = at.phi, shapes, is_ambiguous(shapes), s, deflection(chain, at.phi)
-    return _Found(*jax.tree.map(lambda x: x[..., 0], parts))
+    return _Solution(*jax.tree.map(lambda x: x[..., 0], parts))
 
 
 def _lowest(modes: Modes, count: int) -> Modes:

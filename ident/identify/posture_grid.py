@@ -48,6 +48,27 @@ def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[
     return np.clip(np.deg2rad(np.round(np.rad2deg(low + u * (high - low)))), low, high), True
 
 
+def main_joints(postures: Float[np.ndarray, "G joints"], gain: Float[np.ndarray, "G"]) -> list[int]:
+    """Return the one or two joints on whose angle the gain depends most, in their order along the arm.
+
+    By the variance of the gain that is left when all other angles are held, averaged; of a sample that is no grid,
+    by the variance of the means at each angle.
+    """
+    effects = []
+    for joint in range(postures.shape[1]):
+        others = np.delete(postures, joint, 1).round(9)
+        groups = np.unique(others, axis=0, return_inverse=True)[1].ravel()
+        if len(np.unique(groups)) > 0.9 * len(postures) and postures.shape[1] > 1:
+            groups = np.zeros(len(postures), int)
+            tenths = np.digitize(postures[:, joint], np.quantile(postures[:, joint], np.linspace(0, 1, 9)[1:-1]))
+            effects.append(float(np.nanvar([np.nanmean(gain[tenths == k]) for k in np.unique(tenths)])))
+            continue
+        count = np.bincount(groups)
+        level = np.bincount(groups, gain) / count
+        effects.append(float(np.nanmean((gain - level[groups]) ** 2)))
+    return sorted(np.argsort(effects)[::-1][:2].tolist())
+
+
 def _multiples(low: float, high: float, step: float) -> list[float]:
     """Return the multiples of a step between two limits, the middle if there is none; a full turn only once."""
     first, last = math.ceil((low - SLACK) / step), math.floor((high + SLACK) / step)

@@ -79,8 +79,8 @@ def _frequencies(chain: Chain, at: StaticEquilibrium, modal: Modal) -> Float[Arr
         count = max(modal.ordinals)
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         return hertz[np.array(modal.ordinals) - 1, np.array(modal.states)]
-    found = modes_about(chain, at)
-    return _pick(found.frequency, mode_choice(modal, found), modal)
+    modes = modes_about(chain, at)
+    return _pick(modes.frequency, mode_choice(modal, modes), modal)
 
 
 def _damping_ratios(chain: Chain, at: StaticEquilibrium, modal: Modal) -> Float[Array, "D *batch"]:

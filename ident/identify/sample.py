@@ -20,8 +20,8 @@ class CampaignSample:
     Attributes:
         fitted: the fit, arm and campaign with it.
         sample: the draws.
-        predictive: data as the draws about the best optimum have them.
-        weights: shares of the optima; None for a single one, or when they were not asked for and are unknown.
+        posterior_predictive: data as the draws about the best optimum have them.
+        weights: shares of the optima; None for a single one, or where they are unknown.
     """
 
     fitted: CampaignFit
@@ -57,7 +57,7 @@ def sample_campaign(
         settings: how; the threads are chosen here.
         noise: kinds of measurement whose sigma is known up to a factor only.
         weights: weigh several optima against each other, by nested sampling.
-        folder: where checkpoints are kept; None for none.
+        folder: where checkpoints go; None for none.
         provenance: what else must be equal for a checkpoint to be gone on with.
         progress: wraps the numbers of the blocks, to show a bar.
 
@@ -65,12 +65,12 @@ def sample_campaign(
         InputError: see `sample`.
         ModelError: see `sample`.
     """
-    target = posterior(fitted.fit.problem, noise)
+    target = posterior(fitted.problem, noise)
     # damping ratios call LAPACK, which must not run twice at the same time under jax 0.10
-    damped = "damping_ratio" in fitted.fit.problem.kinds
+    damped = "damping_ratio" in fitted.problem.kinds
     settings = replace(settings, threads=1 if damped else min(os.cpu_count() or 1, settings.ensembles))
     if weights:
         check_weighable(target)
-    drawn = sample(fitted.fit, target, settings, folder=folder, provenance=provenance, progress=progress)
+    drawn = sample(fitted, target, settings, folder=folder, provenance=provenance, progress=progress)
     several = len(drawn.basins) > 1
     return CampaignSample(fitted, drawn, posterior_predictive(drawn), weigh(drawn) if several and weights else None)

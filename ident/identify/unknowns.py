@@ -1,16 +1,16 @@
 """Which numbers of an arm are unknown: joint stiffnesses, and what else is freed, with their priors."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
-from ident.arm.arm import DAMPING, STIFFNESS, Arm, stiffness_paths
+from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.fields import DAMPING, field_of
 from ident.errors import InputError, Problem
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.text import did_you_mean
 
-POSITIVE = ("mass", *STIFFNESS, *DAMPING)
-"""Fields that are fitted as logarithms."""
 WEAK_PRIOR = 1.0
 """Default standard deviation of ln(stiffness) about the arm file's value: a factor of 7 each way covers 95 %."""
 LENGTH_SCALE = 0.1
@@ -31,7 +31,7 @@ def parameter(
         arm: gives the value that start and centre default to.
         paths: as in `Arm.get`; several are fitted as one number.
         start: where the fit starts.
-        prior_sd: of ln(value) for masses, stiffnesses and damping, of the value itself in its SI unit otherwise.
+        prior_sd: of ln(value) for what is fitted so (`ident.arm.fields`), else of the value itself in its SI unit.
         centre: the prior's median.
         prior: the prior in place of `centre` and `prior_sd`, for a positive quantity.
 
@@ -39,17 +39,19 @@ def parameter(
         InputError: no such number, a positive quantity whose value is not, or a prior for ln of one of either sign.
     """
     value = next(float(arm.get(path)) for path in paths)
-    positive = all(path.split(".")[1] in POSITIVE for path in paths)
+    positive = all((field := field_of(path)) and field.logarithmic for path in paths)
     flat, start = 0.0, value if start is None else start
     if prior is not None:
         if not positive:
             got = f"a prior on ln({paths[0]}), which may be negative"
-            raise InputError(Problem("", got, "a mass, a stiffness or a damping time", "use --free NAME:WIDTH"))
+            raise InputError(
+                Problem("", got, "a number that is fitted as its logarithm", "free it (`free`) with a width")
+            )
         centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
         flat = math.log(prior.high / prior.low) / 2
     centre = value if centre is None else centre
     if positive and not (start > 0 and centre > 0):
-        remedy = f"give {paths[0]} a positive value in the arm file, or keep it (--fix {paths[0]})"
+        remedy = f"give {paths[0]} a positive value in the arm file, or keep it (`fix`)"
         raise InputError(Problem("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0]))
     if not prior_sd > 0:
         raise InputError(Problem("", f"a prior width of {prior_sd:g}", "a width > 0", "correct it", paths[0]))
@@ -57,34 +59,51 @@ def parameter(
     return Parameter(paths, positive, start, centre, prior_sd / scale, scale, flat)
 
 
-def stiffness_parameters(
-    arm: Arm,
-    *,
-    fixed: Iterable[str] = (),
-    tied: Iterable[tuple[str, ...]] = (),
-    free: Mapping[str, float] | None = None,
-    prior_sd: float = WEAK_PRIOR,
-    priors: Mapping[str, Prior] | None = None,
-    damping: bool = False,
-) -> Parameters:
+@dataclass(frozen=True)
+class Unknowns:
+    """Which numbers of an arm are sought, and what is known of them before the data.
+
+    The stiffnesses of all driven joints' bushings are unknown, and damping where damping ratios were measured.
+
+    Attributes:
+        fixed: paths to keep at the arm's value.
+        tied: groups of paths fitted as one number each.
+        free: further paths with the width of their priors (see `parameter`; `math.inf` for none).
+        prior_sd: width of the log-normal priors of stiffness and damping about the arm's values; `math.inf` for none.
+        priors: priors of single parameters by path, in place of that one.
+        discrepancy: by kind of measurement, the standard deviation of ln(factor) by which the model may be off.
+    """
+
+    fixed: tuple[str, ...] = ()
+    tied: tuple[tuple[str, ...], ...] = ()
+    free: Mapping[str, float] = field(default_factory=dict)
+    prior_sd: float = WEAK_PRIOR
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    discrepancy: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def with_prior(self) -> "Unknowns":
+        """The same with a prior on stiffness: one kind of data alone may leave directions open."""
+        return replace(self, prior_sd=min(self.prior_sd, WEAK_PRIOR))
+
+
+def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping: bool = False) -> Parameters:
     """Make the bushing stiffnesses of all driven joints unknown, and whatever else is asked for.
 
     Args:
         arm: the arm.
-        fixed: paths to keep at the arm's value.
-        tied: groups of paths fitted as one number each.
-        free: further paths with the width of their priors (see `parameter`; `math.inf` for none).
-        prior_sd: width of the stiffnesses' log-normal priors about the arm's values; `math.inf` for none.
-        priors: priors of single parameters by path, in place of that one.
+        unknowns: what else is unknown, and what is known of it.
         damping: whether damping per stiffness is unknown as well: one number for all bending, one for all torsion.
 
     Raises:
         InputError: a path that the arm has not, one that is named twice, or nothing left to fit.
     """
+    unknowns = unknowns or Unknowns()
+    prior_sd = unknowns.prior_sd
     undriven = {joint.name for joint in arm.joints if not joint.driven}
     widths = {path: prior_sd for path in stiffness_paths(arm) if path.split(".")[0] not in undriven}
-    widths |= dict(free or {})
-    fixed, groups = tuple(fixed), [tuple(group) for group in tied]
+    widths |= unknowns.free
+    fixed, groups = tuple(unknowns.fixed), [tuple(group) for group in unknowns.tied]
     taken = [*fixed, *(path for group in groups for path in group)]
     for path in (*widths, *taken):
         arm.get(path)
@@ -101,13 +120,12 @@ def stiffness_parameters(
             raise InputError(Problem("", got, "at least one unknown among them", remedy))
     if not unknown:
         raise InputError(Problem("", "no unknown", "at least one", "fix fewer parameters"))
-    own = dict(priors or {})
-    for path in own:
+    for path in unknowns.priors:
         if not any(path in group for group in unknown):
             known = [path for group in unknown for path in group]
             remedy = did_you_mean(path, known, "free it, or drop its prior")
             raise InputError(Problem("", f"a prior for {path}, which is not fitted", "an unknown", remedy))
-    return Parameters(tuple(_in_group(arm, group, widths, own) for group in unknown))
+    return Parameters(tuple(_in_group(arm, group, widths, unknowns.priors) for group in unknown))
 
 
 def _in_group(arm: Arm, group: tuple[str, ...], widths: Mapping[str, float], priors: Mapping[str, Prior]) -> Parameter:

@@ -1,19 +1,17 @@
-"""Chains on disk as they grow: one file a block, each written whole or not at all."""
+"""Chains on disk as they grow: one item of a store a block."""
 
-import json
+import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from pathlib import Path
-from zipfile import BadZipFile
+from dataclasses import dataclass
+from importlib.metadata import version
 
+import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float, Int, UInt
 
-from ident.errors import InputError, Problem
-from ident.files import replace_file
-from ident.text import one_line
-
-IDENTITY = "run.json"
+from ident.inference.posterior import Posterior
+from ident.store import Store
 
 
 @dataclass(frozen=True)
@@ -37,81 +35,35 @@ class Block:
     deviates: Float[np.ndarray, "ensembles"]
 
 
-class Checkpoints:
-    """The blocks of one run in a folder of its own.
-
-    A run killed at any moment leaves whole blocks only, and goes on from the last one.
-    """
-
-    def __init__(self, folder: Path | None, identity: Mapping[str, str]):
-        """Claim the folder for a run of this identity; None to keep nothing.
-
-        Raises:
-            InputError: the folder holds another run, or can't be written to.
-        """
-        self.folder = folder
-        if folder is not None:
-            claim(folder, identity)
-
-    def read(self) -> list[Block]:
-        """Return the blocks that are there, in order, up to the first that is missing or broken."""
-        blocks: list[Block] = []
-        while self.folder and (file := self._file(len(blocks))).exists():
-            try:
-                with np.load(file, allow_pickle=False) as kept:
-                    blocks.append(Block(**{f.name: kept[f.name] for f in fields(Block)}))
-            except (OSError, ValueError, KeyError, EOFError, BadZipFile):
-                break
-        return blocks
-
-    def write(self, number: int, block: Block) -> None:
-        """Keep a block.
-
-        Raises:
-            InputError: it can't be written; the blocks before are untouched.
-        """
-        if self.folder:
-            arrays = {f.name: getattr(block, f.name) for f in fields(Block)}
-            replace_file(self._file(number), lambda out: np.savez(out, **arrays))
-
-    @staticmethod
-    def discard(folder: Path) -> None:
-        """Remove the checkpoints in a folder, and the folder if nothing else is in it."""
-        if (folder / IDENTITY).exists():
-            for file in [*folder.glob("block*.npz"), *folder.glob(".ident-*.part"), folder / IDENTITY]:
-                file.unlink(missing_ok=True)
-            if not any(folder.iterdir()):
-                folder.rmdir()
-
-    def _file(self, number: int) -> Path:
-        assert self.folder is not None
-        return self.folder / f"block{number:05d}.npz"
+def read_blocks(store: Store) -> list[Block]:
+    """Return the blocks that are there, in order, up to the first that is missing or damaged."""
+    blocks: list[Block] = []
+    while isinstance(block := store.read(_name(len(blocks))), Block):
+        blocks.append(block)
+    return blocks
 
 
-def claim(folder: Path, identity: Mapping[str, str]) -> None:
-    """Claim a folder for the unfinished run of an identity.
+def write_block(store: Store, number: int, block: Block) -> None:
+    """Keep a block.
 
     Raises:
-        InputError: the folder holds another run, or can't be written to.
+        InputError: it can't be written; the blocks before are untouched.
     """
-    file = folder / IDENTITY
-    if file.exists():
-        _compare(folder, _read_identity(file), identity)
-    else:
-        text = json.dumps(dict(identity), indent=1, sort_keys=True)
-        replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
+    store.write(_name(number), block)
 
 
-def _read_identity(file: Path) -> dict[str, str]:
-    try:
-        return dict(json.loads(file.read_text("utf-8")))
-    except (OSError, ValueError, TypeError):
-        return {}
+def identity(posterior: Posterior, settings: Mapping[str, object]) -> dict[str, str]:
+    """Name what a chain depends on: the posterior, settings by name, and the libraries."""
+    numbers = hashlib.sha256()
+    for leaf in jax.tree.leaves(eqx.filter(posterior, eqx.is_array)):
+        numbers.update(np.asarray(leaf).tobytes())
+    return {
+        "set of unknowns": ", ".join("=".join(item.paths) for item in posterior.parameters.items),
+        "set of numbers (data, priors, arm)": numbers.hexdigest(),
+        **{name: str(value) for name, value in settings.items()},
+        **{f"version of {name}": version(name) for name in ("emcee", "jax", "ident")},
+    }
 
 
-def _compare(folder: Path, found: Mapping[str, str], wanted: Mapping[str, str]) -> None:
-    other = [name for name in wanted if found.get(name) != wanted[name]]
-    if other:
-        got = f"the checkpoints of a run with another {', another '.join(other)}"
-        remedy = "take the inputs and options of that run, or begin anew (--restart), or choose another folder (--out)"
-        raise InputError(Problem(one_line(str(folder)), got, "those of this run", remedy))
+def _name(number: int) -> str:
+    return f"block{number:05d}"

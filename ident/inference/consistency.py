@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 from scipy.special import chdtrc
 
 from ident.inference.cross_prediction import CrossPrediction
-from ident.inference.fit import evaluate
 from ident.inference.information import RANK_TOLERANCE
+from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
 
 COARSE = 0.3
@@ -38,8 +38,8 @@ class Consistency:
     @property
     def p_value(self) -> float:
         """Chance of a larger chi-squared if all is right; NaN without degrees of freedom or a straight line."""
-        judged = self.degrees_of_freedom > 0 and self.bend < STRAIGHT
-        return float(chdtrc(self.degrees_of_freedom, self.chi_squared)) if judged else np.nan
+        meaningful = self.degrees_of_freedom > 0 and self.bend < STRAIGHT
+        return float(chdtrc(self.degrees_of_freedom, self.chi_squared)) if meaningful else np.nan
 
 
 def consistency(problem: InverseProblem) -> Consistency | None:
@@ -49,7 +49,7 @@ def consistency(problem: InverseProblem) -> Consistency | None:
     frequencies and deflections nearly are; other values, and those whose sign is not sure, as they stand. One step
     leads to the parameters that the data ask for. There the model is evaluated once, and every sigma is widened by
     what the straight line was off, so that a bad start makes the test weaker, not wrong. There is no second step:
-    what a full fit to the other kinds says (`judge.cross_predictions`) may differ, and decides.
+    what a full fit to the other kinds says (`cross_predictions`) may differ, and decides.
 
     Returns:
         None where the model has no answer at the start.
@@ -59,8 +59,8 @@ def consistency(problem: InverseProblem) -> Consistency | None:
         return None
     answer, bend = _widened(problem, line, np.ones(len(line.value), bool))
     kinds = sorted({k for k, s in zip(problem.kinds, line.sigma, strict=True) if np.isfinite(s)})
-    found = [_cross_prediction(problem, line, kind) for kind in kinds] if len(kinds) > 1 else []
-    return Consistency(answer.chi_squared, answer.degrees_of_freedom, bend, tuple(t for t in found if t))
+    predicted = [_cross_prediction(problem, line, kind) for kind in kinds] if len(kinds) > 1 else []
+    return Consistency(answer.chi_squared, answer.degrees_of_freedom, bend, tuple(t for t in predicted if t))
 
 
 class _Line(NamedTuple):
@@ -118,17 +118,17 @@ def _line(problem: InverseProblem) -> _Line:
     return _Line(start, value, measured, sigma, power, slope, prior)
 
 
-def _widened(problem: InverseProblem, line: _Line, kept: np.ndarray) -> tuple[_Answer, float]:
-    """Return the answer of the kept values, sigmas widened by the error of the line, and that error in sigma."""
+def _widened(problem: InverseProblem, line: _Line, fitted: np.ndarray) -> tuple[_Answer, float]:
+    """Return the answer of the fitted values, sigmas widened by the error of the line, and that error in sigma."""
     spread = line.sigma / line.scale(line.measured)
-    first = _answer(line, kept, spread)
+    first = _answer(line, fitted, spread)
     there = np.asarray(evaluate(problem, jnp.asarray(line.start + first.step)).predicted)
     error = np.abs(line.moved(there) - line.slope @ first.step)
-    return _answer(line, kept, np.hypot(spread, np.nan_to_num(error, nan=np.inf))), float((error / spread).max())
+    return _answer(line, fitted, np.hypot(spread, np.nan_to_num(error, nan=np.inf))), float((error / spread).max())
 
 
-def _answer(line: _Line, kept: np.ndarray, spread: Float[np.ndarray, "D"]) -> _Answer:
-    weight = np.where(kept, 1 / spread, 0.0)
+def _answer(line: _Line, fitted: np.ndarray, spread: Float[np.ndarray, "D"]) -> _Answer:
+    weight = np.where(fitted, 1 / spread, 0.0)
     residual, prior_slope = line.prior
     A = np.vstack([line.slope * weight[:, None], np.diag(prior_slope)])
     b = np.concatenate([line.moved(line.measured) * weight, -residual])

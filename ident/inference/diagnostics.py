@@ -51,9 +51,11 @@ class Diagnosis:
 
     def more_steps(self, target: float) -> int:
         """Estimate how many steps more are needed."""
-        kept = self.steps - self.burn_in
-        needed = max(LONG_ENOUGH * self.tau.max(), kept * target / self.bulk.min(), 0.0 if self.mixed else 2.0 * kept)
-        return max(0, math.ceil(needed - kept))
+        counted = self.steps - self.burn_in
+        needed = max(
+            LONG_ENOUGH * self.tau.max(), counted * target / self.bulk.min(), 0.0 if self.mixed else 2.0 * counted
+        )
+        return max(0, math.ceil(needed - counted))
 
 
 def diagnose(theta: Float[np.ndarray, "steps ensembles walkers P"]) -> Diagnosis:

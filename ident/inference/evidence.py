@@ -63,14 +63,14 @@ def weigh(sample: Sample) -> Weights:
     rng = np.random.default_rng(sample.settings.seed)
     sampler = dynesty.NestedSampler(log_likelihood, from_cube, len(parameters.items), nlive=LIVE, rstate=rng)
     sampler.run_nested(print_progress=False)
-    found = sampler.results
-    nearest, count = _nearest(sample, found.samples), len(sample.basins)
-    share = np.bincount(nearest, found.importance_weights(), count)
-    again = []
+    run = sampler.results
+    nearest, count = _nearest(sample, run.samples), len(sample.basins)
+    share = np.bincount(nearest, run.importance_weights(), count)
+    resampled = []
     for _ in range(RESAMPLED):
-        other, which = dynesty.utils.resample_run(found, rng, return_idx=True)
-        again.append(np.bincount(nearest[which], other.importance_weights(), count))
-    return Weights(share, np.std(again, axis=0), float(found.logz[-1]))
+        other, which = dynesty.utils.resample_run(run, rng, return_idx=True)
+        resampled.append(np.bincount(nearest[which], other.importance_weights(), count))
+    return Weights(share, np.std(resampled, axis=0), float(run.logz[-1]))
 
 
 def check_weighable(posterior: Posterior) -> None:
@@ -82,7 +82,7 @@ def check_weighable(posterior: Posterior) -> None:
     parameters = posterior.parameters
     if not parameters.proper.all():
         names = ", ".join(np.array(parameters.names)[~parameters.proper])
-        remedy = "give it (--prior), or leave the optima unweighed"
+        remedy = "give it (`prior`), or leave the optima unweighed"
         raise InputError(Problem("", f"no prior for {names}", "a prior for each unknown", remedy))
 
 

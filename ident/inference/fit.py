@@ -1,21 +1,15 @@
-"""Fit parameters to a campaign: least squares from several starts, with all that is needed to judge the answer."""
+"""Fit parameters to a campaign: least squares from several starts, and how far the answer can be trusted."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from ident.errors import ModelError
 from ident.inference.information import RANK_TOLERANCE, Information, half_width, information
-from ident.inference.parameters import AnyArray
+from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.problem import InverseProblem
-from ident.jit import jit
 
 STARTS = 16
 """Starts tried at least, the given one among them."""
@@ -26,9 +20,6 @@ SPREAD = 1.0
 """Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
 SAME = 1e-3
 """Ends nearer to each other than this, in standard deviations of the data or of theta, are one optimum."""
-MAX_STEPS = 200
-STATIONARY = 1e-6
-"""Gradient of the cost, relative to one plus the cost, below which a point is an optimum."""
 
 
 @dataclass(frozen=True)
@@ -159,65 +150,6 @@ def fit(
     known = information(scaled, _prior_sd(problem), problem.parameters.names)
     ended = sum(optimum.starts for optimum in optima)
     return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known)
-
-
-def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None) -> "End":
-    """Return predictions and their Jacobian at theta, or else at the parameters' starting values.
-
-    It is a fit without data and prior, so that what was compiled for the fit serves here as well.
-    """
-    blank = eqx.tree_at(lambda p: p.sigma, problem, np.full_like(problem.sigma, np.inf))
-    start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
-    free = tuple(
-        eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
-        for item in problem.parameters.items
-    )
-    return solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
-
-
-class End(NamedTuple):
-    """Where one start ended: theta, sum of squares and its gradient, predictions and their Jacobian."""
-
-    theta: Any
-    cost: Any
-    gradient: Any
-    predicted: Any
-    jacobian: Any
-
-    @property
-    def converged(self) -> bool:
-        """Whether the gradient vanishes."""
-        return bool(np.abs(self.gradient).max() < STATIONARY * (1 + self.cost))
-
-
-@jit
-def solve(problem: InverseProblem, start: Float[AnyArray, "P"]) -> End:
-    """Run Levenberg-Marquardt from one start; the cost is NaN where the model has no answer.
-
-    The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
-    affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
-    """
-
-    def affine(theta: Array, problem: InverseProblem) -> Any:
-        here = jax.lax.stop_gradient(theta)
-        predicted, J = _with_jacobian(problem, here)
-        residuals, slope = problem.weigh(predicted, J, here)
-        end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J)
-        return residuals + slope @ (theta - here), end
-
-    solver: Any = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
-    found: Any = optx.least_squares(affine, solver, start, args=problem, max_steps=MAX_STEPS, throw=False, has_aux=True)
-    return found.state.aux  # of the last accepted step; `found.aux` is one step behind in optimistix 0.1
-
-
-@jit
-def _with_jacobian(problem: InverseProblem, theta: Array) -> tuple[Array, Array]:
-    """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
-
-    def along(direction: Array) -> tuple[Array, Array]:
-        return jax.jvp(problem.predict, (theta,), (direction,))
-
-    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(theta.shape[0]))
 
 
 def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:

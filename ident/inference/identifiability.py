@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ident.inference.fit import evaluate
 from ident.inference.information import Information, information
+from ident.inference.least_squares import evaluate
 from ident.inference.leverage import Leverage, leverage_of
 from ident.inference.problem import InverseProblem
 
@@ -33,7 +33,7 @@ class Check:
         missing: (D,) which values the model has no answer for, or no derivative of, at the starting values.
         data_sd: (points, P) standard deviation in theta by the data alone, the starting values first.
         supported: (points, P) whether each parameter is identifiable there.
-        asked: number of points tried, the starting values among them; those without an answer are not in `data_sd`.
+        tried: number of points tried, the starting values among them; those without an answer are not in `data_sd`.
     """
 
     problem: InverseProblem
@@ -43,7 +43,7 @@ class Check:
     missing: Bool[np.ndarray, "D"]
     data_sd: Float[np.ndarray, "points P"]
     supported: Bool[np.ndarray, "points P"]
-    asked: int
+    tried: int
 
     @property
     def answered(self) -> int:
@@ -57,10 +57,10 @@ class Check:
 
 
 def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPREAD, seed: int = 0) -> Check:
-    """Judge from predictions and their Jacobian what the data can tell; nothing is fitted, no measured value used.
+    """Tell from predictions and their Jacobian what the data determine; nothing is fitted, no measured value used.
 
     The Jacobian at one point may mislead: a derivative may vanish there by symmetry, or two modes trade places nearby.
-    So it is looked at in several, and the verdict holds for all of them, as the truth may be any:
+    So it is evaluated at several, and the verdict holds for all of them, as the truth may be any:
 
     - `identifiable`: at every point the data alone give theta a standard deviation below `information.WEAK_ABOVE`;
     - `not seen`: at no point does any value depend on it;
@@ -73,31 +73,31 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
         spread: standard deviation in theta of the points about the starting values, at most.
         seed: of the points.
     """
-    known = problem.parameters
-    start = np.asarray(known.theta(known.column("start")))
-    width = np.minimum(known.normal_sd, spread)
+    parameters = problem.parameters
+    start = np.asarray(parameters.theta(parameters.column("start")))
+    width = np.minimum(parameters.normal_sd, spread)
     noise = np.random.default_rng(seed).standard_normal((points, len(start))) * width
-    looks = [_look(problem, theta) for theta in (start, *(start + noise))]
-    answers = [J for J, missing in looks if not missing.any()]
-    found = [information(J, np.full(len(start), np.inf), known.names) for J in answers]
-    here, missing = looks[0]
+    evaluated = [_scaled_jacobian(problem, theta) for theta in (start, *(start + noise))]
+    answers = [J for J, missing in evaluated if not missing.any()]
+    known = [information(J, np.full(len(start), np.inf), parameters.names) for J in answers]
+    here, missing = evaluated[0]
     blank = bool(missing.any())
-    sd = np.array([each.data_sd for each in found]).reshape(-1, len(start))
-    supported = np.array([each.supported for each in found], bool).reshape(-1, len(start))
-    unknown = blank or 2 * len(answers) < len(looks)
+    sd = np.array([each.data_sd for each in known]).reshape(-1, len(start))
+    supported = np.array([each.supported for each in known], bool).reshape(-1, len(start))
+    unknown = blank or 2 * len(answers) < len(evaluated)
     return Check(
         problem,
         tuple("unknown" for _ in start) if unknown else _verdicts(np.array(answers), supported),
-        None if blank else found[0],
-        None if blank else leverage_of(here, known.names),
+        None if blank else known[0],
+        None if blank else leverage_of(here, parameters.names),
         missing,
         sd,
         supported,
-        len(looks),
+        len(evaluated),
     )
 
 
-def _look(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> tuple[np.ndarray, np.ndarray]:
+def _scaled_jacobian(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> tuple[np.ndarray, np.ndarray]:
     """Return d(predicted / sigma)/d(theta), and which values are fitted but have no answer."""
     end, sigma = evaluate(problem, jnp.asarray(theta)), np.asarray(problem.sigma)
     J, fitted = np.asarray(end.jacobian), np.isfinite(sigma)

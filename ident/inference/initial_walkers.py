@@ -6,17 +6,18 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import ModelError
-from ident.inference.fit import Optimum, solve
+from ident.inference.fit import Optimum
+from ident.inference.least_squares import solve
 from ident.inference.posterior import Posterior, evaluate
 from ident.inference.problem import InverseProblem
 
 TRIES = 20
 """Rounds of drawing until the model has an answer at enough points."""
 NARROW = 0.1
-"""Spread of the noise scales' starting points, in widths of their priors."""
+"""Spread of the noise scales of initial walkers, in widths of their priors."""
 
 
-def starting_points(
+def initial_walkers(
     posterior: Posterior, optimum: Optimum, count: int, rng: np.random.Generator, batch: int
 ) -> Float[np.ndarray, "count P"]:
     """Draw points about an optimum by fitting it again and again to perturbed data and priors.
@@ -38,14 +39,14 @@ def starting_points(
     References:
         Bardsley, Solonen, Haario, Laine, "Randomize-then-optimize", SIAM J. Sci. Comput. 36(4), 2014.
     """
-    found = np.zeros((0, len(posterior.parameters.items)))
+    walkers = np.zeros((0, len(posterior.parameters.items)))
     for _ in range(TRIES):
-        more = np.array([_point(posterior, optimum, rng) for _ in range(count)])
-        more = more[np.isfinite(more).all(1)]
-        if len(more):
-            found = np.concatenate([found, more[np.isfinite(evaluate(posterior, more, batch).log_density)]])
-        if len(found) >= count:
-            return found[:count]
+        points = np.array([_point(posterior, optimum, rng) for _ in range(count)])
+        points = points[np.isfinite(points).all(1)]
+        if len(points):
+            walkers = np.concatenate([walkers, points[np.isfinite(evaluate(posterior, points, batch).log_density)]])
+        if len(walkers) >= count:
+            return walkers[:count]
     raise ModelError("no points to start the sampler from: the model has no answer about the optimum")
 
 

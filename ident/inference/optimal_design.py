@@ -1,4 +1,4 @@
-"""What to measure next: the visits that tell most for their cost, for any model whose predictions have a Jacobian.
+"""What to measure next: the experiments that tell most for their cost, for any model whose predictions have a Jacobian.
 
 The gains are those of the linear-Gaussian model. With C and C' the covariance of theta before and after,
 
@@ -35,7 +35,7 @@ Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Experiments:
-    """What could be measured: each visit is a set of values that are taken together, and paid together.
+    """What could be measured: each experiment is a set of values that are taken together, and paid together.
 
     Attributes:
         information: (C, T, P, P) what each would add at each point of `PriorInformation`.
@@ -47,30 +47,31 @@ class Experiments:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.cost).all() and (self.cost > 0).all()):
-            raise InputError(Problem("", f"a visit that costs {self.cost.min():g}", "a cost > 0", "raise its costs"))
+            got = f"an experiment that costs {self.cost.min():g}"
+            raise InputError(Problem("", got, "a cost > 0", "raise its costs"))
 
     def __len__(self) -> int:
         return len(self.cost)
 
 
 def bundle(scaled: Float[np.ndarray, "T D P"], rows: Sequence[Sequence[int]], cost: Sequence[float]) -> Experiments:
-    """Return the visits that take these rows of a scaled Jacobian (`scaled_jacobians`) together."""
+    """Return the experiments that take these rows of a scaled Jacobian (`scaled_jacobians`) together."""
     return Experiments(np.stack([fisher(scaled[:, list(own)]) for own in rows]), np.asarray(cost, float))
 
 
 @dataclass(frozen=True)
 class Step:
-    """One visit of a batch, after those before it.
+    """One experiment of a batch, after those before it.
 
     Attributes:
-        visit: its place among the candidates.
+        experiment: its place among the candidates.
         cost: what it costs.
         nats: () [nat] mean information gain, whatever the criterion.
         gain: () what the criterion says.
         sd: (T, P) standard deviation of each theta after it, at each point.
     """
 
-    visit: int
+    experiment: int
     cost: float
     nats: float
     gain: float
@@ -102,23 +103,23 @@ def variance_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return (sds(before) ** 2 - sds(after) ** 2).mean(-1)
 
 
-def gains(known: PriorInformation, visits: Experiments, gain: Gain) -> Float[np.ndarray, "C"]:
-    """Return what each visit alone would gain, averaged over the points."""
-    return _gains(known.information, visits, gain)
+def gains(known: PriorInformation, experiments: Experiments, gain: Gain) -> Float[np.ndarray, "C"]:
+    """Return what each experiment alone would gain, averaged over the points."""
+    return _gains(known.information, experiments, gain)
 
 
 def greedy(
-    known: PriorInformation, visits: Experiments, count: int, gain: Gain = information_gain, *, target: float = 0.0
+    known: PriorInformation, experiments: Experiments, count: int, gain: Gain = information_gain, *, target: float = 0.0
 ) -> tuple[Step, ...]:
-    """Choose visits one by one, each the one with most gain per cost after those before it; none is barred twice.
+    """Choose experiments one by one, each the one with most gain per cost after those before it; none is barred twice.
 
     At equal costs the information gain of the batch is at least 1 - 1/e (63 %) of what the best one of its size has,
     as ln det is submodular; in practice it is within a few percent.
 
     Args:
         known: what is known now.
-        visits: what could be measured.
-        count: visits at most.
+        experiments: what could be measured.
+        count: experiments at most.
         gain: what they are chosen for, see `criterion`.
         target: stop as soon as every standard deviation at the first point is below; 0 to take all.
 
@@ -129,18 +130,18 @@ def greedy(
     steps: list[Step] = []
     information = known.information
     while len(steps) < count and not (sds(information[0]) < target).all():
-        per_cost = _gains(information, visits, gain) / visits.cost
+        per_cost = _gains(information, experiments, gain) / experiments.cost
         best = int(np.argmax(per_cost))
-        after = information + visits.information[best]
+        after = information + experiments.information[best]
         nats = float(information_gain(information, after).mean())
-        cost = float(visits.cost[best])
+        cost = float(experiments.cost[best])
         steps.append(Step(best, cost, nats, float(per_cost[best]) * cost, sds(after)))
         information = after
     return tuple(steps)
 
 
-def fewest(known: PriorInformation, visits: Experiments, target: float, most: int = 4) -> tuple[int, ...] | None:
-    """Search all sets of 1, 2, ... different visits for the smallest that brings all sds below a target.
+def fewest(known: PriorInformation, experiments: Experiments, target: float, most: int = 4) -> tuple[int, ...] | None:
+    """Search all sets of 1, 2, ... different experiments for the smallest that brings all sds below a target.
 
     The sds are those at the first point. Of the sets of that size it is the one whose largest sd is smallest; None if
     `most` do not suffice.
@@ -150,8 +151,8 @@ def fewest(known: PriorInformation, visits: Experiments, target: float, most: in
     """
     for size in range(1, most + 1):
         worst, chosen = np.inf, None
-        for sets in _chunks(len(visits), size):
-            after = known.information[0] + visits.information[sets, 0].sum(1)
+        for sets in _chunks(len(experiments), size):
+            after = known.information[0] + experiments.information[sets, 0].sum(1)
             largest = sds(after).max(-1)
             if largest.min() < worst:
                 worst, chosen = float(largest.min()), sets[int(np.argmin(largest))]
@@ -160,15 +161,15 @@ def fewest(known: PriorInformation, visits: Experiments, target: float, most: in
     return None
 
 
-def _gains(information: np.ndarray, visits: Experiments, gain: Gain) -> np.ndarray:
-    return gain(information, information + visits.information).mean(-1)
+def _gains(information: np.ndarray, experiments: Experiments, gain: Gain) -> np.ndarray:
+    return gain(information, information + experiments.information).mean(-1)
 
 
 def _chunks(count: int, size: int) -> Iterator[np.ndarray]:
     number = int(np.prod([(count - i) / (i + 1) for i in range(size)]))
     if number > MOST:
-        remedy = "search among fewer visits, or choose greedily"
-        raise InputError(Problem("", f"{number} sets of {size} visits", f"{MOST} at most", remedy))
+        remedy = "search among fewer experiments, or choose greedily"
+        raise InputError(Problem("", f"{number} sets of {size} experiments", f"{MOST} at most", remedy))
     sets = combinations(range(count), size)
     while chunk := list(islice(sets, TOGETHER)):
         yield np.array(chunk)

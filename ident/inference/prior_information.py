@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from ident.inference.fit import Fit, evaluate
+from ident.inference.fit import Fit
+from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameters
 from ident.inference.problem import InverseProblem
 
@@ -39,9 +40,9 @@ class PriorInformation:
         """Standard deviation of each theta at each point."""
         return sds(self.information)
 
-    def at(self, kept: np.ndarray) -> "PriorInformation":
+    def at(self, chosen: np.ndarray) -> "PriorInformation":
         """Return what is known at some of the points."""
-        return PriorInformation(self.names, self.points[kept], self.information[kept])
+        return PriorInformation(self.names, self.points[chosen], self.information[chosen])
 
 
 def sds(information: Float[np.ndarray, "*batch P P"]) -> Float[np.ndarray, "*batch P"]:
@@ -49,7 +50,7 @@ def sds(information: Float[np.ndarray, "*batch P P"]) -> Float[np.ndarray, "*bat
     return np.sqrt(np.diagonal(np.linalg.inv(information), axis1=-2, axis2=-1))
 
 
-def prior_knowledge(parameters: Parameters, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
+def prior_information(parameters: Parameters, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
     """Return what the priors say before anything is measured; see `_normal_prior`."""
     centre, sd = _normal_prior(parameters)
     information = np.diag(1 / sd**2)
@@ -57,14 +58,14 @@ def prior_knowledge(parameters: Parameters, *, draws: int = DRAWS, seed: int = 0
     return PriorInformation(parameters.names, points, np.repeat(information[None], len(points), 0))
 
 
-def fitted_knowledge(found: Fit, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
+def prior_and_data_information(fit: Fit, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
     """Return what a fit says: points about its optimum, the data's Fisher information at each, and the priors'."""
-    parameters = found.problem.parameters
+    parameters = fit.problem.parameters
     _, sd = _normal_prior(parameters)
-    best, prior = found.best.theta, np.diag(1 / sd**2)
-    scaled = found.jacobian / np.asarray(found.problem.sigma)[:, None]
+    best, prior = fit.best.theta, np.diag(1 / sd**2)
+    scaled = fit.jacobian / np.asarray(fit.problem.sigma)[:, None]
     points = _spread(best, np.linalg.inv(scaled.T @ scaled + prior), draws, seed)
-    return PriorInformation(parameters.names, points, fisher(scaled_jacobians(found.problem, points)) + prior)
+    return PriorInformation(parameters.names, points, fisher(scaled_jacobians(fit.problem, points)) + prior)
 
 
 def scaled_jacobians(problem: InverseProblem, points: Iterable[np.ndarray]) -> Float[np.ndarray, "T D P"]:

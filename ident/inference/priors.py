@@ -68,5 +68,5 @@ class Prior:
         except ValueError:
             numbers = []
         if make is None or len(numbers) not in count:
-            raise InputError(Problem("--prior", quoted(text), FORMS, "correct it"))
+            raise InputError(Problem("prior", quoted(text), FORMS, "correct it"))
         return make(*numbers)

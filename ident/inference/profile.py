@@ -25,7 +25,7 @@ REACH = 1000.0
 """Factor on a positive parameter beyond which a profile is called open; for the others, ln(REACH) units of theta or
 standard deviations, whichever is more."""
 FLAT = 0.01
-"""Rise of the cost below which an open profile counts as flat."""
+"""Delta chi-squared below which an open profile counts as flat."""
 BETTER = 1e-3
 """Fall of the cost below the optimum from which the fit is said to be beaten."""
 NOT_LINEAR = 0.2
@@ -58,8 +58,8 @@ class Profile:
         optimum: its fitted theta.
         sd: its standard deviation in theta in the linear approximation; infinite where that leaves it open.
         theta: (N,) its values, ascending, the optimum among them.
-        rise: (N,) least sum of squares there, above the optimum's.
-        settled: (N,) whether the other parameters' gradient vanishes there; if not, the profile may lie lower.
+        delta_chi_squared: (N,) least cost there, data and priors, above the optimum's.
+        converged: (N,) whether the other parameters' gradient vanishes there; if not, the profile may lie lower.
         intervals: one for each level, ascending, each inside the next.
         rivals: theta of other optima that fit as well, within the highest level, but lie outside its interval.
     """
@@ -68,8 +68,8 @@ class Profile:
     optimum: float
     sd: float
     theta: Float[np.ndarray, "N"]
-    rise: Float[np.ndarray, "N"]
-    settled: Bool[np.ndarray, "N"]
+    delta_chi_squared: Float[np.ndarray, "N"]
+    converged: Bool[np.ndarray, "N"]
     intervals: tuple[Interval, ...]
     rivals: tuple[float, ...]
 
@@ -86,7 +86,7 @@ class Profile:
     @property
     def beaten(self) -> float:
         """How far the points fall below the cost of the fit, 0 unless they do: then the fit is not the best optimum."""
-        fall = -float(self.rise.min())
+        fall = -float(self.delta_chi_squared.min())
         return fall if fall > BETTER else 0.0
 
     @property
@@ -99,7 +99,10 @@ class Profile:
             Raue et al., "Structural and practical identifiability analysis ...", Bioinformatics 25(15), 2009.
         """
         low, high = (ending is Ending.OPEN for ending in self.widest.endings)
-        below, above = self.rise[self.theta <= self.optimum], self.rise[self.theta >= self.optimum]
+        below, above = (
+            self.delta_chi_squared[self.theta <= self.optimum],
+            self.delta_chi_squared[self.theta >= self.optimum],
+        )
         return bool(low and below.max() < FLAT), bool(high and above.max() < FLAT)
 
     @property
@@ -112,6 +115,18 @@ class Profile:
         below, above = self.optimum - self.widest.low, self.widest.high - self.optimum
         low, high = (1.0 if half == linear else half / linear for half in (below, above))
         return low, high
+
+    @property
+    def linear_interval(self) -> Interval:
+        """The interval of the linear approximation at the highest level."""
+        half = half_width(self.widest.level) * self.sd
+        ending = Ending.CROSSED if math.isfinite(self.sd) else Ending.OPEN
+        return Interval(self.widest.level, self.optimum - half, self.optimum + half, (ending, ending))
+
+    @property
+    def converged_inside(self) -> Bool[np.ndarray, "inside"]:
+        """`converged` at the points within the widest interval."""
+        return self.converged[(self.theta >= self.widest.low) & (self.theta <= self.widest.high)]
 
     @property
     def linear(self) -> bool:
@@ -140,11 +155,11 @@ def profile(
 
     From the optimum theta_j is moved outwards on both sides, and all other parameters are fitted again at each step,
 
-        rise(theta_j) = min over the others of cost(theta) - cost(optimum).
+        delta_chi_squared(theta_j) = min over the others of cost(theta) - cost(optimum).
 
-    An interval is where rise <= chi-squared quantile (1 degree of freedom). The cost is that of the fit, its priors
-    included: with priors this profiles the posterior density, without (`prior_sd=math.inf`) the likelihood. A side on
-    which the threshold is not met within `reach` is open; one on which the model ends first is bounded by the model.
+    An interval is where that is at most the chi-squared quantile (1 degree of freedom). The cost is that of the fit,
+    with its priors: so this profiles the posterior density, without priors (`prior_sd=math.inf`) the likelihood. A side
+    on which the threshold is not met within `reach` is open; one on which the model ends first is bounded by the model.
 
     Only what hangs together with the best optimum is found; `Profile.rivals` names the other optima.
 
@@ -169,10 +184,10 @@ def profile(
     sides: list[Side] = []
     for number in progress(range(2 * len(which))):
         index, sign = which[number // 2], 2 * (number % 2) - 1
-        pinned = ConstrainedFit(fit, index)
-        wide = not fit.problem.parameters.items[index].positive and 1 < pinned.sd < math.inf
-        limit = math.log(reach) * (pinned.sd if wide else 1.0)
-        sides.append(profile_path(pinned, sign, limit, thresholds))
+        constrained = ConstrainedFit(fit, index)
+        wide = not fit.problem.parameters.items[index].positive and 1 < constrained.sd < math.inf
+        limit = math.log(reach) * (constrained.sd if wide else 1.0)
+        sides.append(profile_path(constrained, sign, limit, thresholds))
     return tuple(_joined(fit, index, levels, *sides[2 * i : 2 * i + 2]) for i, index in enumerate(which))
 
 
@@ -192,7 +207,7 @@ def check(
         InputError: no such parameter, a level that is none, or no reach.
     """
     if not 1 < reach < math.inf:
-        raise InputError(Problem("", f"a reach of {reach:g}", "a finite factor > 1", "give another (--reach)"))
+        raise InputError(Problem("reach", f"{reach:g}", "a finite factor > 1", "correct it"))
     for level in levels:
         if not 0 < level < 1:
             raise InputError(Problem("", f"a level of {level:g}", "a level between 0 and 1, as 0.95", "correct it"))
@@ -222,8 +237,8 @@ def _joined(fit: Fit, index: int, levels: Sequence[float], below: Side, above: S
         optimum,
         float(fit.information.sd[index]),
         np.array([float(point.theta[index]) for point in points]),
-        np.array([point.rise for point in points]),
-        np.array([point.settled for point in points]),
+        np.array([point.delta_chi_squared for point in points]),
+        np.array([point.converged for point in points]),
         intervals,
-        tuple(theta for theta, rise in others if rise < top and not last.low <= theta <= last.high),
+        tuple(theta for theta, delta in others if delta < top and not last.low <= theta <= last.high),
     )

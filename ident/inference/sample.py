@@ -1,37 +1,29 @@
 """Draws from the posterior: several independent emcee ensembles about each optimum, resumable to the bit."""
 
-import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 
-import emcee
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem
-from ident.inference.checkpoints import Block, Checkpoints
+from ident.inference.checkpoints import Block, identity, read_blocks, write_block
 from ident.inference.diagnostics import Diagnosis, diagnose
+from ident.inference.ensembles import BLOCK, SPLITS, Ensemble, block_of, first_states, states_after
 from ident.inference.fit import Fit
 from ident.inference.information import information
-from ident.inference.initial_walkers import starting_points
-from ident.inference.posterior import Posterior, evaluate
+from ident.inference.posterior import Posterior
+from ident.store import Store
 
-BLOCK = 50
-"""Steps between two checkpoints."""
-FIRST_LOOK = 500
-"""Steps after which the chains are looked at for the first time; then when they should do, or are a quarter longer."""
+FIRST_CHECK = 500
+"""Steps after which the chains are diagnosed for the first time; then when they should do, or are a quarter longer."""
 LEAST_ENSEMBLES = 4
 EXCLUDED = 5.0
 """Standard deviations from a prior at which the data and it cannot both be right."""
-SPLITS = 2
-"""Parts of an ensemble that emcee moves in turn, and so the size of a batch: walkers over this."""
 JOINED = 1.05
 """R-hat over the ensembles about two optima below which they have met."""
 RIVAL = 30.0
@@ -126,118 +118,58 @@ def sample(
     same to the bit, and a higher target only makes it longer.
 
     Args:
-        fit: of the posterior's problem; gives optima and starting points.
+        fit: of the posterior's problem; the ensembles start about its optima.
         posterior: what to sample.
         settings: how.
-        folder: where checkpoints are kept; None for none.
+        folder: where checkpoints go; None for none.
         provenance: what else must be equal for a checkpoint to be gone on with, by name.
         progress: wraps the numbers of the blocks, to show a bar.
 
     Raises:
-        InputError: settings that cannot work, data and prior that leave a parameter open or exclude each other,
+        InputError: settings that can't work, data and prior that leave a parameter open or exclude each other,
             checkpoints of another run.
         ModelError: the model has no answer about an optimum.
     """
-    settings = _checked(fit, posterior, settings)
+    walkers = _walkers(fit, posterior, settings)
+    _check_bounded(fit, posterior)
+    settings = replace(settings, walkers=walkers)
     # with noise that is known up to a factor only, so are the costs
     reach = math.inf if posterior.noise.items else fit.best.cost + RIVAL
-    basins = [i for i, optimum in enumerate(fit.optima) if optimum.cost < reach]
-    where = [basin for basin in basins for _ in range(settings.ensembles)]
-    kept = Checkpoints(folder, _identity(posterior, settings, len(basins), provenance or {}))
-    blocks = kept.read()
-    movers = [_Mover(posterior, settings) for _ in where]
-    look = FIRST_LOOK
+    optima = [i for i, optimum in enumerate(fit.optima) if optimum.cost < reach]
+    started = [optimum for optimum in optima for _ in range(settings.ensembles)]
+    store = Store(folder, {**(provenance or {}), **identity(posterior, _chain_settings(settings, len(optima)))})
+    blocks, about = read_blocks(store), [fit.optima[optimum] for optimum in started]
+    ensembles = [Ensemble(posterior, walkers) for _ in started]
+    check_at = FIRST_CHECK
     with ThreadPoolExecutor(settings.threads) as pool:
         for i in progress(range(settings.max_steps // BLOCK)):
             if i >= len(blocks):
-                states = _states(blocks[-1]) if blocks else _begin(fit, posterior, settings, where)
-                blocks.append(_join(list(pool.map(_Mover.advance, movers, states))))
-                kept.write(i, blocks[-1])
+                states = states_after(blocks[-1]) if blocks else first_states(posterior, about, walkers, settings.seed)
+                blocks.append(block_of(list(pool.map(Ensemble.advance, ensembles, states))))
+                write_block(store, i, blocks[-1])
             steps = (i + 1) * BLOCK
-            if steps >= look:
-                done = blocks[: i + 1]
-                missing = max(d.more_steps(settings.target_ess) for d in _diagnose(done, _joined(done, where)))
+            if steps >= check_at:
+                chains = blocks[: i + 1]
+                missing = max(d.more_steps(settings.target_ess) for d in _diagnose(chains, _joined(chains, started)))
                 if not missing:
                     break
-                look = steps + min(missing, steps // 4)
-    return _sample(fit, posterior, settings, blocks[: i + 1], where)
-
-
-class _Mover:
-    """One ensemble, moved a block at a time."""
-
-    def __init__(self, posterior: Posterior, settings: Settings):
-        size = _size(settings) // SPLITS
-
-        def density(points: np.ndarray) -> np.ndarray:
-            return evaluate(posterior, points, size).log_density
-
-        count = len(posterior.parameters.items)
-        self.sampler = emcee.EnsembleSampler(_size(settings), count, density, vectorize=True, moves=_moves())
-
-    def advance(self, state: emcee.State) -> tuple[emcee.State, np.ndarray, np.ndarray, int]:
-        """Return the state after one block, and the block's draws, log densities and accepted moves."""
-        self.sampler.reset()
-        state = self.sampler.run_mcmc(state, BLOCK, skip_initial_state_check=True)
-        backend = self.sampler.backend
-        return state, backend.get_chain(), backend.get_log_prob(), int(backend.accepted.sum())
-
-
-def _size(settings: Settings) -> int:
-    assert settings.walkers is not None
-    return settings.walkers
-
-
-def _moves() -> list[tuple[emcee.moves.Move, float]]:
-    """Differences of walkers, for correlated posteriors; a third of them short, for curved ones; some stretches."""
-    return [(emcee.moves.DEMove(), 0.4), (emcee.moves.DEMove(gamma0=0.3), 0.3), (emcee.moves.StretchMove(), 0.3)]
-
-
-def _begin(fit: Fit, posterior: Posterior, settings: Settings, where: Sequence[int]) -> list[emcee.State]:
-    states = []
-    for basin, seed in zip(where, np.random.SeedSequence(settings.seed).spawn(len(where)), strict=True):
-        spread, moves = seed.spawn(2)
-        rng, size = np.random.default_rng(spread), _size(settings)
-        points = starting_points(posterior, fit.optima[basin], size, rng, size // SPLITS)
-        twister = np.random.RandomState(np.random.MT19937(moves)).get_state()
-        states.append(emcee.State(points, random_state=twister))
-    return states
-
-
-def _states(block: Block) -> list[emcee.State]:
-    return [
-        emcee.State(points, log_prob=log, random_state=("MT19937", key, int(place), int(stored), float(deviate)))
-        for points, log, key, (place, stored), deviate in zip(
-            block.theta[-1], block.log_density[-1], block.keys, block.positions, block.deviates, strict=True
-        )
-    ]
-
-
-def _join(moved: Sequence[tuple[emcee.State, np.ndarray, np.ndarray, int]]) -> Block:
-    states, theta, log, accepted = zip(*moved, strict=True)
-    twisters = [state.random_state for state in states]
-    return Block(
-        np.stack(theta, 1),
-        np.stack(log, 1),
-        np.array([accepted]),
-        np.stack([twister[1] for twister in twisters]),
-        np.array([twister[2:4] for twister in twisters]),
-        np.array([twister[4] for twister in twisters], float),
-    )
+                check_at = steps + min(missing, steps // 4)
+    return _sample(fit, posterior, settings, blocks[: i + 1], started)
 
 
 def _sample(
-    fit: Fit, posterior: Posterior, settings: Settings, blocks: Sequence[Block], where: Sequence[int]
+    fit: Fit, posterior: Posterior, settings: Settings, blocks: Sequence[Block], started: Sequence[int]
 ) -> Sample:
     theta, log = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("theta", "log_density"))
     accepted = np.concatenate([block.accepted for block in blocks]).sum(0) / (len(theta) * theta.shape[2])
-    basin = _joined(blocks, where)
-    return Sample(posterior, fit, settings, theta, log, tuple(basin), tuple(where), accepted, _diagnose(blocks, basin))
+    basin = _joined(blocks, started)
+    diagnosis = _diagnose(blocks, basin)
+    return Sample(posterior, fit, settings, theta, log, tuple(basin), tuple(started), accepted, diagnosis)
 
 
-def _joined(blocks: Sequence[Block], where: Sequence[int]) -> list[int]:
+def _joined(blocks: Sequence[Block], started: Sequence[int]) -> list[int]:
     """Count optima as one whose ensembles have found the same distribution: no barrier lies between them."""
-    basins, joined = list(dict.fromkeys(where)), list(where)
+    basins, joined = list(dict.fromkeys(started)), list(started)
     for i, later in enumerate(basins):
         for earlier in basins[:i]:
             both = [earlier if b == later else b for b in joined]
@@ -246,29 +178,34 @@ def _joined(blocks: Sequence[Block], where: Sequence[int]) -> list[int]:
     return joined
 
 
-def _diagnose(blocks: Sequence[Block], where: Sequence[int], only: int | None = None) -> tuple[Diagnosis, ...]:
-    theta, basin = np.concatenate([block.theta for block in blocks]), np.array(where)
-    return tuple(diagnose(theta[:, basin == b]) for b in (dict.fromkeys(where) if only is None else [only]))
+def _diagnose(blocks: Sequence[Block], basins: Sequence[int], only: int | None = None) -> tuple[Diagnosis, ...]:
+    theta, basin = np.concatenate([block.theta for block in blocks]), np.array(basins)
+    return tuple(diagnose(theta[:, basin == b]) for b in (dict.fromkeys(basins) if only is None else [only]))
 
 
-def _checked(fit: Fit, posterior: Posterior, settings: Settings) -> Settings:
-    """Return the settings with the number of walkers filled in."""
+def _walkers(fit: Fit, posterior: Posterior, settings: Settings) -> int:
+    """Return the number of walkers of settings that can work."""
     count = len(posterior.parameters.items)
     curved = not all(direction.seen and not direction.weak for direction in fit.information.directions)
     walkers = settings.walkers or (12 if curved else 4) * count
     if walkers < 2 * count or walkers % SPLITS:
-        expected, remedy = f"an even number, at least {2 * count} for {count} unknowns", "correct --walkers"
+        expected, remedy = f"an even number, at least {2 * count} for {count} unknowns", "correct `walkers`"
         raise InputError(Problem("", f"{walkers} walkers", expected, remedy))
     if settings.ensembles < LEAST_ENSEMBLES:
-        expected, remedy = f"at least {LEAST_ENSEMBLES}: R-hat compares them", "correct --ensembles"
+        expected, remedy = f"at least {LEAST_ENSEMBLES}: R-hat compares them", "correct `ensembles`"
         raise InputError(Problem("", f"{settings.ensembles} ensembles", expected, remedy))
     if settings.max_steps < BLOCK:
-        raise InputError(Problem("", f"{settings.max_steps} steps", f"at least {BLOCK}", "correct --steps"))
+        raise InputError(Problem("", f"{settings.max_steps} steps", f"at least {BLOCK}", "correct `max_steps`"))
+    return walkers
+
+
+def _check_bounded(fit: Fit, posterior: Posterior) -> None:
+    """Refuse data and prior that leave a parameter open, or exclude each other."""
     scaled = fit.jacobian / np.asarray(fit.problem.sigma)[:, None]
     open_ones = np.isinf(information(scaled, fit.problem.parameters.normal_sd, fit.information.names).sd)
     if open_ones.any():
         names = ", ".join(np.array(fit.information.names)[open_ones])
-        remedy = "give each a prior (--prior), or fix it (--fix)"
+        remedy = "give each a prior (`prior`), or fix it (`fix`)"
         raise InputError(Problem("", f"neither data nor a prior that bound {names}", "one of them", remedy))
     if not fit.information.rank:
         remedy = "measure what depends on them (see `ident check`), or fix fewer"
@@ -278,24 +215,14 @@ def _checked(fit: Fit, posterior: Posterior, settings: Settings) -> Settings:
         worst = int(np.argmax(beyond))
         name, value = fit.information.names[worst], fit.best.values[worst]
         got = f"a prior of {name} that excludes the data: they pull it to {value:.4g}, {beyond[worst]:.1f} sd beyond"
-        raise InputError(Problem("", got, "a prior that they may agree with", "widen it, or check units (--prior)"))
-    return replace(settings, walkers=walkers)
+        raise InputError(Problem("", got, "a prior that they may agree with", "widen it, or check units (`prior`)"))
 
 
-def _identity(posterior: Posterior, settings: Settings, optima: int, provenance: Mapping[str, str]) -> dict[str, str]:
-    """Name what a chain depends on."""
-    numbers = hashlib.sha256()
-    for leaf in jax.tree.leaves(eqx.filter(posterior, eqx.is_array)):
-        numbers.update(np.asarray(leaf).tobytes())
+def _chain_settings(settings: Settings, optima: int) -> dict[str, int | None]:
+    """Return the settings that a chain depends on; the others only say when it ends."""
     return {
-        **provenance,
-        "set of unknowns": ", ".join("=".join(item.paths) for item in posterior.parameters.items),
-        "set of numbers (data, priors, arm)": numbers.hexdigest(),
-        "number of optima": str(optima),
-        "number of ensembles": str(settings.ensembles),
-        "number of walkers": str(settings.walkers),
-        "seed": str(settings.seed),
-        "version of emcee": version("emcee"),
-        "version of jax": version("jax"),
-        "version of ident": version("ident"),
+        "number of optima": optima,
+        "number of ensembles": settings.ensembles,
+        "number of walkers": settings.walkers,
+        "seed": settings.seed,
     }

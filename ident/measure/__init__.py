@@ -7,8 +7,8 @@ from ident.measure.log import Log, parse_log, read_log
 from ident.measure.pulleys import Pulley, read_pulleys
 from ident.measure.reading import parse_campaign, read_campaign
 from ident.measure.trace import Trace, parse_trace, read_trace
-from ident.measure.units import NMM_PER_DEG, stiffness_from_nmm_per_deg, stiffness_to_nmm_per_deg, to_si
 from ident.measure.writing import format_campaign, write_campaign
+from ident.units import NMM_PER_DEG, to_si
 
 __all__ = [
     "COLUMNS",
@@ -30,8 +30,6 @@ __all__ = [
     "read_log",
     "read_pulleys",
     "read_trace",
-    "stiffness_from_nmm_per_deg",
-    "stiffness_to_nmm_per_deg",
     "to_si",
     "write_campaign",
 ]

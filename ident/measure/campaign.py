@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from ident.errors import InputError, Problem
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
-from ident.measure.units import QUANTITIES
 from ident.text import quoted
+from ident.units import QUANTITIES
 
 KINDS = {
     "frequency": "frequency",
@@ -41,7 +41,7 @@ class Measurement:
         sigma: () [as value] its standard deviation.
         mode: mode label such as `vertical bending 1`, in lower case; None to match modes in ascending order.
         point: point of the arm whose deflection was read.
-        direction: (3,) unit vector in the base frame, along which a deflection counts; -z when not given.
+        direction: (3,) [-] unit vector in the base frame, along which a deflection counts; -z when not given.
         load: the load case.
         reference_load: the load case that a deflection difference starts from.
         unit: unit in which the value was written, such as `mm`.
@@ -124,16 +124,16 @@ class Campaign:
         return tuple(dict.fromkeys(m.posture for m in self.measurements))
 
     def of_kind(self, *kinds: str) -> "Campaign":
-        """Returns the campaign with the measurements of these kinds only."""
+        """Return the campaign with the measurements of these kinds only."""
         return replace(self, measurements=tuple(m for m in self.measurements if m.kind in kinds))
 
     def without(self, *kinds: str) -> "Campaign":
-        """Returns the campaign less the measurements of these kinds."""
+        """Return the campaign less the measurements of these kinds."""
         return replace(self, measurements=tuple(m for m in self.measurements if m.kind not in kinds))
 
 
 def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
-    """Finds the fields that a kind can't have or lacks.
+    """Find the fields that a kind can't have or lacks.
 
     Args:
         kind: a name in `KINDS`.
@@ -151,7 +151,7 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
 
 
 def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Problem]:
-    """Finds a deflection difference between a load and itself."""
+    """Find a deflection difference between a load and itself."""
     if kind == "deflection_difference" and load == reference_load:
         got = f"{quoted(str(reference_load))}, the load itself"
         remedy = "give the two loads of the difference"
@@ -159,7 +159,7 @@ def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Probl
 
 
 def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
-    """Finds values and standard deviations [SI] that can't be."""
+    """Find values and standard deviations [SI] that can't be."""
     unit = QUANTITIES[KINDS[kind]].si.removesuffix("1")
     lowest, highest = _RANGES.get(kind, (-math.inf, math.inf))
     if not lowest < value < highest:
@@ -172,7 +172,7 @@ def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
 
 
 def duplicates(measurements: tuple[Measurement, ...]) -> Iterator[tuple[Measurement, Measurement]]:
-    """Yields each measurement that repeats an earlier one to the last digit, after the earlier one."""
+    """Yield each measurement that repeats an earlier one to the last digit, after the earlier one."""
     first: dict[Measurement, Measurement] = {}
     for measurement in measurements:
         key = replace(measurement, sigma=1.0, note="")

@@ -7,8 +7,8 @@ from itertools import count
 
 from ident.errors import InputError, Problem
 from ident.measure.table import Findings, Record
-from ident.measure.units import si_factor
 from ident.text import LONGEST_QUOTE, nearest, one_line, quoted
+from ident.units import si_factor
 
 COLUMNS = (
     "kind",
@@ -26,7 +26,7 @@ COLUMNS = (
 """Names of the columns, beside the joint angles `q1 [deg]`, `q2 [deg]`, ..."""
 
 NUMERIC_COLUMNS = ("value", "sigma", "relative_sigma", "direction", "load", "reference_load")
-"""Columns, beside the joint angles, in which numbers stand."""
+"""Columns, beside the joint angles, that hold numbers."""
 
 _ANGLE_COLUMN = re.compile(r"(q[1-9][0-9]{0,2})\s*(?:\[([^\]]*)\])?", re.IGNORECASE)
 
@@ -49,12 +49,12 @@ class Header:
 
 
 def is_column(name: str) -> bool:
-    """Tells whether a campaign CSV may have a column of this name."""
+    """Tell whether a campaign CSV may have a column of this name."""
     return name.lower() in COLUMNS or bool(_ANGLE_COLUMN.fullmatch(name))
 
 
-def read_header(record: Record, found: Findings) -> Header:
-    """Reads the header line and notes unknown, doubled and missing columns."""
+def read_header(record: Record, findings: Findings) -> Header:
+    """Read the header line and note unknown, doubled and missing columns."""
     where, cells = record
     mine = Findings()
     names = [re.sub(r"\s*\[.*", "", cell).lower() if is_column(cell) else cell for cell in cells]
@@ -67,7 +67,7 @@ def read_header(record: Record, found: Findings) -> Header:
     mine += [_unknown_column(where, name) for name in unknown]
     mine += [Problem(where, *doubled) for doubled in _doubled(names)]
     mine += [Problem(where, "no such column", *lacking) for lacking in _lacking(names)]
-    found += mine
+    findings += mine
     meant = {nearest(name, COLUMNS) for name in unknown}
     broken = frozenset(meant | {problem.column for problem in mine}) - {""}
     by_joint = dict(sorted(angles.items(), key=lambda angle: int(angle[0][1:])))
@@ -96,7 +96,7 @@ def _doubled(names: list[str]) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _lacking(names: list[str]) -> Iterator[tuple[str, str, str]]:
-    """Yields expectation, remedy and name of each column that is missing."""
+    """Yield expectation, remedy and name of each column that is missing."""
     for name in ("kind", "value", "unit"):
         if name not in names:
             yield f"a column {name}", "add the column", name

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from ident.errors import InputError, Problem
 from ident.measure.text import format_number, parse_number
-from ident.measure.units import to_si
 from ident.text import NAME, quoted
+from ident.units import to_si
 
 Vector = tuple[float, float, float]
 
@@ -33,7 +33,7 @@ _HUNG = re.compile(
 
 
 def unit_vector(vector: Iterable[float]) -> Vector:
-    """Scales a vector to unit length; a unit vector is left as it is.
+    """Scale a vector to unit length; a unit vector is left as it is.
 
     Raises:
         InputError: the vector has no direction, or not three finite components.
@@ -48,7 +48,7 @@ def unit_vector(vector: Iterable[float]) -> Vector:
 
 
 def parse_direction(text: str, decimal: str = ".") -> Vector:
-    """Reads a direction in the base frame: `x`, `+x`, `-z`, or three numbers separated by blanks.
+    """Read a direction in the base frame: `x`, `+x`, `-z`, or three numbers separated by blanks.
 
     Returns:
         (3,) unit vector.
@@ -66,7 +66,7 @@ def parse_direction(text: str, decimal: str = ".") -> Vector:
 
 
 def format_direction(direction: Vector) -> str:
-    """Writes a direction so that `parse_direction` reads it back."""
+    """Write a direction so that `parse_direction` reads it back."""
     named = (name for name, axis in AXES.items() if axis == direction)
     return next(named, " ".join(map(format_number, direction)))
 
@@ -105,18 +105,18 @@ class Load:
         return bool(self.payloads or self.masses or self.forces)
 
     def __str__(self) -> str:
-        hung = [f"{format_number(mass)} kg @ {point}" for mass, point in self.masses]
+        masses = [f"{format_number(mass)} kg @ {point}" for mass, point in self.masses]
         pulling = [
             f"{format_number(abs(size))} N {'-' if size < 0 else ''}{axis} @ {point}"
             for force, point in self.forces
             for size, axis in zip(force, "xyz", strict=True)
             if size
         ]
-        return " + ".join([*self.payloads, *hung, *pulling]) or "own weight"
+        return " + ".join([*self.payloads, *masses, *pulling]) or "own weight"
 
     @classmethod
     def parse(cls, text: str, *, decimal: str = ".") -> "Load":
-        """Reads a load such as `glass + 5 kg @ tip + 20 N -z @ tip`; blank or `own weight` is the empty one.
+        """Read a load such as `glass + 5 kg @ tip + 20 N -z @ tip`; blank or `own weight` is the empty one.
 
         Args:
             text: the load as written; masses and forces may carry any unit of their kind.
@@ -134,9 +134,9 @@ class Load:
         terms = text.split(" + ")
         matches = [_HUNG.fullmatch(term) for term in terms]
         payloads = tuple(term for term, match in zip(terms, matches, strict=True) if match is None)
-        hung = [match for match in matches if match]
-        masses = tuple((_amount(m, "mass", decimal), m["point"]) for m in hung if not m["direction"])
-        forces = tuple((_force(m, decimal), m["point"]) for m in hung if m["direction"])
+        amounts = [match for match in matches if match]
+        masses = tuple((_amount(m, "mass", decimal), m["point"]) for m in amounts if not m["direction"])
+        forces = tuple((_force(m, decimal), m["point"]) for m in amounts if m["direction"])
         return cls(payloads, masses, forces)
 
 

@@ -43,7 +43,7 @@ class Log:
 
 
 def read_log(path: str | Path, joints: Sequence[str]) -> Log:
-    """Reads a log from a CSV file with the columns `time [s]` and, for each joint, `joint1 [deg]`, in any order.
+    """Read a log from a CSV file with the columns `time [s]` and, for each joint, `joint1 [deg]`, in any order.
 
     Args:
         path: the file; UTF-8, columns separated by comma, semicolon or tab, any units of time and angle.
@@ -59,16 +59,16 @@ def read_log(path: str | Path, joints: Sequence[str]) -> Log:
 
 
 def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:
-    """Reads a log from the bytes of a CSV file; `path` names it in messages.
+    """Read a log from the bytes of a CSV file; `path` names it in messages.
 
     Raises:
         InputError: something is wrong; every problem is listed.
     """
-    found = Findings()
-    series = parse_series(data, path, dict.fromkeys(joints, ("angle",)), FEWEST_ROWS, found)
-    found += [problem for joint in joints for problem in _joint_problems(series, joint)]
-    if found:
-        raise InputError(found)
+    findings = Findings()
+    series = parse_series(data, path, dict.fromkeys(joints, ("angle",)), FEWEST_ROWS, findings)
+    findings += [problem for joint in joints for problem in _joint_problems(series, joint)]
+    if findings:
+        raise InputError(findings)
     return Log(str(path), series.sha256, series[TIME], {joint: series[joint] for joint in joints}, series.ignored)
 
 
@@ -80,7 +80,7 @@ def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:
 
 
 def _far(series: Series, joint: str) -> list[Problem]:
-    """Finds the first angle that a column marked rad can't have."""
+    """Find the first angle that a column marked rad can't have."""
     angles, unit = series[joint], series.columns[joint].unit
     far = np.flatnonzero(abs(angles) > FARTHEST)
     if unit not in ("rad", "radian", "radians") or not far.size:
@@ -91,7 +91,7 @@ def _far(series: Series, joint: str) -> list[Problem]:
 
 
 def _fast(series: Series, joint: str) -> list[Problem]:
-    """Finds the first jump of an angle that no joint makes."""
+    """Find the first jump of an angle that no joint makes."""
     if TIME not in series:
         return []
     steps, jumps = np.diff(series[TIME]), np.diff(series[joint])

@@ -34,7 +34,7 @@ class Pulley:
 
 
 def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
-    """Reads the pulleys that stand in the file of a trace, by name; mostly none if it was measured.
+    """Read the pulleys in the file of a trace, by name; mostly none if it was measured.
 
     Args:
         path: the file.
@@ -49,11 +49,11 @@ def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
     there = [match for match in map(_COLUMN.fullmatch, trace.ignored) if match]
     if not there:
         return {}
-    found = Findings()
+    findings = Findings()
     wanted = {match["name"]: (FIELDS[match["field"]],) for match in there}
-    series = parse_series(read_bytes(path, "a readable CSV file"), path, wanted, FEWEST_ROWS, found)
-    if found:
-        raise InputError(found)
+    series = parse_series(read_bytes(path, "a readable CSV file"), path, wanted, FEWEST_ROWS, findings)
+    if findings:
+        raise InputError(findings)
     return {
         name: Pulley(**{field: series[f"{name}.{field}"] for field in _fields(name, wanted)})
         for name in dict.fromkeys(match["pulley"] for match in there)

@@ -20,15 +20,15 @@ from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_heade
 from ident.measure.load import Load, parse_direction
 from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter
 from ident.measure.text import parse_fraction, parse_number
-from ident.measure.units import si_factor
 from ident.text import decode, nearest, one_line, quoted, read_bytes
+from ident.units import si_factor
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 def read_campaign(path: str | Path) -> Campaign:
-    """Reads a campaign from a CSV file; `data/README.md` describes the columns.
+    """Read a campaign from a CSV file; `data/README.md` describes the columns.
 
     Args:
         path: the file; UTF-8, columns separated by comma, semicolon or tab.
@@ -43,23 +43,23 @@ def read_campaign(path: str | Path) -> Campaign:
 
 
 def parse_campaign(data: bytes, path: str | Path) -> Campaign:
-    """Reads a campaign from the bytes of a CSV file; `path` names it in messages.
+    """Read a campaign from the bytes of a CSV file; `path` names it in messages.
 
     Raises:
         InputError: something is wrong; every problem is listed.
     """
-    file, found = one_line(str(path)), Findings()
+    file, findings = one_line(str(path)), Findings()
     text = decode(data, file)
     delimiter = sniff_delimiter(text, is_column)
-    records = list(read_records(text, delimiter, file, found))
+    records = list(read_records(text, delimiter, file, findings))
     if len(records) < 2:
-        raise InputError([*found, _nothing_to_read(file, records)])
-    header = read_header(records[0], found)
-    rows, decimal = _rows(records[1:], header, delimiter, found)
+        raise InputError([*findings, _nothing_to_read(file, records)])
+    header = read_header(records[0], findings)
+    rows, decimal = _rows(records[1:], header, delimiter, findings)
     read = [_read_row(row, header) for row in rows]
     measurements = tuple(measurement for measurement in read if measurement is not None)
-    found += _duplicate_problems(measurements) if not header.broken else ()
-    wrong = [p for p in found if p.where == header.where or p.column not in header.broken]
+    findings += _duplicate_problems(measurements) if not header.broken else ()
+    wrong = [p for p in findings if p.where == header.where or p.column not in header.broken]
     if wrong:
         raise InputError(wrong)
     sha256 = hashlib.sha256(data).hexdigest()
@@ -78,40 +78,40 @@ class _Row:
     where: str
     cells: Mapping[str, str]
     decimal: str
-    found: Findings
+    findings: Findings
 
     def __getitem__(self, column: str) -> str:
         return self.cells.get(column, "")
 
     def attempt(self, column: str, read: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T | None:
-        return self.found.attempt(self.where, column, read, *args, **kwargs)
+        return self.findings.attempt(self.where, column, read, *args, **kwargs)
 
     def add(self, *problems: Problem) -> None:
-        self.found.extend(replace(problem, where=self.where) for problem in problems)
+        self.findings.extend(replace(problem, where=self.where) for problem in problems)
 
 
-def _rows(records: list[Record], header: Header, delimiter: str, found: Findings) -> tuple[list[_Row], str]:
-    """Returns the rows that fit the header, and their decimal mark."""
+def _rows(records: list[Record], header: Header, delimiter: str, findings: Findings) -> tuple[list[_Row], str]:
+    """Return the rows that fit the header, and their decimal mark."""
     fitting = [(where, cells) for where, cells in records if len(cells) == len(header.names)]
     misfits = [(where, len(cells)) for where, cells in records if len(cells) != len(header.names)]
-    found += [misfit(where, count, len(header.names), delimiter) for where, count in misfits]
+    findings += [misfit(where, count, len(header.names), delimiter) for where, count in misfits]
     table = [(where, dict(zip(header.names, cells, strict=True))) for where, cells in fitting]
     numeric = [name for name in header.names if name in header.angles or name in NUMERIC_COLUMNS]
     decimal = decimal_mark(delimiter, (cells[name] for _, cells in table for name in numeric))
-    return [_Row(where, cells, decimal, found) for where, cells in table], decimal
+    return [_Row(where, cells, decimal, findings) for where, cells in table], decimal
 
 
 def _read_row(row: _Row, header: Header) -> Measurement | None:
-    before = len(row.found)
+    before = len(row.findings)
     fields = _read_cells(row, header)
     row.add(*_contradictions(row, fields))
-    if len(row.found) > before:
+    if len(row.findings) > before:
         return None
     return row.attempt("", Measurement, where=row.where, **fields)
 
 
 def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
-    """Reads a row's cells into a measurement's fields; None stands for what can't be read."""
+    """Read a row's cells into a measurement's fields; None is what can't be read."""
     kind = row.attempt("kind", _known_kind, row["kind"])
     value, sigma = _read_number(row, kind)
     axis = row["direction"]
@@ -155,7 +155,7 @@ def _read_angle(row: _Row, name: str, factor: float) -> float | None:
 
 
 def _read_number(row: _Row, kind: str | None) -> tuple[float | None, float | None]:
-    """Reads value and sigma in SI units."""
+    """Read value and sigma in SI units."""
     value = row.attempt("value", parse_number, row["value"], row.decimal)
     sigma = _read_sigma(row, value)
     factor = row.attempt("unit", si_factor, row["unit"], KINDS[kind]) if kind else None
@@ -167,7 +167,7 @@ def _scaled(number: float | None, factor: float | None) -> float | None:
 
 
 def _read_sigma(row: _Row, value: float | None) -> float | None:
-    """Reads sigma in the value's unit as written."""
+    """Read sigma in the value's unit as written."""
     if bool(row["sigma"]) == bool(row["relative_sigma"]):
         got = "both" if row["sigma"] else "nothing"
         row.add(Problem("", got, "either sigma or relative_sigma", "fill one of the two cells", "sigma"))

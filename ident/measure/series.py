@@ -13,8 +13,8 @@ from jaxtyping import Float
 from ident.errors import InputError, Problem
 from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter
 from ident.measure.text import parse_number
-from ident.measure.units import QUANTITIES, si_factor
 from ident.text import LONGEST_QUOTE, decode, nearest, one_line
+from ident.units import QUANTITIES, si_factor
 
 TIME = "time"
 """Name of the column that every such file has."""
@@ -23,7 +23,7 @@ EXAMPLES = {"time": "s", "angle": "deg", "length": "mm", "acceleration": "m/s^2"
 """A unit of each quantity, for messages."""
 
 MOST = 5
-"""Problems of one kind that are told one by one; a column of bad cells is one mistake, not ten thousand."""
+"""Problems of one kind that are listed one by one; a column of bad cells is one mistake, not ten thousand."""
 
 _HEADER = re.compile(r"(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?")
 
@@ -75,16 +75,16 @@ class Series:
 
 
 def parse_series(
-    data: bytes, path: str | Path, wanted: Mapping[str, tuple[str, ...]], rows: int, found: Findings
+    data: bytes, path: str | Path, wanted: Mapping[str, tuple[str, ...]], rows: int, findings: Findings
 ) -> Series:
-    """Reads time and the wanted columns from the bytes of a CSV file, and checks that time increases.
+    """Read time and the wanted columns from the bytes of a CSV file, and check that time increases.
 
     Args:
         data: the bytes; UTF-8, columns separated by comma, semicolon or tab, comments after `#`.
         path: names the file in messages.
         wanted: the quantities that each column may have, by the column's name, which may be written in either case.
         rows: the fewest rows that will do.
-        found: where problems are put; reading goes on.
+        findings: where problems are put; reading goes on.
 
     Returns:
         What could be read.
@@ -95,29 +95,31 @@ def parse_series(
     file = one_line(str(path))
     text = decode(data, file)
     delimiter = sniff_delimiter(text, lambda name: _split(name)[0].lower() == TIME or name.endswith("]"))
-    records = list(read_records(text, delimiter, file, found))
+    records = list(read_records(text, delimiter, file, findings))
     if len(records) < 2:
         expected = "a header and a row for each time"
-        raise InputError([*found, Problem(file, "only one row" if records else "no row", expected, "check the file")])
+        raise InputError(
+            [*findings, Problem(file, "only one row" if records else "no row", expected, "check the file")]
+        )
     where, header = records[0]
-    places = _places(where, header, {TIME: ("time",), **wanted}, found)
-    fitting = _fitting(records[1:], len(header), delimiter, file, found)
-    columns = _columns(fitting, places, decimal_mark(delimiter, _cells(fitting, places)), file, found)
+    places = _places(where, header, {TIME: ("time",), **wanted}, findings)
+    fitting = _fitting(records[1:], len(header), delimiter, file, findings)
+    columns = _columns(fitting, places, decimal_mark(delimiter, _cells(fitting, places)), file, findings)
     used = {place.index for place in places}
     ignored = tuple(cell for index, cell in enumerate(header) if index not in used)
     at_fault = frozenset(place.name for place in places if place.factor is None)
     sha256, rows_at = hashlib.sha256(data).hexdigest(), tuple(w for w, _ in fitting)
     series = Series(file, sha256, where, rows_at, columns, at_fault, ignored)
-    found += few(_time_problems(series), file)
+    findings += few(_time_problems(series), file)
     given = len(records) - 1
     if given < rows:
         got = f"{given} row{'s' if given > 1 else ''}"
-        found.append(Problem(file, got, f"at least {rows}", "give a longer recording"))
+        findings.append(Problem(file, got, f"at least {rows}", "give a longer recording"))
     return series
 
 
 def missing_column(where: str, name: str, quantity: str, header: Iterable[str]) -> Problem:
-    """Returns the problem of a column that is not there; a column of like name is suggested."""
+    """Return the problem of a column that is not there; a column of like name is suggested."""
     expected = f"a column '{name} [{EXAMPLES[quantity]}]'"
     alike = nearest(name, (_split(cell)[0] for cell in header))
     remedy = f"rename {one_line(alike[:LONGEST_QUOTE])}" if alike else "add the column"
@@ -125,7 +127,7 @@ def missing_column(where: str, name: str, quantity: str, header: Iterable[str]) 
 
 
 def few(problems: Iterable[Problem], file: str) -> list[Problem]:
-    """Returns the first `MOST` problems of one kind, and how many more there are."""
+    """Return the first `MOST` problems of one kind, and how many more there are."""
     every = list(problems)
     rest = len(every) - MOST
     if rest <= 0:
@@ -136,7 +138,7 @@ def few(problems: Iterable[Problem], file: str) -> list[Problem]:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a column stands and what its cells mean; the factor is None where the header is at fault."""
+    """Where a column is and what its cells mean; the factor is None where the header is at fault."""
 
     index: int
     name: str
@@ -146,29 +148,29 @@ class _Place:
 
 
 def _split(cell: str) -> tuple[str, str]:
-    """Splits a header cell into name and unit."""
+    """Split a header cell into name and unit."""
     match = _HEADER.fullmatch(cell)
     return (match["name"], (match["unit"] or "").strip()) if match else (cell, "")
 
 
-def _places(where: str, header: list[str], wanted: Mapping[str, tuple[str, ...]], found: Findings) -> list[_Place]:
+def _places(where: str, header: list[str], wanted: Mapping[str, tuple[str, ...]], findings: Findings) -> list[_Place]:
     places = []
     for name, quantities in wanted.items():
         indices = [index for index, cell in enumerate(header) if _split(cell)[0].lower() == name.lower()]
         if len(indices) > 1:
-            found.append(Problem(where, f"the column {len(indices)} times", "it once", "remove or rename one", name))
+            findings.append(Problem(where, f"the column {len(indices)} times", "it once", "remove or rename one", name))
         if indices:
             unit = _split(header[indices[0]])[1]
-            measured = found.attempt(where, name, _measured, unit, name, quantities)
+            measured = findings.attempt(where, name, _measured, unit, name, quantities)
             quantity, factor = measured or (quantities[0], None)
             places += [_Place(index, name, quantity, unit, factor) for index in indices]
         elif name == TIME:
-            found.append(missing_column(where, TIME, "time", header))
+            findings.append(missing_column(where, TIME, "time", header))
     return places
 
 
 def _measured(unit: str, name: str, quantities: tuple[str, ...]) -> tuple[str, float]:
-    """Returns which of the quantities a unit measures, and its factor to SI."""
+    """Return which of the quantities a unit measures, and its factor to SI."""
     expected = " or ".join(QUANTITIES[quantity].expected for quantity in quantities)
     if not unit:
         remedy = "write the unit in square brackets"
@@ -183,9 +185,9 @@ def _measured(unit: str, name: str, quantities: tuple[str, ...]) -> tuple[str, f
     raise InputError(Problem("", refusal.got, expected, remedy))
 
 
-def _fitting(records: list[Record], columns: int, delimiter: str, file: str, found: Findings) -> list[Record]:
-    """Returns the rows that fit the header."""
-    found += few((misfit(w, len(cells), columns, delimiter) for w, cells in records if len(cells) != columns), file)
+def _fitting(records: list[Record], columns: int, delimiter: str, file: str, findings: Findings) -> list[Record]:
+    """Return the rows that fit the header."""
+    findings += few((misfit(w, len(cells), columns, delimiter) for w, cells in records if len(cells) != columns), file)
     return [(where, cells) for where, cells in records if len(cells) == columns]
 
 
@@ -194,7 +196,7 @@ def _cells(records: list[Record], places: list[_Place]) -> Iterator[str]:
 
 
 def _columns(
-    records: list[Record], places: list[_Place], decimal: str, file: str, found: Findings
+    records: list[Record], places: list[_Place], decimal: str, file: str, findings: Findings
 ) -> dict[str, Column]:
     columns = {}
     for place in places:
@@ -202,7 +204,7 @@ def _columns(
             mine = Findings()
             values = [mine.attempt(w, place.name, _number, c[place.index], decimal, place.factor) for w, c in records]
             columns[place.name] = Column(place.name, place.quantity, place.unit, np.array(values, float))
-            found += few(mine, file)
+            findings += few(mine, file)
     return columns
 
 

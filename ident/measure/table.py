@@ -15,7 +15,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 DELIMITERS = ",;\t"
-"""Column delimiters that are told apart."""
+"""Column delimiters that are recognised."""
 
 _DECIMAL_MARK = re.compile(r"(?<![\w.,])[+-]?[0-9]*([.,])[0-9]")
 
@@ -24,10 +24,10 @@ Record = tuple[str, list[str]]
 
 
 class Findings(list[Problem]):
-    """The problems found so far; reading goes on, so that all are reported."""
+    """The problems that were found so far; reading goes on, so that all are reported."""
 
     def attempt(self, where: str, column: str, read: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T | None:
-        """Returns what `read` returns, or None where it raises InputError, whose problems are kept."""
+        """Return what `read` returns, or None where it raises InputError, whose problems are noted."""
         try:
             return read(*args, **kwargs)
         except InputError as error:
@@ -36,7 +36,7 @@ class Findings(list[Problem]):
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:
-    """Returns the delimiter that splits the header line into most columns."""
+    """Return the delimiter that splits the header line into most columns."""
     header = next((line for _, line, _ in _content_lines(text)), "")
 
     def columns(delimiter: str) -> tuple[int, int]:
@@ -46,8 +46,8 @@ def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:
     return max(DELIMITERS, key=columns)
 
 
-def read_records(text: str, delimiter: str, file: str, found: Findings) -> Iterator[Record]:
-    """Yields the header and the rows; what is no well-formed CSV is noted and left out."""
+def read_records(text: str, delimiter: str, file: str, findings: Findings) -> Iterator[Record]:
+    """Yield the header and the rows; what is no well-formed CSV is noted and left out."""
     for number, line, following in _content_lines(text):
         where = f"{file}:{number}"
         reader = csv.reader(chain([line], following), delimiter=delimiter, skipinitialspace=True, strict=True)
@@ -55,11 +55,11 @@ def read_records(text: str, delimiter: str, file: str, found: Findings) -> Itera
             yield where, [cell.strip() for cell in next(reader)]
         except csv.Error as error:
             remedy = 'close every quoted cell, and double the quotes within one: "a ""b"" c"'
-            found.append(Problem(where, f"a broken row ({error})", "well-formed CSV", remedy))
+            findings.append(Problem(where, f"a broken row ({error})", "well-formed CSV", remedy))
 
 
 def misfit(where: str, fields: int, columns: int, delimiter: str) -> Problem:
-    """Returns the problem of a row that has more or fewer fields than the header."""
+    """Return the problem of a row that has more or fewer fields than the header."""
     remedy = "quote text that contains the delimiter, and keep a delimiter for every empty cell"
     if delimiter == "," and fields > columns:
         remedy = "if these are decimal commas, write decimal points or separate the columns by semicolons"
@@ -67,7 +67,7 @@ def misfit(where: str, fields: int, columns: int, delimiter: str) -> Problem:
 
 
 def decimal_mark(delimiter: str, numbers: Iterable[str]) -> str:
-    """Returns the mark that most numbers have; numbers with the other one are refused when they are read."""
+    """Return the mark that most numbers have; numbers with the other one are refused when they are read."""
     if delimiter == ",":
         return "."
     marks = Counter(mark for number in numbers for mark in _DECIMAL_MARK.findall(number))
@@ -75,7 +75,7 @@ def decimal_mark(delimiter: str, numbers: Iterable[str]) -> str:
 
 
 def _content_lines(text: str) -> Iterator[tuple[int, str, Iterator[str]]]:
-    """Yields number and text of each line that starts a record, and the lines that may continue it."""
+    """Yield number and text of each line that starts a record, and the lines that may continue it."""
     numbered = enumerate(io.StringIO(text, newline=""), start=1)
     following = (line for _, line in numbered)
     for number, line in numbered:

@@ -11,12 +11,12 @@ NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 
 
 def format_number(value: float) -> str:
-    """Writes a number with all its digits and no idle `.0`; reading it back gives the same float."""
+    """Write a number with all its digits and no idle `.0`; reading it back gives the same float."""
     return repr(float(value)).removesuffix(".0")
 
 
 def parse_number(text: str, decimal: str = ".") -> float:
-    """Reads a finite number.
+    """Read a finite number.
 
     Args:
         text: the number as written, without blanks around it.
@@ -37,7 +37,7 @@ def parse_number(text: str, decimal: str = ".") -> float:
 
 
 def parse_fraction(text: str, decimal: str = ".") -> float:
-    """Reads a fraction between 0 and 1, exclusive: `0.005` or `0.5%`.
+    """Read a fraction between 0 and 1, exclusive: `0.005` or `0.5%`.
 
     Raises:
         InputError: the text is no such fraction.

@@ -52,7 +52,7 @@ class Trace:
 
 
 def read_trace(path: str | Path) -> Trace:
-    """Reads a trace from a CSV file with the columns `time [s]` and any of `x [mm]`, `y [mm]`, `z [mm]`.
+    """Read a trace from a CSV file with the columns `time [s]` and any of `x [mm]`, `y [mm]`, `z [mm]`.
 
     The unit tells displacement from acceleration, `x [m/s^2]`; one file has one of the two.
 
@@ -69,16 +69,16 @@ def read_trace(path: str | Path) -> Trace:
 
 
 def parse_trace(data: bytes, path: str | Path) -> Trace:
-    """Reads a trace from the bytes of a CSV file; `path` names it in messages.
+    """Read a trace from the bytes of a CSV file; `path` names it in messages.
 
     Raises:
         InputError: something is wrong; every problem is listed.
     """
-    found = Findings()
-    series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, FEWEST_ROWS, found)
-    found += [*_kind_problems(series), *_sampling_problems(series)]
-    if found:
-        raise InputError(found)
+    findings = Findings()
+    series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, FEWEST_ROWS, findings)
+    findings += [*_kind_problems(series), *_sampling_problems(series)]
+    if findings:
+        raise InputError(findings)
     given = [direction for direction in DIRECTIONS if direction in series]
     kind = KINDS[series.columns[given[0]].quantity]
     values = {direction: series[direction] for direction in given}
@@ -99,7 +99,7 @@ def _kind_problems(series: Series) -> Iterator[Problem]:
 
 
 def _sampling_problems(series: Series) -> Iterator[Problem]:
-    """Finds the interval that differs most from the mean one, once time increases."""
+    """Find the interval that differs most from the mean one, once time increases."""
     steps = np.diff(series[TIME]) if TIME in series else np.zeros(0)
     if not steps.size or not (steps > 0).all():
         return

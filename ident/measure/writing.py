@@ -11,7 +11,7 @@ from ident.measure.columns import COLUMNS
 from ident.measure.load import format_direction
 from ident.measure.reading import parse_campaign
 from ident.measure.text import format_number
-from ident.measure.units import si_factor
+from ident.units import si_factor
 
 WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "damping_ratio": "1"}
 """Unit in which each measured quantity is written."""
@@ -24,7 +24,7 @@ def write_campaign(
     header_comments: Iterable[str] = (),
     relative_sigma: bool = False,
 ) -> None:
-    """Writes a campaign as CSV: postures in deg, frequencies in Hz, deflections in mm, every digit kept.
+    """Write a campaign as CSV: postures in deg, frequencies in Hz, deflections in mm, every digit kept.
 
     The text is read back before it is written, so that no file is made that `read_campaign` would refuse. The
     file appears whole or not at all.
@@ -46,7 +46,7 @@ def write_campaign(
 
 
 def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:
-    """Returns a campaign as CSV text, with the columns that are in use."""
+    """Return a campaign as CSV text, with the columns that are in use."""
     angles = [f"q{joint} [deg]" for joint in range(1, campaign.joints + 1)]
     rows = [dict(zip(angles, _degrees(m), strict=True)) | dict(_cells(m, relative_sigma)) for m in campaign]
     used = [name for name in COLUMNS if name in _ALWAYS or any(row.get(name) for row in rows)]
@@ -80,7 +80,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
 
 
 def _written(value: float, unit: float) -> str:
-    """Returns value/unit in the fewest digits, 15 at least, that read back as the same value; else in all."""
+    """Return value/unit in the fewest digits, 15 at least, that read back as the same value; else in all."""
     exact = value / unit
     short = (float(f"{exact:.{digits}g}") for digits in (15, 16))
     return format_number(next((number for number in short if number * unit == value), exact))

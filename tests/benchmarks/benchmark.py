@@ -13,24 +13,24 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-import scipy.linalg as sl  # noqa: E402
-from peer import Peer  # noqa: E402
-from scipy.optimize import least_squares  # noqa: E402
-from shell import DATA, command  # noqa: E402
-from sizes import MODES, predictor, sizes  # noqa: E402
-from timing import machine, table, timed  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg as sl
+from peer import Peer
+from scipy.optimize import least_squares
+from shell import DATA, command
+from sizes import MODES, predictor, sizes
+from timing import machine, table, timed
 
-from ident.arm.arm import Arm, stiffness_paths  # noqa: E402
-from ident.description.file import read_arm  # noqa: E402
-from ident.identify.conditions import bind  # noqa: E402
-from ident.identify.predict import ArmModel  # noqa: E402
-from ident.inference.batches import in_batches  # noqa: E402
-from ident.inference.fit import fit  # noqa: E402
-from ident.inference.parameters import stiffness_parameters  # noqa: E402
-from ident.inference.problem import InverseProblem  # noqa: E402
-from ident.measure import Campaign, read_campaign  # noqa: E402
+from ident.arm.arm import Arm, stiffness_paths
+from ident.description.file import read_arm
+from ident.identify.conditions import bind
+from ident.identify.predict import ArmModel
+from ident.identify.unknowns import Unknowns, stiffness_parameters
+from ident.inference.batches import in_batches
+from ident.inference.fit import fit
+from ident.inference.problem import InverseProblem
+from ident.measure import Campaign, read_campaign
 
 
 def with_slopes(f: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -91,7 +91,7 @@ def warm_fit(arm: Arm, quick: bool) -> None:
     names, known = stiffness_parameters(arm).names, np.array([m.value for m in campaign])
     sigma = np.array([m.sigma for m in campaign])
     kinds = tuple(m.kind for m in campaign)
-    model, unknown = ArmModel(arm, bind(arm, campaign)), stiffness_parameters(arm, prior_sd=np.inf)
+    model, unknown = ArmModel(arm, bind(arm, campaign)), stiffness_parameters(arm, Unknowns(prior_sd=np.inf))
     problem = InverseProblem(model, jnp.asarray(known), jnp.asarray(sigma), unknown, kinds)
     postures = list(dict.fromkeys(m.posture for m in campaign))
     peers = [Peer(arm, np.array(posture)) for posture in postures]
@@ -127,7 +127,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="fewer sets and repetitions, in a minute or two")
     quick = parser.parse_args().quick
     print(machine())
-    arm = read_arm(DATA / "arm.toml")
+    arm = read_arm(DATA / "arm.toml").arm
     predictions(arm, quick)
     warm_fit(arm, quick)
     sizes(quick)

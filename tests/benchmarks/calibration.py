@@ -24,23 +24,24 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import equinox as eqx  # noqa: E402
-import jax.monitoring  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from shell import DATA, ROOT  # noqa: E402
-from timing import machine  # noqa: E402
+import equinox as eqx
+import jax.monitoring
+import jax.numpy as jnp
+import numpy as np
+from shell import DATA, ROOT
+from timing import machine
 
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
-from sbc import Recovery, recover, report  # noqa: E402
+from sbc import Recovery, recover, report
 
-from ident.description.file import read_arm  # noqa: E402
-from ident.identify.build_problem import build_problem  # noqa: E402
-from ident.inference.fit import evaluate  # noqa: E402
-from ident.inference.problem import InverseProblem  # noqa: E402
-from ident.inference.sample import Settings  # noqa: E402
-from ident.measure import Campaign, Measurement  # noqa: E402
+from ident.description.file import read_arm
+from ident.identify.build_problem import build_problem
+from ident.identify.unknowns import Unknowns
+from ident.inference.least_squares import evaluate
+from ident.inference.problem import InverseProblem
+from ident.inference.sample import Settings
+from ident.measure import Campaign, Measurement
 
 ALPHA = (0.0, 60.0)
 """Postures q = alpha (1, -2, 1) [deg]."""
@@ -58,13 +59,13 @@ EVENT = "/jax/core/compile/backend_compile_duration"
 @cache
 def problem() -> InverseProblem:
     """Return the problem; its data are those of Table 1 without noise."""
-    arm, rows = read_arm(DATA / "arm.toml"), []
+    arm, rows = read_arm(DATA / "arm.toml").arm, []
     for alpha in ALPHA:
         posture = tuple((np.deg2rad(alpha) * np.array([1.0, -2.0, 1.0])).tolist())
         for place in range(FREQUENCIES):  # values that are replaced, but for their order
             rows.append(Measurement(kind="frequency", posture=posture, value=1.0 + place, sigma=1.0))
         rows.append(Measurement(kind="deflection", posture=posture, value=1.0, sigma=1.0, point="tip"))
-    posed = build_problem(arm, Campaign(measurements=tuple(rows)), prior_sd=WIDTH)
+    posed = build_problem(arm, Campaign(measurements=tuple(rows)), Unknowns(prior_sd=WIDTH))
     nominal = evaluate(posed).predicted
     sigma = jnp.array([SIGMA[kind] for kind in posed.kinds]) * nominal
     return eqx.tree_at(lambda p: (p.measured, p.sigma), posed, (nominal, sigma))

@@ -15,22 +15,22 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import arviz  # noqa: E402
-import emcee  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from numpyro.infer import MCMC, NUTS  # noqa: E402
-from peer import Peer  # noqa: E402
-from shell import DATA  # noqa: E402
-from timing import machine  # noqa: E402
+import arviz
+import emcee
+import jax.numpy as jnp
+import numpy as np
+from numpyro.infer import MCMC, NUTS
+from peer import Peer
+from shell import DATA
+from timing import machine
 
-from ident.description.file import read_arm  # noqa: E402
-from ident.identify.build_problem import build_problem  # noqa: E402
-from ident.inference.fit import Fit, fit  # noqa: E402
-from ident.inference.initial_walkers import starting_points  # noqa: E402
-from ident.inference.posterior import Posterior, evaluate, posterior  # noqa: E402
-from ident.inference.sample import DEFAULT, Sample, Settings, sample  # noqa: E402
-from ident.measure import Campaign, read_campaign  # noqa: E402
+from ident.description.file import read_arm
+from ident.identify.build_problem import build_problem
+from ident.inference.fit import Fit, fit
+from ident.inference.initial_walkers import initial_walkers
+from ident.inference.posterior import Posterior, evaluate, posterior
+from ident.inference.sample import DEFAULT, Sample, Settings, sample
+from ident.measure import Campaign, read_campaign
 
 TIMES = 20
 """How many times the effective samples a second of plain emcee over the peer ident is to reach."""
@@ -41,7 +41,7 @@ Density = Callable[[np.ndarray], float]
 def peer_density(target: Posterior, campaign: Campaign) -> Density:
     """Return the log posterior by MuJoCo and SciPy; a posture's frequencies are matched in ascending order."""
     problem = target.problem
-    arm, parameters = read_arm(DATA / "arm.toml"), problem.parameters
+    arm, parameters = read_arm(DATA / "arm.toml").arm, problem.parameters
     known, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
     centre = np.asarray(parameters.theta(parameters.column("centre")))
     width = np.asarray(parameters.column("prior_sd"))
@@ -115,7 +115,7 @@ def plain(found: Fit, target: Posterior, theirs: Density, quick: bool) -> list[R
     The slow chain and the fast one begin alike with the same seed; they are compared as far as the slow one goes.
     """
     slow_steps, fast_steps = (30, 1500) if quick else (150, 4000)
-    start = starting_points(target, found.best, WALKERS, np.random.default_rng(0), WALKERS // 2)
+    start = initial_walkers(target, found.best, WALKERS, np.random.default_rng(0), WALKERS // 2)
     state = emcee.State(start, random_state=np.random.RandomState(0).get_state())
 
     def fast(points: np.ndarray) -> np.ndarray:
@@ -155,7 +155,7 @@ def nuts(found: Fit, target: Posterior, quick: bool) -> list[Rate]:
     def potential(theta: Any) -> Any:
         return -target.evaluate(theta[:, None]).log_density[0]
 
-    start = starting_points(target, found.best, 4, np.random.default_rng(0), WALKERS // 2)
+    start = initial_walkers(target, found.best, 4, np.random.default_rng(0), WALKERS // 2)
     mcmc = MCMC(
         NUTS(potential_fn=potential, dense_mass=True),
         num_warmup=warmup,
@@ -200,7 +200,7 @@ def main() -> None:
     quick = parser.parse_args().quick
     print(machine())
     campaign = read_campaign(DATA / "campaign.csv")
-    problem = build_problem(read_arm(DATA / "arm.toml"), campaign)
+    problem = build_problem(read_arm(DATA / "arm.toml").arm, campaign)
     found, target = fit(problem), posterior(problem)
     settings = replace(DEFAULT, max_steps=500) if quick else DEFAULT
     ours, drawn = ident(found, target, settings)

@@ -1,4 +1,4 @@
-"""`ident diagnose` as a user meets it, at full speed, where a motion is short; with few draws."""
+"""`ident diagnose` as a user meets it, at full speed, where a motion is short; with little effort."""
 
 import json
 import os
@@ -8,55 +8,54 @@ import sys
 from pathlib import Path
 
 import pytest
-from arms import DATA
 from commands import files
-from diagnose_small import SMALL
+from diagnose_small import CAMPAIGN
 
-from ident.studies import stage_cache as kept
+from ident.store import Store
 
 SUPPORT = Path(__file__).parents[1] / "support"
-CAMPAIGN = DATA / "lcd_arm" / "campaign.csv"
-ASKED = ("diagnose", CAMPAIGN, "--speed", "100", "--dwell", "0.2", "--limit", "8")
+MOTION = ("--speed", "100", "--dwell", "0.2", "--limit", "8")
 
 
 @pytest.fixture
-def small(monkeypatch):
-    for (module, name), value in SMALL.items():
-        monkeypatch.setattr(module, name, value)
+def small(tmp_path):
+    """Start the command `small` in an empty folder."""
+    line = [sys.executable, str(SUPPORT / "diagnose_small.py"), "small", str(CAMPAIGN), *MOTION]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(SUPPORT), *sys.path])}
+    return lambda: subprocess.Popen(line, stdout=subprocess.PIPE, text=True, cwd=tmp_path, env=environment)
 
 
 @pytest.mark.timeout(900)
-def test_from_a_campaign_to_advice_with_three_kills_on_the_way(small, run, tmp_path, browser_page):
+def test_from_a_campaign_to_advice_with_three_kills_on_the_way(small, tmp_path, browser_page):
     """Killed in several stages (kill -9), it goes on behind the last that was finished; the page opens in a browser."""
-    line = [sys.executable, str(SUPPORT / "diagnose_small.py"), *map(str, ASKED)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(SUPPORT), *sys.path])}
     for finished in (1, 3, 5):
-        killed = subprocess.Popen(line, stdout=subprocess.PIPE, text=True, cwd=tmp_path, env=environment)
-        assert killed.stdout is not None
-        told = []
-        for text in killed.stdout:
-            told.append(text)
-            if text.startswith(f"{finished}. "):
+        killed = small()
+        printed = []
+        for line in killed.stdout:
+            printed.append(line)
+            if line.startswith(f"{finished}. "):
                 break
         killed.send_signal(signal.SIGKILL)
         killed.wait()
-        assert "".join(told).count("(as found before)") >= max(finished - 2, 0), "".join(told)
+        killed.stdout.close()
+        assert "".join(printed).count("(as found before)") >= max(finished - 2, 0), "".join(printed)
         assert not (tmp_path / "out" / "campaign.diagnose.html").exists()
 
-    code, out, err = run(*ASKED)
-    assert code == 0, err
+    last = small()
+    out, _ = last.communicate()
+    assert last.returncode == 0
     assert out.count("(as found before)") == 5
     assert out.count("->") == 5
     assert "6. Does it hold?" in out
 
-    assert files(tmp_path / "out") == ["campaign.diagnose.html", "campaign.diagnose.json", "campaign.diagnose.nc"]
+    assert files(tmp_path / "out") == [f"campaign.diagnose.{end}" for end in ("html", "json", "nc")]
     document = json.loads((tmp_path / "out" / "campaign.diagnose.json").read_text("utf-8"))
     stages = document["stages"]
-    assert list(stages) == ["stiffness", "resonance", "vibration", "sensitivities", "remedies", "proof"]
+    assert list(stages) == ["stiffness", "resonance", "vibration", "sensitivities", "remedies", "verification"]
     assert stages["stiffness"]["rank"] == 6
     assert not stages["vibration"]["accepted"]
-    assert {found["kind"] for found in stages["remedies"]["remedies"]} == {"torsion", "mass centre", "both", "speed"}
-    assert stages["proof"]["keeps"]["draws"] == 20
+    assert {remedy["kind"] for remedy in stages["remedies"]["remedies"]} == {"torsion", "mass centre", "both", "speed"}
+    assert stages["verification"]["keeps"]["draws"] == 20
     for width in (360, 1280):
         with browser_page(tmp_path / "out" / "campaign.diagnose.html", width, 800) as opened:
             assert opened.alone
@@ -65,33 +64,23 @@ def test_from_a_campaign_to_advice_with_three_kills_on_the_way(small, run, tmp_p
             assert not opened.broken_images
 
 
-def test_an_interrupted_run_says_how_it_goes_on(run, monkeypatch, tmp_path):
+def test_an_interrupted_run_says_how_it_goes_on(run, monkeypatch):
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("ident.identify.sample.sample_campaign", stopped)
-    code, _, err = run(*ASKED)
+    code, _, err = run("diagnose", CAMPAIGN, *MOTION)
     assert code == 130
     assert "goes on from there" in err
 
 
 def test_a_run_of_other_inputs_is_not_gone_on_with(run, tmp_path):
-    kept.StageCache(tmp_path / "out" / "campaign.diagnose.part", {"campaign": "another"})
-    code, _, err = run(*ASKED)
+    Store(tmp_path / "out" / "campaign.diagnose.part", {"campaign": "another"})
+    code, _, err = run("diagnose", CAMPAIGN, *MOTION)
     assert code == 2
     assert "another campaign" in err
+    assert "--restart" in err
     assert len(err.splitlines()) == 1
-
-
-def test_stages_are_kept_whole(tmp_path):
-    stages = kept.StageCache(tmp_path, {"campaign": "one"})
-    assert stages.read("vibration") is None
-    stages.write("vibration", {"facts": {"name": "Gelenk \u00fc"}})
-    assert kept.StageCache(tmp_path, {"campaign": "one"}).read("vibration") == {"facts": {"name": "Gelenk \u00fc"}}
-    (tmp_path / "stage-vibration.json").write_text('{"facts": {"na')
-    assert stages.read("vibration") is None
-    kept.StageCache.discard(tmp_path)
-    assert not tmp_path.exists()
 
 
 @pytest.mark.parametrize(
@@ -101,7 +90,9 @@ def test_stages_are_kept_whole(tmp_path):
         (("--limit", "nan"), "--limit"),
         (("--speed", "-5"), "--speed"),
         (("--profile", "s-curv"), "did you mean"),
+        (("--smoothing", "1"), "--smoothing: got it without --path"),
         (("--fix", "joint1.k_bnd"), "joint1.k_bend"),
+        (("--set", "joint1.k_bend=-1"), "--set"),
         (("--load", "glas"), "glass"),
     ],
 )

@@ -22,7 +22,7 @@ def test_report_and_result_agree_with_the_library(run, tmp_path):
     assert [branch["label"] for branch in written["branches"]] == [str(label) for label in found.labels]
     np.testing.assert_allclose([branch["frequency"] for branch in written["branches"]], found.median, rtol=1e-9)
     assert written["options"]["margin"] == 10.0
-    assert len(written["encounters"]) == 6
+    assert len(written["resonance_crossings"]) == 6
     assert "pulley 2 (drive2) meets vertical bending 1 at 2.06 s" in out
 
 
@@ -33,7 +33,7 @@ def test_draws_give_bands_and_probabilities(run, tmp_path):
     written = json.loads((tmp_path / "out" / f"{BASE}.json").read_text())
     low, high = np.array(written["branches"][0]["band_5_95"])
     assert (high > low).all()
-    assert all(0 < e["probability"] <= 1 for e in written["encounters"])
+    assert all(0 < e["probability"] <= 1 for e in written["resonance_crossings"])
 
 
 @pytest.mark.parametrize(

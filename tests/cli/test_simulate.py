@@ -1,4 +1,4 @@
-"""`ident simulate` and `ident spectrum`: real runs on short motions, the files that they leave, and bad input."""
+"""`ident simulate`: real runs on short motions, the files that they leave, and bad input."""
 
 import json
 import re
@@ -55,7 +55,7 @@ def test_csv_netcdf_summary_and_report_agree_with_simulate(run, tmp_path, direct
         assert json.loads(data.attrs["inputs"])["arm"]["sha256"]
 
     result = json.loads((tmp_path / f"{base}.json").read_text())
-    assert result["format"] == "ident-simulate/1"
+    assert result["format"] == "ident-simulate/2"
     found = result["vibration"]
     assert found["peak"] == pytest.approx(np.asarray(peak(response.vibration)))
     assert found["rms"] == pytest.approx(np.asarray(rms(response.vibration)))
@@ -173,17 +173,17 @@ def test_draws_of_a_posterior_give_bands(run, tmp_path):
 
 
 def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
-    from ident.identify.values import read_draws, read_fit
+    from ident.studies.motion import drawn_values, fitted_values
 
     document = {
-        "format": "ident-fit/1",
+        "format": "ident-fit/2",
         "parameters": [
             {"paths": ["joint2.k_tors", "joint3.k_tors"], "value": 3e5},
             {"paths": ["discrepancy.deflection"], "value": 1.1},
         ],
     }
     (tmp_path / "a.fit.json").write_text(json.dumps(document))
-    fit = read_fit(tmp_path / "a.fit.json", lcd_arm())
+    fit = fitted_values(tmp_path / "a.fit.json", lcd_arm())
     assert fit.medians == {"joint2.k_tors": 3e5, "joint3.k_tors": 3e5}
     assert fit.left_out == ("discrepancy.deflection",)
     assert fit.without({"joint3.k_tors": 1.0}).keys() == {"joint2.k_tors"}
@@ -192,7 +192,7 @@ def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
         tied = arviz.InferenceData(posterior=data.load())
     tied.posterior["joint2.k_tors"].attrs["paths"] = json.dumps(["joint2.k_tors", "joint3.k_tors"])
     tied.to_netcdf(str(tmp_path / "tied.nc"), engine="h5netcdf")
-    drawn = read_draws(tmp_path / "tied.nc", lcd_arm(), 100, seed=1)
+    drawn = drawn_values(tmp_path / "tied.nc", lcd_arm(), 100, seed=1)
     np.testing.assert_array_equal(drawn.values["joint3.k_tors"], drawn.values["joint2.k_tors"])
     np.testing.assert_array_equal(np.sort(drawn.values["joint3.k_tors"]), np.sort(values["joint2.k_tors"].ravel()))
 
@@ -289,59 +289,3 @@ def test_an_arm_that_collapses_is_told(run, tmp_path):
     assert (code, out) == (1, "")
     assert "no stable equilibrium" in err
     assert files(tmp_path) == []
-
-
-def test_spectrum_tells_peaks_modes_and_orders(run, tmp_path):
-    assert run("simulate", ARM, *SHORT, "--method=fast", "--no-figure")[0] == 0
-    path = f"out/{NAME}.simulate.csv"
-    options = ("--orders=1,2", "--revolutions=8", "--spectrogram", f"--arm={ARM}", "--direction=x,z", "--upto=100")
-    code, out, err = run("spectrum", path, *options, "--out=pictures")
-    assert (code, err) == (0, "")
-    for words in ("Hann window", "vertical bending 1", "Orders of drive1 and drive3", "Orders of drive2"):
-        assert words in out
-    pictures = [f"pictures/{NAME}.spectrum{end}.png" for end in ("", ".orders", ".x", ".z")]
-    assert [name for name in files(tmp_path) if name.startswith("pictures")] == sorted(pictures)
-
-
-def sine(path, header, amplitude, frequency):
-    time = np.arange(1000) / 100
-    rows = np.column_stack([time, amplitude * np.sin(2 * np.pi * frequency * time)])
-    np.savetxt(path, rows, header=header, comments="", delimiter=",")
-
-
-def test_spectrum_measures_a_sine_and_sets_acceleration_beside_displacement(run, tmp_path):
-    sine(tmp_path / "a.csv", "time [s],x [mm]", 0.4, 5.0)
-    sine(tmp_path / "b.csv", "time [s],x [m/s^2]", 0.7, 7.0)
-    code, out, err = run("spectrum", "a.csv", "--no-figure")
-    assert (code, err) == (0, "")
-    assert re.search(r"^  x +5\.000 +0\.4000$", out, re.M)
-    code, out, err = run("spectrum", "a.csv", "--against=b.csv")
-    assert (code, err) == (0, "")
-    assert "a: a displacement, differentiated twice" in out
-    assert re.search(rf"^  x +5\.000 +{0.4e-3 * (10 * np.pi) ** 2:.4f}", out, re.M)
-    assert re.search(r"^  x +7\.000 +0\.7000$", out, re.M)
-    assert files(tmp_path) == ["a.csv", "b.csv", "out/a.spectrum.png"]
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--direction=y"], "--direction: got 'y'"),
-        (["--window=han"], "did you mean hann"),
-        (["--segments=0"], "--segments"),
-        (["--upto=0"], "--upto"),
-        (["--orders=1,2"], "no pulley's angle"),
-        (["--orders=one"], "'one'"),
-        (["--spectrogram", "--segment=9"], "--segment: got 9 s"),
-        (["--against=none.csv"], "none.csv: got no such file"),
-        (["--posture=0,0,0"], "--posture"),
-        (["--from=8", "--to=3"], "--from, --to"),
-    ],
-)
-def test_bad_spectra_are_one_line_and_nothing_is_written(run, tmp_path, options, words):
-    sine(tmp_path / "a.csv", "time [s],x [mm]", 0.4, 5.0)
-    code, out, err = run("spectrum", "a.csv", *options)
-    assert (code, out) == (2, "")
-    assert words in err
-    assert len(err.splitlines()) == 1
-    assert files(tmp_path) == ["a.csv"]

@@ -39,7 +39,7 @@ def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
     expected = 1e3 * np.abs(np.asarray(single.vibration)).max(1)
 
     result = json.loads((tmp_path / f"{NAME}.json").read_text())
-    assert result["format"] == "ident-sweep/1"
+    assert result["format"] == "ident-sweep/2"
     stiffness, centre = result["sweeps"]
     assert stiffness["axes"][0] == {
         "paths": [K],
@@ -51,7 +51,7 @@ def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
     np.testing.assert_allclose(sizes[:, 2], expected, rtol=5e-3, err_msg="but for the step of the fast method")
     np.testing.assert_allclose(sizes[:, 1], 1e3 * np.array(result["present"]))
     assert np.shape(centre["amplitude"]) == (3, 2)
-    assert result["options"]["vary"] == [text.removeprefix("--vary=") for text in VARY]
+    assert result["options"]["vary"] == {K: ["0.5x", "2x", 3], "fingers.com.x": [1.2, 1.9, 2]}
     assert result["inputs"]["arm"]["sha256"]
 
     read = table(f"{NAME}.csv", K)
@@ -140,23 +140,28 @@ def test_other_parameters_are_other_files_and_an_arm_without_drives_is_told(run,
         (["--vary=1:2"], "no PATH=LOW:HIGH"),
         (["--vary==1:2"], "an empty name"),
         (["--vary=link1.mass=1:2:1"], "got 1 values"),
-        (["--vary=link1.mass=1:2:2.5"], "got 2.5 values"),
+        (["--vary=link1.mass=1:2:2.5"], "got 2.5 values, expected a whole number"),
         (["--vary=link1.mass=1:2:1e9"], "got 1000000000 values"),
         (["--vary=link1.mass", "--limit=0"], "--limit: got 0"),
-        (["--vary=link1.mass", "--measure=peek"], "--measure: got 'peek'"),
+        (["--vary=link1.mass", "--measure=peek"], "--measure: got 'peek', expected one of peak, rms, residual"),
         (["--vary=link1.mass", "--measure=residual", "--dwell=0"], "hold the arm (--dwell)"),
         (["--vary=link1.mass", "--rate=nan"], "--rate: got nan"),
-        (["--vary=link1.mass", "--grid"], "--grid: got 1 parameter, expected two"),
+        (["--grid"], "--grid: got 0 parameters, expected two"),
+        (["--vary=link1.mass", "--grid"], "--grid: got 1 parameter, expected two; name two numbers (--vary), or drop"),
         (["--vary=link1.mass", "--vary=speed", "--vary=link2.mass", "--grid"], "--grid: got 3 parameters"),
-        (["--vary=link1.mass=1:2:200", "--vary=speed=4:5:200", "--grid"], "got 200 x 200 = 40000 points"),
+        (["--vary=link1.mass=1:2:200", "--vary=speed=4:5:200", "--grid"], "--grid: got 200 x 200 = 40000 points"),
         (["--vary=link1.mass", "--vary=link1.mass=1:2"], "--vary: got link1.mass twice"),
         (["--vary=link1.mass=link1.mass"], "--vary: got link1.mass twice"),
-        (["--vary=speed=link1.mass"], "the speed with others"),
+        (["--vary=speed=link1.mass"], "--vary speed=link1.mass: got the speed with others"),
         (["--vary=fingers.com.x=link1.mass"], "a coordinate with other numbers"),
         (["--vary=bracket.com.x=0:0.3"], "within the body"),
         (["--vary=speed=4:2000"], "at most 100 %"),
         (["--vary=speed", "--path=far.csv"], "a motion beyond the joint limits: joint1 at 120"),
-        (["--vary=link1.mass", "--set=link1.mass=0"], "got 0 at present"),
+        (
+            ["--vary=link1.mass", "--set=link1.mass=0"],
+            "--vary link1.mass: got 0 at present, expected a number above 0; "
+            "it is changed by a factor: set it first (--set)",
+        ),
         (["--vary=link1.mass", "--speed=0"], "--speed: got 0 %"),
     ],
 )

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from ident.description.file import parse_arm, parse_document, read_arm, read_arm_file, update_file
+from ident.description.file import parse_arm, parse_document, read_arm, update_file
 from ident.errors import InputError
 
 jax.config.update("jax_enable_x64", True)
@@ -122,7 +122,7 @@ def test_undriven_joint_keeps_its_place_without_a_pin():
 def test_every_number_has_an_origin(tmp_path):
     path = tmp_path / "arm.toml"
     path.write_text(TEXT)
-    file = read_arm_file(path)
+    file = read_arm(path)
     assert set(file.origins) == set(file.arm.paths())
     assert file.origins["joint1.k_bend"] == "paper"
     assert file.origins["joint1.k_tors"] == "datasheet"
@@ -134,14 +134,14 @@ def test_every_number_has_an_origin(tmp_path):
 def test_sha256_is_of_the_bytes(tmp_path):
     path = tmp_path / "arm.toml"
     path.write_bytes(TEXT.encode())
-    one = read_arm_file(path).sha256
+    one = read_arm(path).sha256
     path.write_bytes(TEXT.encode() + b"# more\n")
     assert len(one) == 64
-    assert read_arm_file(path).sha256 != one
+    assert read_arm(path).sha256 != one
 
 
 def test_paper_arm_is_valid_and_carries_table_1():
-    file = read_arm_file(PAPER_ARM)
+    file = read_arm(PAPER_ARM)
     factor = 180 / np.pi * 1e-3
     bending = [file.arm.get(f"joint{n}.k_bend") / factor for n in (1, 2, 3)]
     torsion = [file.arm.get(f"joint{n}.k_tors") / factor for n in (1, 2, 3)]
@@ -335,7 +335,7 @@ def test_an_absent_file_and_a_folder_are_refused(tmp_path):
 
 
 def test_a_byte_order_mark_is_read_over(tmp_path):
-    assert read_arm(written(tmp_path, b"\xef\xbb\xbf" + TEXT.encode())).name == "two joints"
+    assert read_arm(written(tmp_path, b"\xef\xbb\xbf" + TEXT.encode())).arm.name == "two joints"
 
 
 def test_revised_text_changes_the_numbers_and_nothing_else():
@@ -385,7 +385,7 @@ def test_revising_a_text_that_is_wrong_already_names_its_problem():
 
 
 def test_extents_are_corners_about_the_mass_centre_in_the_file():
-    extents = read_arm_file(PAPER_ARM).extents
+    extents = read_arm(PAPER_ARM).extents
     np.testing.assert_allclose(extents["bracket"], [[0, -0.7, 0], [0.29, 0.7, 0.08]], atol=1e-12)
     np.testing.assert_allclose(extents["shaft2"], [[-0.09, -0.09, -0.03], [0.09, 0.09, 0.09]], atol=1e-12)
     np.testing.assert_allclose(extents["glass"], [[0.44, -0.95, 0.06265], [2.64, 0.95, 0.06335]], atol=1e-12)

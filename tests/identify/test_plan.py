@@ -15,13 +15,20 @@ from ident.errors import InputError, ModelError
 from ident.identify.build_problem import arm_problem
 from ident.identify.candidate_predictions import candidate_predictions
 from ident.identify.experiments import COSTS, row_information
-from ident.identify.plan import plan_campaign
+from ident.identify.fit import fit_campaign
+from ident.identify.plan import PlanSettings, plan_campaign
 from ident.identify.posture_grid import MOST, posture_grid
-from ident.identify.unknowns import stiffness_parameters
-from ident.inference.fit import fit, solve
+from ident.identify.unknowns import Unknowns, stiffness_parameters
+from ident.inference.fit import fit
+from ident.inference.least_squares import solve
 from ident.inference.optimal_design import Experiments, bundle, criterion, fewest, gains, greedy, information_gain
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.prior_information import PriorInformation, fitted_knowledge, prior_knowledge, scaled_jacobians
+from ident.inference.prior_information import (
+    PriorInformation,
+    prior_and_data_information,
+    prior_information,
+    scaled_jacobians,
+)
 from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
 from ident.jit import jit
@@ -34,8 +41,8 @@ def known(information):
     return PriorInformation(names, np.zeros((1, len(information))), information[None])
 
 
-def visits_of(rows, cost=None):
-    """One visit for each row of a scaled Jacobian."""
+def experiments_of(rows, cost=None):
+    """One experiment for each row of a scaled Jacobian."""
     return bundle(np.asarray(rows, float)[None], [[i] for i in range(len(rows))], cost or [1.0] * len(rows))
 
 
@@ -51,34 +58,34 @@ def test_the_information_gain_is_the_drop_in_entropy_of_a_normal_law():
 
 def test_one_value_taken_n_times_divides_its_variance_by_n():
     vague = known(np.diag([1e-12]))
-    steps = greedy(vague, visits_of([[10.0]]), 7)
+    steps = greedy(vague, experiments_of([[10.0]]), 7)
     np.testing.assert_allclose([step.sd[0, 0] for step in steps], [0.1 / math.sqrt(n) for n in range(1, 8)], rtol=1e-9)
     np.testing.assert_allclose([s.nats for s in steps[1:]], [0.5 * math.log(n / (n - 1)) for n in range(2, 8)])
 
 
 def test_a_single_value_on_one_parameter_gains_what_shannon_says():
     """ln(1 + signal / noise) / 2."""
-    assert gains(known(np.eye(2)), visits_of([[3.0, 0.0]]), information_gain)[0] == pytest.approx(math.log(10) / 2)
+    assert gains(known(np.eye(2)), experiments_of([[3.0, 0.0]]), information_gain)[0] == pytest.approx(math.log(10) / 2)
 
 
-@pytest.mark.parametrize(("aim", "best"), [("d", 2), ("a", 1), ("b", 0)])
-def test_each_criterion_chooses_what_it_is_for(aim, best):
+@pytest.mark.parametrize(("name", "best"), [("d", 2), ("a", 1), ("b", 0)])
+def test_each_criterion_chooses_what_it_is_for(name, best):
     """Of a, b, c: b is best told by the first, the variance sits in a, and ratios shrink most with the last."""
     prior = np.diag([1.0, 25.0, 400.0])
     rows = [[0.0, 12.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 120.0]]
-    chosen = greedy(known(prior), visits_of(rows), 1, criterion(aim, "abc"))
-    assert chosen[0].visit == best
+    chosen = greedy(known(prior), experiments_of(rows), 1, criterion(name, "abc"))
+    assert chosen[0].experiment == best
 
 
 def test_gain_counts_per_cost():
     rows = [[3.0, 0.0], [0.0, 5.0]]
-    assert greedy(known(np.eye(2)), visits_of(rows), 1)[0].visit == 1
-    assert greedy(known(np.eye(2)), visits_of(rows, [1.0, 3.0]), 1)[0].visit == 0
+    assert greedy(known(np.eye(2)), experiments_of(rows), 1)[0].experiment == 1
+    assert greedy(known(np.eye(2)), experiments_of(rows, [1.0, 3.0]), 1)[0].experiment == 0
 
 
 def test_a_batch_stops_at_its_target():
-    assert len(greedy(known(np.eye(1)), visits_of([[10.0]]), 9, target=0.05)) == 4
-    assert greedy(known(np.eye(1)), visits_of([[10.0]]), 9, target=2.0) == ()
+    assert len(greedy(known(np.eye(1)), experiments_of([[10.0]]), 9, target=0.05)) == 4
+    assert greedy(known(np.eye(1)), experiments_of([[10.0]]), 9, target=2.0) == ()
 
 
 def test_a_gain_is_a_mean_over_the_points():
@@ -91,35 +98,36 @@ def test_a_gain_is_a_mean_over_the_points():
 def test_greedy_has_the_share_of_the_best_that_is_proved():
     rng = np.random.default_rng(3)
     for _ in range(20):
-        visits = visits_of(rng.normal(size=(8, 3)) * rng.uniform(0.1, 5, (8, 1)))
-        total = 2 * sum(step.nats for step in greedy(known(np.eye(3)), visits, 3))
+        experiments = experiments_of(rng.normal(size=(8, 3)) * rng.uniform(0.1, 5, (8, 1)))
+        total = 2 * sum(step.nats for step in greedy(known(np.eye(3)), experiments, 3))
         every = [
-            np.linalg.slogdet(np.eye(3) + visits.information[list(some), 0].sum(0))[1] for some in np.ndindex(8, 8, 8)
+            np.linalg.slogdet(np.eye(3) + experiments.information[list(some), 0].sum(0))[1]
+            for some in np.ndindex(8, 8, 8)
         ]
         assert total > (1 - 1 / math.e) * max(every)
 
 
 def small_grid():
-    return plan_campaign(lcd_arm(), step=math.radians(90.0), draws=0, count=1)
+    return plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
 
 
 def test_greedy_reaches_five_percent_in_as_few_visits_as_exhaustive_search():
-    """From an empty campaign; a visit is four frequencies and the deflection."""
+    """From an empty campaign; an experiment is four frequencies and the deflection."""
     plan = small_grid()
-    rows = row_information(plan.view, plan.means)[:, :, 0]
+    rows = row_information(plan.predictions, plan.instruments)[:, :, 0]
     whole = Experiments(rows.sum(0), np.ones(rows.shape[1]))
     chosen = greedy(plan.known, whole, 9, target=0.05)
     assert (chosen[-1].sd[0] < 0.05).all()
     assert len(chosen) == len(fewest(plan.known, whole, 0.05)) == 2
 
 
-@pytest.mark.parametrize("aim", ["d", "a"])
-def test_greedy_reaches_five_percent_in_as_few_single_values_as_exhaustive_search(aim):
+@pytest.mark.parametrize("name", ["d", "a"])
+def test_greedy_reaches_five_percent_in_as_few_single_values_as_exhaustive_search(name):
     """From an empty campaign, each frequency and deflection by itself: six of 35, where no five of them suffice."""
     plan = small_grid()
-    rows = row_information(plan.view, plan.means)[:, :, 0].reshape(-1, 1, 6, 6)
+    rows = row_information(plan.predictions, plan.instruments)[:, :, 0].reshape(-1, 1, 6, 6)
     single = Experiments(rows, np.ones(len(rows)))
-    chosen = greedy(plan.known, single, 20, criterion(aim, plan.known.names), target=0.05)
+    chosen = greedy(plan.known, single, 20, criterion(name, plan.known.names), target=0.05)
     assert (chosen[-1].sd[0] < 0.05).all()
     assert fewest(plan.known, single, 0.05, most=5) is None
     assert len(chosen) == 6
@@ -127,7 +135,7 @@ def test_greedy_reaches_five_percent_in_as_few_single_values_as_exhaustive_searc
 
 def test_promised_and_realised_standard_deviations_agree():
     """600 campaigns as planned from an empty one, with noise, each fitted: a standard deviation is known to 3 %."""
-    plan = plan_campaign(lcd_arm(), step=math.radians(60.0), draws=0, count=3)
+    plan = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(60.0), draws=0, count=3))
     campaign = plan.campaign()
     problem = arm_problem(lcd_arm(), campaign, plan.parameters)
     start = plan.parameters.theta(plan.parameters.column("start"))
@@ -145,39 +153,51 @@ def test_promised_and_realised_standard_deviations_agree():
 
 def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     """The planned values added to the campaign, and all fitted: the fit's own standard deviations, to rounding."""
-    first = plan_campaign(lcd_arm(), step=math.radians(90.0), draws=0, count=2).campaign()
+    first = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=2)).campaign()
     glass = (Load.parse("glass"),)
-    then = plan_campaign(lcd_arm(), first, step=math.radians(60.0), draws=2, count=2, starts=2, loads=glass)
+    then = plan_campaign(
+        lcd_arm(),
+        fit_campaign(lcd_arm(), first, starts=2),
+        settings=PlanSettings(step=math.radians(60.0), draws=2, count=2, loads=glass),
+    )
     assert then.fit is not None
-    np.testing.assert_allclose(then.sd[0], then.fit.fit.information.sd, rtol=1e-6)
-    np.testing.assert_allclose(then.fit.fit.best.theta, then.known.points[0])
+    np.testing.assert_allclose(then.sd[0], then.fit.information.sd, rtol=1e-6)
+    np.testing.assert_allclose(then.fit.best.theta, then.known.points[0])
     again = Campaign(measurements=(*first, *then.campaign()))
     found = fit(arm_problem(lcd_arm(), again, then.parameters), starts=1)
     np.testing.assert_allclose(found.information.sd, then.sd[-1], rtol=1e-4)
 
 
 def test_visits_to_one_state_are_entered_once_as_means():
-    plan = plan_campaign(lcd_arm(), step=math.radians(90.0), draws=0, count=9, costs={"dial": 3.0})
+    plan = plan_campaign(
+        lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=9, costs={"dial": 3.0})
+    )
     campaign = plan.campaign()
     assert len(set(plan.batch)) < len(plan.batch)
     for posture in campaign.postures:
-        there = [visit for visit in plan.batch if visit.posture == posture]
+        there = [experiment for experiment in plan.batch if experiment.posture == posture]
         rows = [m for m in campaign if m.posture == posture]
         times = {"frequency": sum(v.hammer for v in there), "deflection": sum(v.dial for v in there)}
         assert sum(m.kind == "frequency" for m in rows) == 4 * (times["frequency"] > 0)
         for m in rows:
-            assert m.sigma / m.value == pytest.approx(plan.means.sigma[m.kind] / times[m.kind] ** 0.5, rel=1e-3)
+            assert m.sigma / m.value == pytest.approx(plan.instruments.sigma[m.kind] / times[m.kind] ** 0.5, rel=1e-3)
     found = fit(arm_problem(lcd_arm(), campaign, plan.parameters), starts=1)
     np.testing.assert_allclose(found.information.sd, plan.sd[-1], rtol=1e-3)
 
 
 def test_what_is_measured_already_gains_less():
-    fresh = plan_campaign(lcd_arm(), step=math.radians(90.0), draws=0, count=1)
+    fresh = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
     best = fresh.batch[0]
-    more = plan_campaign(lcd_arm(), fresh.campaign(), step=math.radians(90.0), draws=0, count=1, starts=1)
-    alike = [i for i, visit in enumerate(more.visits) if visit.posture == best.posture and visit.hammer]
+    more = plan_campaign(
+        lcd_arm(),
+        fit_campaign(lcd_arm(), fresh.campaign(), starts=1),
+        settings=PlanSettings(step=math.radians(90.0), draws=0, count=1),
+    )
+    alike = [
+        i for i, experiment in enumerate(more.experiments) if experiment.posture == best.posture and experiment.hammer
+    ]
     assert more.measured.sum() == 1
-    assert more.measured[more.visits[alike[0]].place]
+    assert more.measured[more.experiments[alike[0]].place]
     assert max(more.nats[alike]) < 0.4 * max(fresh.nats)
     assert more.batch[0].posture != best.posture
 
@@ -185,7 +205,7 @@ def test_what_is_measured_already_gains_less():
 def test_postures_that_show_the_same_are_taken_once():
     """The paper's arm stands upright and is symmetric: joint 1 does not matter, nor does a mirror image."""
     plan = small_grid()
-    q = np.round(np.rad2deg(plan.view.postures))
+    q = np.round(np.rad2deg(plan.predictions.postures))
     assert (q[:, 0] == 0).all()
     kinds = {frozenset([(b, c), (-b % 360 - (360 if -b % 360 > 180 else 0), -c)]) for _, b, c in q}
     assert len(kinds) == len(q) == 7
@@ -196,49 +216,53 @@ def test_postures_that_show_the_same_are_taken_once():
 def test_a_tilted_arm_keeps_all_its_postures():
     upright = lcd_arm()
     tilted = Arm("tilted", upright.joints, upright.points, upright.payloads, np.array([3.0, 1.0, -9.0]))
-    plan = plan_campaign(tilted, step=math.radians(90.0), draws=0, count=1)
-    assert len(plan.view.postures) == len(plan.grid.postures) == 36
+    plan = plan_campaign(tilted, settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
+    assert len(plan.predictions.postures) == len(plan.grid.postures) == 36
 
 
-def test_the_outlook_is_what_predict_says():
+def test_candidate_predictions_are_what_predict_says():
     """Values at a loaded and an unloaded posture, and a slope by central differences."""
     parameters, loads = stiffness_parameters(lcd_arm()), (OWN_WEIGHT, Load.parse("glass + 20 N -z @ tip"))
-    points = prior_knowledge(parameters, draws=1).points
+    points = prior_information(parameters, draws=1).points
     postures = np.deg2rad([[10.0, 40.0, -70.0], [0.0, 0.0, 0.0], [-20.0, 110.0, 30.0]])
-    view = candidate_predictions(lcd_arm(), parameters, points, postures, loads, 4)
+    predictions = candidate_predictions(lcd_arm(), parameters, points, postures, loads, 4)
     rows = [
         Measurement(kind=kind, posture=tuple(postures[g]), load=loads[s], value=value, sigma=1.0, point=point)
         for g, s in ((0, 0), (2, 1))
         for kind, point, value in (*(("frequency", None, float(i)) for i in range(1, 5)), ("deflection", "tip", 1.0))
     ]
     problem = arm_problem(lcd_arm(), Campaign(measurements=tuple(rows)), parameters)
-    there = [[*view.frequency[:, g, s, 1], view.deflection[g, s, 1]] for g, s in ((0, 0), (2, 1))]
+    there = [[*predictions.frequency[:, g, s, 1], predictions.deflection[g, s, 1]] for g, s in ((0, 0), (2, 1))]
     predict = jit(problem.predict)
     np.testing.assert_allclose(predict(jnp.asarray(points[1])), np.ravel(there), rtol=1e-9)
     way = np.linspace(-1.0, 1.0, 6)
     ahead, behind = (np.asarray(predict(jnp.asarray(points[1] + h * way))) for h in (1e-5, -1e-5))
-    slopes = [way @ view.jacobian[:, :, g, s, 1].T for g, s in ((0, 0), (2, 1))]
+    slopes = [way @ predictions.jacobian[:, :, g, s, 1].T for g, s in ((0, 0), (2, 1))]
     np.testing.assert_allclose(np.ravel(slopes), (ahead - behind) / 2e-5, rtol=1e-6)
 
 
-def way(visit):
-    return visit.hammer, visit.labelled, visit.dial
+def way(experiment):
+    return experiment.hammer, experiment.labelled, experiment.dial
 
 
 def test_close_frequencies_count_only_with_a_second_accelerometer():
-    plan = plan_campaign(lcd_arm(), step=math.radians(30.0), draws=0, count=1)
+    plan = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(30.0), draws=0, count=1))
     without, with_labels = (
         {
             v.place: plan.nats[i]
-            for i, v in enumerate(plan.visits)
+            for i, v in enumerate(plan.experiments)
             if (v.hammer, v.labelled, v.dial) == (True, more, False)
         }
         for more in (False, True)
     )
-    close = [p for p in without if plan.view.gap[:, p, 0, 0].min() < 0.05 and plan.view.named[:, p, 0, 0].all()]
+    close = [
+        p for p in without if plan.predictions.gap[:, p, 0, 0].min() < 0.05 and plan.predictions.named[:, p, 0, 0].all()
+    ]
     assert close
     assert all(with_labels[p] > without[p] + 0.1 for p in close)
-    assert all(with_labels[p] == pytest.approx(without[p]) for p in without if plan.view.gap[:, p, 0, 0].min() > 0.05)
+    assert all(
+        with_labels[p] == pytest.approx(without[p]) for p in without if plan.predictions.gap[:, p, 0, 0].min() > 0.05
+    )
 
 
 def springs(points):
@@ -257,12 +281,12 @@ def springs(points):
 
 def test_any_model_can_be_planned_for():
     problem = springs([1.2, 3.2, 4.0])
-    now = prior_knowledge(problem.parameters, draws=4)
-    offered = bundle(scaled_jacobians(problem, now.points), [[0], [1], [2], [0, 1]], [1.0, 1.0, 1.0, 1.5])
-    steps = greedy(now, offered, 2)
-    assert steps[0].visit == 3
+    now = prior_information(problem.parameters, draws=4)
+    candidates = bundle(scaled_jacobians(problem, now.points), [[0], [1], [2], [0, 1]], [1.0, 1.0, 1.0, 1.5])
+    steps = greedy(now, candidates, 2)
+    assert steps[0].experiment == 3
     found = fit(problem, starts=2)
-    after = fitted_knowledge(found, draws=0)
+    after = prior_and_data_information(found, draws=0)
     np.testing.assert_allclose(after.sd[0], found.information.sd, rtol=1e-6)
     rest = greedy(after, bundle(scaled_jacobians(problem, after.points), [[0], [1]], [1.0, 1.0]), 1)
     assert rest[0].nats < steps[0].nats / 3
@@ -270,18 +294,18 @@ def test_any_model_can_be_planned_for():
 
 def test_flat_and_absent_priors_are_planned_for_as_normal_ones():
     flat = Prior.log_uniform(1e5, 1e5 * math.exp(2.0))
-    items = stiffness_parameters(lcd_arm(), prior_sd=math.inf, priors={"joint1.k_bend": flat})
-    sd = prior_knowledge(items, draws=0).sd[0]
+    items = stiffness_parameters(lcd_arm(), Unknowns(prior_sd=math.inf, priors={"joint1.k_bend": flat}))
+    sd = prior_information(items, draws=0).sd[0]
     place = items.names.index("joint1.k_bend")
     assert sd[place] == pytest.approx(2.0 / math.sqrt(12), rel=1e-3)
     assert np.delete(sd, place) == pytest.approx(3.0)
 
 
 def test_draws_cover_what_is_known():
-    now = prior_knowledge(stiffness_parameters(lcd_arm()), draws=512)
+    now = prior_information(stiffness_parameters(lcd_arm()), draws=512)
     off = now.points[1:] - now.points[0]
     np.testing.assert_allclose(np.cov(off.T), np.eye(6), atol=0.1)
-    np.testing.assert_array_equal(prior_knowledge(stiffness_parameters(lcd_arm()), draws=512).points, now.points)
+    np.testing.assert_array_equal(prior_information(stiffness_parameters(lcd_arm()), draws=512).points, now.points)
 
 
 def test_the_grid_keeps_to_the_limits():
@@ -317,23 +341,27 @@ def test_a_joint_that_hardly_moves_is_held_in_the_middle():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"aim": "joint1.k_bent"}, "joint1.k_bend"),
-        ({"count": 0}, "at least one visit"),
+        ({"criterion": "joint1.k_bent"}, "joint1.k_bend"),
+        ({"count": 0}, "at least one experiment"),
         ({"step": 0.0}, "a step above 0"),
         ({"modes": 0}, "modes: got 0"),
         ({"sigma": {"frequencies": 0.1}}, "did you mean frequency"),
         ({"sigma": {"frequency": 0.0}}, "above 0"),
         ({"costs": {"gauge": 1.0}}, "one of posture"),
         ({"costs": {"dial": -1.0}}, ">= 0"),
-        ({"costs": dict.fromkeys(COSTS, 0.0)}, "a visit that costs 0"),
+        ({"costs": dict.fromkeys(COSTS, 0.0)}, "an experiment that costs 0"),
         ({"loads": (Load.parse("glas"),)}, "glass"),
-        ({"fixed": ["joint1.k_bendy"]}, "did you mean"),
     ],
 )
 def test_bad_options_are_one_line(options, words):
     with pytest.raises(InputError, match=words) as error:
-        plan_campaign(lcd_arm(), **{"step": math.radians(90.0), "draws": 0, **options})
+        plan_campaign(lcd_arm(), settings=PlanSettings(**{"step": math.radians(90.0), "draws": 0, **options}))
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_an_unknown_that_the_arm_has_not_is_refused():
+    with pytest.raises(InputError, match="did you mean"):
+        plan_campaign(lcd_arm(), unknowns=Unknowns(fixed=("joint1.k_bendy",)))
 
 
 def test_arms_that_cannot_be_planned_for_are_told():
@@ -342,9 +370,11 @@ def test_arms_that_cannot_be_planned_for_are_told():
     with pytest.raises(InputError, match="limits of joint1"):
         plan_campaign(with_limits((4.0, 5.0), (0.0, 1.0), (0.0, 1.0)))
     with pytest.raises(ModelError, match="no stable equilibrium"):
-        plan_campaign(lcd_arm().replace({"joint1.k_bend": 100.0}), step=math.radians(90.0), draws=0)
+        plan_campaign(
+            lcd_arm().replace({"joint1.k_bend": 100.0}), settings=PlanSettings(step=math.radians(90.0), draws=0)
+        )
 
 
 def test_a_search_through_too_many_sets_is_refused():
-    with pytest.raises(InputError, match="sets of 3 visits"):
-        fewest(known(np.eye(1)), visits_of([[0.1]] * 300), 1e-9, most=3)
+    with pytest.raises(InputError, match="sets of 3 experiments"):
+        fewest(known(np.eye(1)), experiments_of([[0.1]] * 300), 1e-9, most=3)

@@ -16,9 +16,10 @@ from ident.identify.conditions import bind
 from ident.identify.data_checks import check_values
 from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict
-from ident.identify.unknowns import parameter, stiffness_parameters
+from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
 from ident.inference.cross_prediction import cross_predictions
-from ident.inference.fit import evaluate, fit
+from ident.inference.fit import fit
+from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign
@@ -65,7 +66,7 @@ def started_at(problem, factor):
 
 
 def test_exact_data_give_all_six_from_any_of_a_hundred_starts():
-    problem = arm_problem(lcd_arm(), exact(shipped()), stiffness_parameters(lcd_arm(), prior_sd=math.inf))
+    problem = arm_problem(lcd_arm(), exact(shipped()), stiffness_parameters(lcd_arm(), Unknowns(prior_sd=math.inf)))
     truth = np.asarray(problem.parameters.column("start"))
     rng = np.random.default_rng(0)
     worst = 0.0
@@ -78,7 +79,7 @@ def test_exact_data_give_all_six_from_any_of_a_hundred_starts():
 
 
 def test_the_noisy_campaign_gives_all_six_within_three_standard_deviations():
-    found = fit_campaign(lcd_arm(), shipped()).fit
+    found = fit_campaign(lcd_arm(), shipped())
     truth = np.log(np.asarray(found.problem.parameters.column("start")))
     assert (np.abs(found.best.theta - truth) < 3 * found.information.sd).all()
     assert (found.information.sd < 0.03).all()
@@ -97,7 +98,7 @@ def test_three_numbers_are_three_directions_of_six():
 
 
 def test_without_prior_three_numbers_fit_exactly_and_no_interval_is_finite():
-    problem = arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm(), prior_sd=math.inf))
+    problem = arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm(), Unknowns(prior_sd=math.inf)))
     found = fit(started_at(problem, [1.3, 0.8, 1.1, 0.9, 1.2, 1.0]), starts=4, spread=0.2)
     assert found.best.cost < 1e-12
     assert found.information.rank == 3
@@ -109,7 +110,7 @@ def test_the_measured_numbers_of_the_paper_contradict_each_other():
     found = fit_campaign(lcd_arm(), table_1())
     assert found.contradictory
     assert not found.supported.any(), "no interval is quoted from data that contradict each other"
-    by_kind = {tension.kind: tension for tension in found.cross_predictions}
+    by_kind = {each.kind: each for each in found.cross_predictions}
     assert by_kind["deflection"].predicted[0] > 0.029, "frequencies alone ask for some 31 mm; 22 were measured"
     assert by_kind["deflection"].z[0] < -5
     assert by_kind["frequency"].z[0] < -5
@@ -128,7 +129,7 @@ def test_damping_ratios_give_the_damping_times():
     )
     campaign = exact(Campaign(measurements=(*shipped().measurements, *ratios)))
     start = arm.replace({f"joint{j}.{tau}": 1e-3 for j in (1, 2, 3) for tau in ("tau_bend", "tau_tors")})
-    found = fit_campaign(start, campaign, prior_sd=math.inf, starts=1, trust_values=True).fit
+    found = fit_campaign(start, campaign, Unknowns(prior_sd=math.inf), starts=1, trust_values=True)
     assert found.parameters["joint2.tau_bend"] == pytest.approx(0.0002, rel=1e-5)
     assert found.parameters["joint3.tau_tors"] == pytest.approx(0.002, rel=1e-5)
 
@@ -137,9 +138,9 @@ def test_a_mass_and_a_length_may_be_unknown_too():
     truth = {"link2.mass": float(lcd_arm().get("link2.mass")) * 1.05, "joint3.offset.x": 0.96}
     campaign = exact(shipped(), truth)
     free = {"link2.mass": 0.3, "joint3.offset.x": 0.05}
-    found = fit_campaign(lcd_arm(), campaign, free=free, prior_sd=3.0, starts=1)
-    assert found.fit.chi_squared < 0.1
-    assert found.fit.parameters["link2.mass"] == pytest.approx(truth["link2.mass"], rel=0.05)
+    found = fit_campaign(lcd_arm(), campaign, Unknowns(free=free, prior_sd=3.0), starts=1)
+    assert found.chi_squared < 0.1
+    assert found.parameters["link2.mass"] == pytest.approx(truth["link2.mass"], rel=0.05)
     assert float(found.fitted_arm.get("joint3.offset.x")) == pytest.approx(0.96, abs=0.02)
 
 
@@ -159,7 +160,7 @@ def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():
     mistyped = dataclasses.replace(second, value=second.value + 1.0, sigma=second.sigma)
     result = fit_campaign(lcd_arm(), Campaign(measurements=(first, mistyped, *rest)))
     assert result.outliers[1]
-    assert result.fit.p_value < 1e-6
+    assert result.p_value < 1e-6
     assert result.doubts
     assert not result.supported.any()
 
@@ -171,15 +172,15 @@ def test_a_posture_beyond_the_limits_is_questioned():
 
 
 def test_without_prior_the_contradiction_is_still_found_and_the_valley_is_one_optimum():
-    result = fit_campaign(lcd_arm(), table_1(), prior_sd=math.inf, starts=8)
+    result = fit_campaign(lcd_arm(), table_1(), Unknowns(prior_sd=math.inf), starts=8)
     assert result.contradictory
-    assert sum(o.cost < result.fit.best.cost + 1e-3 for o in result.fit.optima) == 1
+    assert sum(o.cost < result.best.cost + 1e-3 for o in result.optima) == 1
 
 
 def test_an_arm_that_collapses_is_said_to():
     soft = lcd_arm().replace({f"joint{j}.k_bend": 10.0 for j in (1, 2, 3)})
     with pytest.raises(ModelError, match="no stable equilibrium"):
-        fit_campaign(soft, table_1(), starts=1, prior_sd=0.01)
+        fit_campaign(soft, table_1(), Unknowns(prior_sd=0.01), starts=1)
 
 
 def chain_frequencies(parameters):

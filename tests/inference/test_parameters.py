@@ -8,7 +8,7 @@ import pytest
 from arms import lcd_arm
 
 from ident.errors import InputError
-from ident.identify.unknowns import parameter, stiffness_parameters
+from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
 
 
 def test_six_stiffnesses_by_default_and_there_and_back():
@@ -19,7 +19,7 @@ def test_six_stiffnesses_by_default_and_there_and_back():
 
 
 def test_a_length_is_not_fitted_as_a_logarithm():
-    parameters = stiffness_parameters(lcd_arm(), free={"joint2.offset.y": 0.01})
+    parameters = stiffness_parameters(lcd_arm(), Unknowns(free={"joint2.offset.y": 0.01}))
     values = jnp.asarray(parameters.column("start")).at[-1].set(-0.02)
     theta = parameters.theta(values)
     assert theta[-1] == pytest.approx(-2.0)
@@ -34,20 +34,24 @@ def test_batches_of_theta():
 
 
 def test_fixed_and_tied():
-    parameters = stiffness_parameters(lcd_arm(), fixed=["joint1.k_bend"], tied=[("joint2.k_tors", "joint3.k_tors")])
+    parameters = stiffness_parameters(
+        lcd_arm(), Unknowns(fixed=("joint1.k_bend",), tied=(("joint2.k_tors", "joint3.k_tors"),))
+    )
     assert parameters.names == ("joint2.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors")
     by_path = parameters.by_path(jnp.arange(1.0, 5.0))
     assert by_path["joint3.k_tors"] == by_path["joint2.k_tors"] == 4.0
 
 
 def test_a_tie_with_a_freed_mass_frees_the_group():
-    parameters = stiffness_parameters(lcd_arm(), free={"link2.mass": 0.1}, tied=[("link1.mass", "link2.mass")])
+    parameters = stiffness_parameters(
+        lcd_arm(), Unknowns(free={"link2.mass": 0.1}, tied=(("link1.mass", "link2.mass"),))
+    )
     assert parameters.items[-1].paths == ("link1.mass", "link2.mass")
     assert float(parameters.items[-1].prior_sd) == pytest.approx(0.1)
 
 
 def test_what_the_user_fixes_or_ties_wins_over_the_groups_of_damping():
-    fixed = stiffness_parameters(lcd_arm(), damping=True, fixed=["joint1.tau_bend"])
+    fixed = stiffness_parameters(lcd_arm(), Unknowns(fixed=("joint1.tau_bend",)), damping=True)
     assert fixed.items[-2].paths == ("joint2.tau_bend", "joint3.tau_bend")
 
 
@@ -61,19 +65,19 @@ def test_damping_is_one_number_for_each_kind():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"fixed": ["joint1.k_bendy"]}, "did you mean joint1.k_bend"),
+        ({"fixed": ("joint1.k_bendy",)}, "did you mean joint1.k_bend"),
         ({"free": {"link9.mass": 0.1}}, "link9.mass"),
-        ({"tied": [("joint1.k_bend", "joint4.k_bend")]}, "joint4.k_bend"),
-        ({"tied": [("joint1.k_bend", "joint2.k_bend")], "fixed": ["joint1.k_bend"]}, "twice"),
-        ({"tied": [("link1.mass", "link2.mass")]}, "at least one unknown"),
+        ({"tied": (("joint1.k_bend", "joint4.k_bend"),)}, "joint4.k_bend"),
+        ({"tied": (("joint1.k_bend", "joint2.k_bend"),), "fixed": ("joint1.k_bend",)}, "twice"),
+        ({"tied": (("link1.mass", "link2.mass"),)}, "at least one unknown"),
         ({"prior_sd": 0.0}, "width > 0"),
         ({"prior_sd": math.nan}, "width > 0"),
-        ({"fixed": [f"joint{j}.{k}" for k in ("k_bend", "k_tors") for j in (1, 2, 3)]}, "no unknown"),
+        ({"fixed": tuple(f"joint{j}.{k}" for k in ("k_bend", "k_tors") for j in (1, 2, 3))}, "no unknown"),
     ],
 )
 def test_refused(arguments, words):
     with pytest.raises(InputError, match=words):
-        stiffness_parameters(lcd_arm(), **arguments)
+        stiffness_parameters(lcd_arm(), Unknowns(**arguments))
 
 
 def test_a_positive_quantity_that_is_zero_is_refused():

@@ -11,7 +11,7 @@ from arms import lcd_arm
 from scipy.integrate import quad
 
 from ident.errors import InputError
-from ident.identify.unknowns import parameter, stiffness_parameters
+from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
 from ident.inference.discrepancy import with_discrepancy
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
@@ -72,7 +72,7 @@ def test_a_flat_prior_leaves_a_fit_within_it_alone_and_holds_one_that_would_leav
 
 
 def test_a_batch_is_each_alone():
-    parameters = stiffness_parameters(lcd_arm(), priors={PATH: FORMS[2]})
+    parameters = stiffness_parameters(lcd_arm(), Unknowns(priors={PATH: FORMS[2]}))
     u = jnp.asarray(np.random.default_rng(0).uniform(size=(6, 5)))
     theta = parameters.from_uniform(u)
     for i in range(5):
@@ -97,7 +97,7 @@ def test_refused(text):
 
 def test_refused_for_parameters_that_are_not_fitted_or_may_be_negative():
     with pytest.raises(InputError, match=r"did you mean joint1\.k_tors"):
-        stiffness_parameters(lcd_arm(), priors={"joint1.k_tor": FORMS[0]})
+        stiffness_parameters(lcd_arm(), Unknowns(priors={"joint1.k_tor": FORMS[0]}))
     with pytest.raises(InputError, match="may be negative"):
         parameter(lcd_arm(), "joint2.offset.x", prior=FORMS[0])
 

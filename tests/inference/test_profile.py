@@ -13,7 +13,7 @@ from scipy.optimize import brentq, minimize
 
 from ident.errors import InputError
 from ident.identify.build_problem import arm_problem
-from ident.identify.unknowns import stiffness_parameters
+from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.constrained_fit import ConstrainedFit, Point
 from ident.inference.fit import Fit, fit
 from ident.inference.information import half_width
@@ -74,8 +74,8 @@ def test_of_a_linear_model_profile_covariance_and_closed_form_are_one():
             half = half_width(interval.level) * width
             assert interval.low == pytest.approx(centre - half, abs=2e-4 * half)
             assert interval.high == pytest.approx(centre + half, abs=2e-4 * half)
-        np.testing.assert_allclose(one.rise, ((one.theta - centre) / width) ** 2, atol=1e-6)
-        assert one.settled.all()
+        np.testing.assert_allclose(one.delta_chi_squared, ((one.theta - centre) / width) ** 2, atol=1e-6)
+        assert one.converged.all()
         assert one.linear
         assert one.beaten == 0
     assert_nested(profiles)
@@ -109,7 +109,7 @@ def test_a_direction_that_nothing_sees_is_open_and_flat_on_both_sides():
         assert one.flat == (True, True)
         assert one.widest.low == -math.inf
         assert one.linear, "the linear interval is open as well"
-        assert one.settled.all()
+        assert one.converged.all()
         assert np.ptp(one.theta) == pytest.approx(2 * math.log(1000))
 
 
@@ -132,13 +132,13 @@ def test_a_spring_in_series_with_another_is_bounded_below_only():
             assert np.exp(interval.low) == pytest.approx(1 / (1 + 0.1 * half_width(interval.level)), rel=1e-4)
 
 
-def test_a_rise_that_stays_below_the_threshold_is_open_and_not_flat():
+def test_a_delta_that_stays_below_the_threshold_is_open_and_not_flat():
     """y = k / (1 + k) saturates at 1, which lies 1.5 sigma above what was measured."""
     problem = posed(lambda p: jnp.stack([p["k"] / (1 + p["k"])]), [0.7], 0.2, stiffness("k", 1.0))
     (one,) = profile(fit(problem, starts=1))
     assert [interval.endings[1] for interval in one.intervals] == [CROSSED, CROSSED, OPEN]
     assert one.flat == (False, False)
-    assert one.rise[-1] == pytest.approx(1.5**2, rel=1e-2)
+    assert one.delta_chi_squared[-1] == pytest.approx(1.5**2, rel=1e-2)
     half, sixty_eight = (interval.high for interval in one.intervals[:2])
     assert 1 / (1 + np.exp(-half)) == pytest.approx(0.7 + 0.2 * half_width(0.5), rel=1e-4)
     assert 1 / (1 + np.exp(-sixty_eight)) == pytest.approx(0.7 + 0.2 * half_width(0.683), rel=1e-4)
@@ -270,7 +270,7 @@ def test_names_levels_and_reach_are_chosen_and_checked():
 def arm_profiles(name: str, prior_sd: float) -> tuple[Fit, tuple[Profile, ...]]:
     """Profiles of the paper's arm; without prior, of Table 1's computed values, which contradict nothing."""
     campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
-    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm(), prior_sd=prior_sd))
+    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm(), Unknowns(prior_sd=prior_sd)))
     if math.isinf(prior_sd):
         problem = dataclasses.replace(problem, measured=jnp.asarray([4.80, 4.12, 0.0263]))
     found = fit(problem, starts=1)
@@ -285,7 +285,7 @@ def test_on_the_shipped_campaign_profiles_confirm_the_linear_intervals():
         assert one.widest.endings == (CROSSED, CROSSED)
         assert one.halves == pytest.approx((1, 1), abs=0.08)
         assert one.linear
-        assert one.settled.all()
+        assert one.converged.all()
         assert one.beaten == 0
         assert [interval.level for interval in one.intervals] == list(LEVELS)
     assert_nested(profiles)
@@ -306,5 +306,5 @@ def test_three_numbers_without_prior_leave_all_six_open_at_99_percent():
     assert 5.0e6 < math.exp(first.high) < 5.6e6
     rng = np.random.default_rng(1)
     elsewhere = [Point(found.best.theta + rng.normal(size=6), 0.0, True, np.zeros(6)) for _ in range(3)]
-    rises = [ConstrainedFit(found, 0).at(first.high, [point]).rise for point in elsewhere]
-    assert min(rises) == pytest.approx(threshold(0.95), abs=1e-2)
+    deltas = [ConstrainedFit(found, 0).at(first.high, [point]).delta_chi_squared for point in elsewhere]
+    assert min(deltas) == pytest.approx(threshold(0.95), abs=1e-2)

@@ -19,13 +19,14 @@ from chains import linear_problem, storey_problem
 
 from ident.errors import InputError, ModelError
 from ident.inference.diagnostics import diagnose
+from ident.inference.ensembles import BLOCK
 from ident.inference.evidence import weigh
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.posterior import evaluate, posterior
 from ident.inference.posterior_predictive import posterior_predictive
 from ident.inference.problem import InverseProblem
-from ident.inference.sample import BLOCK, Settings, sample
+from ident.inference.sample import Settings, sample
 
 SUPPORT = Path(__file__).parents[1] / "support"
 SHORT = Settings(max_steps=500, walkers=12)
@@ -171,28 +172,33 @@ def test_killed_at_twenty_moments_the_chain_is_the_same_to_the_bit(tmp_path):
     line = [sys.executable, str(SUPPORT / "sample_forever.py")]
     moments = random.Random(4)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(SUPPORT), *sys.path])}
+
+    def blocks():
+        return len(list((tmp_path / "killed").glob("block*.item")))
+
     for _ in range(20):
         run = subprocess.Popen(
             [*line, str(tmp_path / "killed"), "1000000"], stdout=subprocess.PIPE, text=True, env=environment
         )
         assert run.stdout is not None
         assert run.stdout.readline() == "sampling\n"
-        time.sleep(moments.uniform(0.2, 1.0))
+        wanted = blocks() + moments.randrange(3)  # none: while it starts; however busy the machine is
+        while blocks() < wanted and run.poll() is None:
+            time.sleep(0.01)
+        time.sleep(moments.uniform(0.0, 0.3))
         run.send_signal(signal.SIGKILL)
         run.wait()
-    blocks = len(list((tmp_path / "killed").glob("block*.npz")))
-    assert blocks > 5, "the moments were too early to mean anything"
+    assert blocks() > 5, "the moments were too early to mean anything"
+    steps = (blocks() + 3) * BLOCK
     for folder in ("killed", "alone"):
-        subprocess.run(
-            [*line, str(tmp_path / folder), str((blocks + 3) * BLOCK)], check=True, env=environment, capture_output=True
-        )
+        subprocess.run([*line, str(tmp_path / folder), str(steps)], check=True, env=environment, capture_output=True)
     np.testing.assert_array_equal(np.load(tmp_path / "killed.npy"), np.load(tmp_path / "alone.npy"))
 
 
 def test_a_broken_last_block_is_drawn_again(tmp_path):
     problem, _, _ = linear_problem()
     whole = sample(fit(problem), posterior(problem), SHORT, folder=tmp_path)
-    last = sorted(tmp_path.glob("block*.npz"))[-1]
+    last = sorted(tmp_path.glob("block*.item"))[-1]
     last.write_bytes(last.read_bytes()[:100])
     again = sample(fit(problem), posterior(problem), SHORT, folder=tmp_path)
     np.testing.assert_array_equal(again.theta, whole.theta)

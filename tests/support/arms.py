@@ -59,7 +59,7 @@ def random_arm(
 @cache
 def lcd_arm() -> Arm:
     """The arm of the paper."""
-    return read_arm(DATA / "lcd_arm" / "arm.toml")
+    return read_arm(DATA / "lcd_arm" / "arm.toml").arm
 
 
 def two_equal_arm() -> Arm:

@@ -11,6 +11,16 @@ def files(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
+def log(path, angles=(60, -120, 60)):
+    """A way in half a second, from rest to rest."""
+    time = np.linspace(0, 0.5, 26)
+    x = time / 0.5
+    way = 10 * x**3 - 15 * x**4 + 6 * x**5
+    columns = [time, *(way * angle for angle in angles)]
+    header = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]"
+    np.savetxt(path, np.column_stack(columns), header=header, comments="", delimiter=",")
+
+
 def posterior(path, draws=12, **extra):
     """Write draws about the arm's values, as `ident sample` does."""
     rng = np.random.default_rng(3)

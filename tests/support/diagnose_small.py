@@ -1,24 +1,54 @@
-"""`ident diagnose` with few of everything: what is tested is the way through. As a program it can be killed."""
+"""A diagnosis with little effort, at full speed, where a motion is short: what is tested is the way through.
 
-import numpy as np
+As a program it is the command `small`, to be killed.
+"""
 
-from ident import cli
-from ident.assess import remedies, task
-from ident.cli import diagnose
-from ident.vibrate.redesign.search import Effort
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
-SMALL = {
-    (diagnose, "ESS"): 100.0,
-    (diagnose, "DRAWS"): 30,
-    (diagnose, "FEW"): 4,
-    (task, "SEEN"): 10,
-    (remedies, "SPEEDS"): np.array([0.5, 1.25]),
-    (remedies, "FEW"): 4,
-    (remedies, "TRIED"): 5,
-    (remedies, "EFFORT"): Effort(screened=4, iterations=4),
-}
+from arms import DATA
+
+from ident import read_arm, read_campaign
+from ident.assess.effort import Effort
+from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, command
+from ident.cli.diagnose import run_diagnose
+from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
+
+SMALL = Effort(
+    steps=500,
+    draws=30,
+    band_draws=4,
+    assessment_draws=10,
+    speed_draws=4,
+    speeds=(0.5, 1.25),
+    values=5,
+    screened=4,
+    iterations=4,
+)
+OPTIONS = DiagnoseOptions(speed=100.0, dwell=0.2, limit=8.0, effort=SMALL)
+CAMPAIGN = DATA / "lcd_arm" / "campaign.csv"
+
+
+@cache
+def small_diagnosis() -> DiagnoseResult:
+    return diagnose(read_arm(DATA / "lcd_arm" / "arm.toml"), read_campaign(CAMPAIGN), OPTIONS)
+
+
+def small_command(
+    campaign: CampaignArgument,
+    options: DiagnoseOptions,
+    arm: ArmOption = None,
+    path: PathOption = None,
+    restart: bool = False,
+    out: OutOption = Path("out"),
+) -> None:
+    """Diagnose with little effort."""
+    run_diagnose(campaign, replace(options, effort=SMALL), arm, path, restart, out)
+
 
 if __name__ == "__main__":
-    for (module, name), value in SMALL.items():
-        setattr(module, name, value)
+    from ident import cli
+
+    command(DiagnoseOptions)(small_command)
     cli.main()

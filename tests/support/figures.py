@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from ident.identify.build_problem import arm_problem
 from ident.identify.fit import CampaignFit
 from ident.identify.unknowns import stiffness_parameters
-from ident.inference.fit import Fit, Optimum, fit
+from ident.inference.fit import Optimum, fit
 from ident.inference.information import information
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
@@ -19,10 +19,10 @@ from ident.measure import Campaign, Load, Measurement, read_campaign
 
 @cache
 def fitted(name):
-    """One start and no tensions: a figure needs no more."""
+    """One start and no cross-predictions: a figure needs no more."""
     campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
     problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
-    return CampaignFit(lcd_arm(), campaign, fit(problem, starts=1), ())
+    return CampaignFit(**vars(fit(problem, starts=1)), arm=lcd_arm(), campaign=campaign, cross_predictions=())
 
 
 def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
@@ -57,7 +57,9 @@ def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
     )
     predicted = 0.03 + rng.normal(size=measurements) * 1e-4
     optimum = Optimum(values, theta, 1.0, 3, True)
-    return CampaignFit(lcd_arm(), campaign, Fit(problem, (optimum,), 0, predicted, jacobian, known), ())
+    return CampaignFit(
+        problem, (optimum,), 0, predicted, jacobian, known, arm=lcd_arm(), campaign=campaign, cross_predictions=()
+    )
 
 
 def boxes(figure):

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import binom, chisquare
 
-from ident.inference.fit import evaluate as predictions
 from ident.inference.fit import fit
+from ident.inference.least_squares import evaluate as predictions
 from ident.inference.posterior import evaluate, posterior
 from ident.inference.problem import InverseProblem
 from ident.inference.sample import Sample, Settings, sample

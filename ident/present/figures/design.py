@@ -1,4 +1,4 @@
-"""Figures of a design: amplitude against amount of change, and the vibration before and after."""
+"""Figures of a design: amplitude against change norm, and the vibration before and after."""
 
 from collections.abc import Iterator
 
@@ -9,11 +9,12 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from ident.assess.design import DesignStudy
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, plain
+from ident.assess.design import DesignStudy, unchanged
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, motion_title, plain
 from ident.present.text.units import MM
 from ident.present.text.words import cut
 from ident.vibrate.redesign.design import Design, Place
+from ident.vibrate.redesign.verify import Verification
 from ident.vibrate.response.study import DIRECTIONS
 
 WIDTH = 8.0
@@ -25,7 +26,7 @@ SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 COLORS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "black", GREY)
 MARKS: dict[str, Style] = {
     "present": {"marker": "o", "color": GREY, "markersize": 8},
-    "cheapest": {"marker": "D", "color": GREEN, "markersize": 7},
+    "minimum change": {"marker": "D", "color": GREEN, "markersize": 7},
     "best": {"marker": "*", "color": ORANGE, "markersize": 13},
 }
 BEFORE: Style = {"color": GREY, "linewidth": 0.9}
@@ -33,79 +34,68 @@ AFTER: Style = {"color": BLUE, "linewidth": 1.3}
 LIMIT: Style = {"color": "black", "linewidth": 0.9, "linestyle": ":"}
 
 
-def trade_off_figure(designing: DesignStudy) -> Figure:
-    """Draw the least largest amplitude over the amount of change, and what is changed at each amount."""
-    design = _design(designing)
+def trade_off_figure(study: DesignStudy) -> Figure:
+    """Draw the least largest amplitude over the change norm, and what is changed at each norm."""
+    design = study.design
+    if design is None:
+        raise ValueError("no design to draw")
     figure = Figure(figsize=(WIDTH, 7.0), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.1))
-    _title(figure, designing, "How quiet the arm can be made")
+    motion_title(figure, "How quiet the arm can be made", study.basis)
     top, below = figure.subplots(2, 1, height_ratios=[1.25, 1.0])
     for axes in (top, below):
         plain(axes)
         axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
-    _curve(top, designing, design)
+    _curve(top, study, design)
     _bars(below, design)
     return figure
 
 
-def before_after_figure(designing: DesignStudy) -> Figure:
+def before_after_figure(study: DesignStudy) -> Figure:
     """Draw the vibration before and after over time, by the exact method."""
-    design, found = _design(designing), designing.verification
-    if found is None:
+    checks = study.verification
+    if checks is None:
         raise ValueError("a design that was not verified has no vibration to draw")
     figure = Figure(figsize=(WIDTH, 7.0), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
-    _title(figure, designing, f"Vibration of {designing.point} before and after")
+    motion_title(figure, f"Vibration of {study.basis.point} before and after", study.basis)
     grid = figure.subplots(3, 1, sharex=True)
-    drawn_limit = False
-    for i, axes in enumerate(grid):
-        plain(axes)
-        axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
-        for check, style in ((found.before, BEFORE), (found.after, AFTER)):
-            axes.plot(check.time, MM * check.vibration[i], **style)
-        own = max(float(np.abs(check.vibration[i]).max()) for check in (found.before, found.after))
-        if design.limit and own > NEAR * design.limit:
-            drawn_limit = True
-            for side in (-1, 1):
-                axes.axhline(side * MM * design.limit, **LIMIT)
-        axes.set_ylabel(f"{DIRECTIONS[i].upper()}: vibration\n[mm]", fontsize=9)
-        sizes = (MM * found.before.amplitude[i], MM * found.after.amplitude[i])
-        told = f"{designing.trial.measure} {sizes[0]:.3g} mm before, {sizes[1]:.3g} mm after"
-        axes.set_title(told, fontsize=9, loc="right", color=GREY)
-        axes.axvline(designing.trial.motion.arrival, color=GREY, linewidth=0.8, linestyle="--")
-    grid[-1].set_xlim(found.before.time[0], found.before.time[-1])
+    limits = [_before_after(axes, study, checks, i) for i, axes in enumerate(grid)]
+    grid[-1].set_xlim(checks.before.time[0], checks.before.time[-1])
     grid[-1].set_xlabel("time [s]", fontsize=9)
     figure.align_ylabels(grid)
     handles = [Line2D([], [], label="as it is", **BEFORE), Line2D([], [], label="after the best change", **AFTER)]
-    handles += [Line2D([], [], label=f"limit, {MM * (design.limit or 0):g} mm", **LIMIT)] if drawn_limit else []
+    handles += [Line2D([], [], label=f"limit, {MM * (study.limit or 0):g} mm", **LIMIT)] if any(limits) else []
     handles.append(Line2D([], [], color=GREY, linewidth=0.8, linestyle="--", label="arrival"))
     note = "exact equations; displacement of the end point from where the arm, sagging, would be at rest; scales differ"
-    _key(figure, handles, note)
+    key_below(figure, handles, note)
     return figure
 
 
-def _design(designing: DesignStudy) -> Design:
-    if designing.design is None:
-        raise ValueError("no design to draw")
-    return designing.design
+def _before_after(axes: Axes, study: DesignStudy, checks: Verification, i: int) -> bool:
+    """Draw one direction, and return whether the limit was drawn, too: elsewhere it would flatten the curves."""
+    plain(axes)
+    axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
+    for check, style in ((checks.before, BEFORE), (checks.after, AFTER)):
+        axes.plot(check.time, MM * check.vibration[i], **style)
+    largest = max(float(np.abs(check.vibration[i]).max()) for check in (checks.before, checks.after))
+    shows_limit = study.limit is not None and largest > NEAR * study.limit
+    for sign in (-1, 1) if shows_limit else ():
+        axes.axhline(sign * MM * (study.limit or 0), **LIMIT)
+    axes.set_ylabel(f"{DIRECTIONS[i].upper()}: vibration\n[mm]", fontsize=9)
+    sizes = (MM * checks.before.amplitude[i], MM * checks.after.amplitude[i])
+    words = f"{study.evaluator.measure} {sizes[0]:.3g} mm before, {sizes[1]:.3g} mm after"
+    axes.set_title(words, fontsize=9, loc="right", color=GREY)
+    axes.axvline(study.basis.motion.arrival, color=GREY, linewidth=0.8, linestyle="--")
+    return shows_limit
 
 
-def _title(figure: Figure, designing: DesignStudy, what: str) -> None:
-    title = f"{what}: {cut(designing.arm.name, 30)}\n{cut(designing.trial.motion.name, 60)}"
-    figure.suptitle(title, parse_math=False, fontsize=12, fontweight="bold")
-
-
-def _key(figure: Figure, handles: list[Line2D], note: str) -> None:
-    key = figure.legend(handles=handles, title=note, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
-    key.get_title().set(fontsize=8, color=GREY, parse_math=False)
-
-
-def _curve(axes: Axes, designing: DesignStudy, design: Design) -> None:
+def _curve(axes: Axes, study: DesignStudy, design: Design) -> None:
     """Draw the curve, the limit and the places that have a name."""
     amounts, sizes = [place.change_norm for place in design.curve], [MM * place.largest for place in design.curve]
     axes.plot(amounts, sizes, color=BLUE, linewidth=1.4, marker=".", markersize=5, zorder=3)
     handles = []
     for name, place in _named(design):
         words = f"{name}, {MM * place.largest:.3g} mm"
-        if name == "best" and designing.draws and design.limit:
+        if name == "best" and study.draws and design.limit:
             words += f" ({place.exceedance:.0%} of the draws exceed)"
         axes.plot(place.change_norm, MM * place.largest, zorder=4, linestyle="", clip_on=False, **MARKS[name])
         handles.append(Line2D([], [], label=words, linestyle="", **MARKS[name]))
@@ -114,13 +104,13 @@ def _curve(axes: Axes, designing: DesignStudy, design: Design) -> None:
         handles.append(Line2D([], [], label=f"limit, {MM * design.limit:g} mm", **LIMIT))
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("amount of change (1: one number at its farther bound)", fontsize=9)
-    axes.set_ylabel(f"largest {designing.trial.measure} of X, Y, Z [mm]", fontsize=9)
+    axes.set_xlabel("change norm (1: one number at its farther bound)", fontsize=9)
+    axes.set_ylabel(f"largest {study.evaluator.measure} of X, Y, Z [mm]", fontsize=9)
     axes.legend(handles=handles, loc="best", frameon=False, fontsize=9)
 
 
 def _bars(axes: Axes, design: Design) -> None:
-    """Draw by how much each number is changed at each amount: as a factor, or as a share of the widest change."""
+    """Draw by how much each number is changed at each change norm: as a factor, or as a share of the widest change."""
     variables, places = design.evaluator.variables, list(_changed(design))
     spans = np.array([variable.span(design.evaluator.arm) for variable in variables])
     by_factor = not any(variable.shifted for variable in variables)
@@ -133,7 +123,7 @@ def _bars(axes: Axes, design: Design) -> None:
         axes.bar(at, heights, 0.92 * width, color=COLORS[v % len(COLORS)], label=label, zorder=2)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.set_xticks(range(len(places)), [name for name, _ in places])
-    axes.set_xlabel("amount of change", fontsize=9)
+    axes.set_xlabel("change norm", fontsize=9)
     low, high = (spans / scale[:, None]).min(), (spans / scale[:, None]).max()
     axes.set_ylim(1.06 * low, 1.06 * high)
     if by_factor:
@@ -159,15 +149,10 @@ def _factors(low: float, high: float) -> Iterator[float]:
             yield step
 
 
-def _cheapest(design: Design) -> list[Place]:
-    place = design.minimum_change
-    return [] if place is None or place.change_norm == 0 else [place]
-
-
 def _named(design: Design) -> Iterator[tuple[str, Place]]:
     yield "present", design.present
-    for place in _cheapest(design):
-        yield "cheapest", place
+    if design.minimum_change is not None and not unchanged(design.minimum_change):
+        yield "minimum change", design.minimum_change
     yield "best", design.best
 
 
@@ -176,6 +161,6 @@ def _changed(design: Design) -> Iterator[tuple[str, Place]]:
     names = [(place, name) for name, place in _named(design)][1:]
     places = [(one, "") for one in design.curve[1:-1] if all(one is not place for place, _ in names)] + names
     if abs(design.curve[-1].change_norm - design.best.change_norm) > 1e-9:
-        places.append((design.curve[-1], "quietest"))
+        places.append((design.curve[-1], "minimum\namplitude"))
     for place, name in sorted(places, key=lambda pair: pair[0].change_norm):
         yield f"{place.change_norm:.3g}" + (f"\n{name}" if name else ""), place

@@ -1,46 +1,65 @@
-"""Figures of a diagnosis that no other command has."""
+"""Figures of a diagnosis, one a stage."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.assess.remedies import Remedy
+from ident.assess.diagnosis import Diagnosis
+from ident.present.figures.resonance import resonance_figure
 from ident.present.figures.style import BLUE, plain, ratio_axis, rows
+from ident.present.text.diagnose import change_words
 from ident.present.text.units import MM
 from ident.present.text.words import cut
-from ident.vibrate.redesign.sensitivity import Sensitivities
-from ident.vibrate.response.response import Response
 
 RED = "#C1432B"
 """Colour of the limit."""
+SENSITIVITIES = 12
+"""Numbers whose sensitivities are shown."""
 
 
-def stiffness_figure(
-    names: Sequence[str], low: Float[np.ndarray, "P"], middle: Float[np.ndarray, "P"], high: Float[np.ndarray, "P"]
-) -> Figure:
-    """Draw the interval of each number relative to its median."""
-    figure, axes = _rows(names)
-    places = np.arange(len(names))
-    axes.hlines(places, low / middle, high / middle, color=BLUE, linewidth=5, alpha=0.35)
-    axes.plot(np.ones(len(names)), places, "o", color=BLUE)
-    ratio_axis(axes, float((low / middle).min()), float((high / middle).max()))
+def diagnose_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
+    """Return the figures of the finished stages, by the names of the stages; not every stage has one."""
+    drawn = {stage: _FIGURES[stage](diagnosis) for stage in diagnosis.stages if stage in _FIGURES}
+    return {stage: figure for stage, figure in drawn.items() if figure is not None}
+
+
+def _stiffness_figure(diagnosis: Diagnosis) -> Figure | None:
+    """Draw the interval of each number relative to its median; a coordinate may be about zero and has no ratio."""
+    low, median, high = diagnosis.identification.quantiles
+    above = np.flatnonzero(low > 0)
+    if not len(above):
+        return None
+    names = diagnosis.identification.sampled.fitted.problem.parameters.names
+    figure, axes = _rows([names[i] for i in above])
+    places, left, right = np.arange(len(above)), (low / median)[above], (high / median)[above]
+    axes.hlines(places, left, right, color=BLUE, linewidth=5, alpha=0.35)
+    axes.plot(np.ones(len(above)), places, "o", color=BLUE)
+    ratio_axis(axes, float(left.min()), float(right.max()))
     axes.set_xlabel("value / median", fontsize=9)
     return figure
 
 
-def vibration_figure(response: Response, limit: float) -> Figure:
-    """Draw the vibration in each direction over time, with the limit [m]."""
+def _resonance_figure(diagnosis: Diagnosis) -> Figure | None:
+    resonance = diagnosis.resonance
+    if resonance.branches is None or resonance.excitation is None:
+        return None
+    title = diagnosis.task.motion.name
+    return resonance_figure(resonance.branches, resonance.excitation, resonance.crossings, title=title)
+
+
+def _vibration_figure(diagnosis: Diagnosis) -> Figure:
+    """Draw the vibration in each direction over time, with the limit."""
+    response, limit = diagnosis.vibration.response, MM * diagnosis.vibration.limit
     figure = Figure(figsize=(9, 5.4), layout="constrained")
     time, vibration = np.asarray(response.time), MM * np.asarray(response.vibration)
-    reach = 1.1 * max(float(np.abs(vibration).max()), MM * limit)
+    reach = 1.1 * max(float(np.abs(vibration).max()), limit)
     for i, axes in enumerate(figure.subplots(3, 1, sharex=True, sharey=True)):
         plain(axes)
         axes.plot(time, vibration[i], color=BLUE, linewidth=0.9)
         for side in (-1, 1):
-            axes.axhline(side * MM * limit, color=RED, linestyle="--", linewidth=1)
+            axes.axhline(side * limit, color=RED, linestyle="--", linewidth=1)
         axes.set_ylabel(f"{'XYZ'[i]} [mm]", fontsize=9)
         axes.set_ylim(-reach, reach)
     axes.set_xlim(time[0], time[-1])
@@ -48,10 +67,12 @@ def vibration_figure(response: Response, limit: float) -> Figure:
     return figure
 
 
-def sensitivities_figure(found: Sensitivities, order: Sequence[int]) -> Figure:
+def _sensitivities_figure(diagnosis: Diagnosis) -> Figure:
     """Draw how the largest amplitude depends on the numbers, the strongest on top."""
-    figure, axes = _rows([found.paths[i] for i in order])
-    values = found.elasticity[list(order), int(np.argmax(found.amplitude))]
+    sensitivities = diagnosis.sensitivities
+    order = sensitivities.order[:SENSITIVITIES]
+    figure, axes = _rows([sensitivities.paths[i] for i in order])
+    values = sensitivities.elasticity[order, int(np.argmax(sensitivities.amplitude))]
     axes.barh(np.arange(len(order)), values, color=BLUE, height=0.6)
     axes.axvline(0, color="black", linewidth=0.8)
     axes.set_xscale("symlog", linthresh=1.0)
@@ -63,14 +84,15 @@ def sensitivities_figure(found: Sensitivities, order: Sequence[int]) -> Figure:
     return figure
 
 
-def remedies_figure(names: Sequence[str], found: Sequence[Remedy], limit: float) -> Figure:
-    """Draw the largest vibration after each remedy against the limit [m]."""
-    figure, axes = _rows(names)
-    for row, remedy in enumerate(found):
-        fill = BLUE if remedy.cures else "white"
+def _remedies_figure(diagnosis: Diagnosis) -> Figure:
+    """Draw the largest vibration after each remedy against the limit."""
+    task, remedies = diagnosis.task, diagnosis.remedies
+    figure, axes = _rows([f"{rank}. {change_words(remedy)}" for rank, remedy in enumerate(remedies, 1)])
+    for row, remedy in enumerate(remedies):
+        fill = BLUE if remedy.meets_limit else "white"
         axes.barh(row, MM * remedy.largest, color=fill, edgecolor=BLUE, height=0.6)
-    axes.axvline(MM * limit, color=RED, linestyle="--", linewidth=1.2)
-    axes.set_xlim(0, 1.08 * max(MM * limit, *(MM * remedy.largest for remedy in found)))
+    axes.axvline(MM * task.limit, color=RED, linestyle="--", linewidth=1.2)
+    axes.set_xlim(0, 1.08 * MM * max(task.limit, *(remedy.largest for remedy in remedies)))
     axes.set_xlabel("expected largest vibration [mm]", fontsize=9)
     return figure
 
@@ -81,3 +103,12 @@ def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
     axes = figure.subplots()
     rows(axes, [cut(name, 60) for name in names])
     return figure, axes
+
+
+_FIGURES: Mapping[str, Callable[[Diagnosis], Figure | None]] = {
+    "stiffness": _stiffness_figure,
+    "resonance": _resonance_figure,
+    "vibration": _vibration_figure,
+    "sensitivities": _sensitivities_figure,
+    "remedies": _remedies_figure,
+}

@@ -4,9 +4,7 @@ Figures are made without pyplot, so that nothing global is touched.
 """
 
 import math
-import warnings
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from ident.files import replace_file
 from ident.identify.fit import SUSPICIOUS, CampaignFit
 from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.parameters import Parameter
@@ -36,7 +33,7 @@ from ident.present.figures.style import (
     ratio_axis,
     rows,
 )
-from ident.present.text.units import field_of, is_stiffness, nmm_per_deg, shown, unit_of
+from ident.present.text.units import MM, in_read_unit, is_length, read_unit
 from ident.present.text.words import cut, direction_name, short
 
 KIND_STYLES: dict[str, Style] = {
@@ -45,8 +42,6 @@ KIND_STYLES: dict[str, Style] = {
     "deflection_difference": {"color": PINK, "marker": "D"},
     "damping_ratio": {"color": GREEN, "marker": "^"},
 }
-LENGTHS = ("com", "offset", "position")
-"""Fields of either sign, drawn by how far they move."""
 ROW, PANEL = 0.27, 1.15
 """Height of one row, and of a panel's heading and axis [inch]."""
 LABEL, LETTER = 52, 0.063
@@ -57,54 +52,42 @@ REACH = 30.0
 """Factor beyond the fitted values at which the frame cuts an interval off."""
 FARTHEST = 100.0
 """Standard deviation of a direction at which its marker stays within the frame."""
-DPI = 130
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all.
-
-    Raises:
-        InputError: the file can't be written; what was there before is untouched.
-    """
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        replace_file(path, lambda file: figure.savefig(file, format="png", dpi=DPI), make_folders=True)
-
-
-def fit_figure(result: CampaignFit) -> Figure:
+def fit_figure(fit: CampaignFit) -> Figure:
     """Draw a fit at one glance: parameters, what the data fix, measured against predicted, contradictions.
 
     Filled markers are what the data support, hollow ones what they leave open.
     """
-    items = result.fit.problem.parameters.items
-    moved = [i for i, item in enumerate(items) if not item.positive and field_of(item.name) in LENGTHS]
+    items = fit.problem.parameters.items
+    moved = [i for i, item in enumerate(items) if not item.positive and is_length(item.name)]
     scaled = [i for i in range(len(items)) if i not in moved]
-    notes = list(_notes(result))
+    notes = list(_notes(fit))
     left = [len(group) for group in (scaled, moved, items) if group]
-    right = [min(len(result.campaign), DENSE), 0.8 * len(notes)]
+    right = [min(len(fit.campaign), DENSE), 0.8 * len(notes)]
     heights = [[PANEL + ROW * count for count in column] for column in (left, right)]
     total = max(map(sum, heights))
     heights[1][1] = total - heights[1][0]
     engine = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06, wspace=0.04)
-    figure = Figure(figsize=(_width(result), total + 0.5), layout=engine)
-    title = f"Fit of {cut(result.arm.name, 50)} to {cut(result.campaign.name, 50) or 'measurements'}"
+    figure = Figure(figsize=(_width(fit), total + 0.5), layout=engine)
+    title = f"Fit of {cut(fit.arm.name, 50)} to {cut(fit.campaign.name, 50) or 'measurements'}"
     figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
     columns = figure.add_gridspec(1, 2)
     *values, directions = _stack(figure, columns[0], heights[0])
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
-        _values(axes, result, group, shift=group is moved)
-    _directions(directions, result.fit.information.directions, result.fit.information.names)
+        _values(axes, fit, group, shift=group is moved)
+    _directions(directions, fit.information.directions, fit.information.names)
     residuals, words = _stack(figure, columns[1], heights[1])
-    _residuals(residuals, result.campaign, result.fit.residuals)
+    _residuals(residuals, fit.campaign, fit.residuals)
     _write(words, notes)
     return figure
 
 
-def _width(result: CampaignFit) -> float:
+def _width(fit: CampaignFit) -> float:
     """Return the width [inch] that leaves room for the panels beside what is written in the rows."""
-    known = result.fit.information
+    known = fit.information
     left = max(len(direction_name(direction, known.names)) for direction in known.directions)
-    right = max(len(cut(short(m), LABEL)) for m in result.campaign)
+    right = max(len(cut(short(m), LABEL)) for m in fit.campaign)
     return 8.6 + LETTER * (max(left, 20) + max(right, 20) + 20)
 
 
@@ -123,10 +106,9 @@ class _Row(NamedTuple):
     supported: bool
 
 
-def _values(axes: Axes, result: CampaignFit, group: Sequence[int], *, shift: bool) -> None:
-    fit = result.fit
+def _values(axes: Axes, fit: CampaignFit, group: Sequence[int], *, shift: bool) -> None:
     items = fit.problem.parameters.items
-    interval, supported = fit.interval(), result.supported
+    interval, supported = fit.interval(), fit.supported
     drawn = [_row(items[i], float(fit.best.values[i]), interval[i], bool(supported[i]), shift) for i in group]
     left, right = _shift_span(drawn) if shift else _ratio_span(drawn)
     rows(axes, [cut(items[i].name, 30) for i in group])
@@ -153,7 +135,7 @@ def _row(item: Parameter, value: float, interval: np.ndarray, supported: bool, s
     centre = float(item.start)
 
     def relative(x: float) -> float:
-        return 1e3 * (x - centre) if shift else x / centre if centre else math.nan
+        return MM * (x - centre) if shift else x / centre if centre else math.nan
 
     return _Row(relative(value), relative(float(interval[0])), relative(float(interval[1])), supported)
 
@@ -177,14 +159,8 @@ def _shift_span(drawn: Sequence[_Row]) -> tuple[float, float]:
 
 
 def _value_text(name: str, value: float, interval: np.ndarray, supported: bool) -> str:
-    numbers = (value, *interval)
-    if is_stiffness(name):
-        numbers, unit = tuple(nmm_per_deg(float(v)) for v in numbers), "N mm/deg"
-    elif field_of(name) in LENGTHS:
-        numbers, unit = tuple(1e3 * v for v in numbers), "mm"
-    else:
-        unit = unit_of(name)
-    best, low, high = engineering(*map(float, numbers))
+    size, unit = read_unit(name)
+    best, low, high = engineering(*(float(number) / size for number in (value, *interval)))
     return f"{best} {unit}\n{low} to {high}" if supported else f"not supported\n({best} {unit})"
 
 
@@ -248,9 +224,8 @@ def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray) -> None:
     heading(axes, "Measured against predicted", keys)
 
 
-def _notes(result: CampaignFit) -> Iterator[tuple[str, bool]]:
+def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
     """Yield what must be said in words, each line with whether it is a warning."""
-    fit = result.fit
     p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ": nothing is left to test the model with"
     yield f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}", False
     if not fit.best.converged:
@@ -259,17 +234,17 @@ def _notes(result: CampaignFit) -> Iterator[tuple[str, bool]]:
     if rivals:
         yield f"{rivals} other optimum fits about as well: the data do not choose between them", True
     doubts = sorted(
-        ((t, i) for t in result.cross_predictions for i in range(len(t.rows)) if abs(t.z[i]) > SUSPICIOUS),
+        ((t, i) for t in fit.cross_predictions for i in range(len(t.rows)) if abs(t.z[i]) > SUSPICIOUS),
         key=lambda pair: -abs(pair[0].z[pair[1]]),
     )
     if doubts:
         yield "CONTRADICTION: the kinds disagree; the fit joins them only by implausible values.", True
-    elif result.cross_predictions:
-        worst = max(float(np.abs(t.z).max()) for t in result.cross_predictions)
+    elif fit.cross_predictions:
+        worst = max(float(np.abs(t.z).max()) for t in fit.cross_predictions)
         yield f"The kinds of measurement agree: each from the others within {worst:.1f} sd", False
     for t, i in doubts[:4]:
-        m = result.campaign.measurements[t.rows[i]]
-        (value, unit), (sd, _) = shown(m.kind, float(t.predicted[i])), shown(m.kind, float(t.sd[i]))
+        m = fit.campaign.measurements[t.rows[i]]
+        (value, unit), (sd, _) = in_read_unit(m.kind, float(t.predicted[i])), in_read_unit(m.kind, float(t.sd[i]))
         yield f"   {cut(short(m), 60)}:", False
         yield f"      the other kinds predict {value:.3g} ± {sd:.2g} {unit}, {abs(t.z[i]):.1f} sd away", False
 

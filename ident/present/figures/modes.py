@@ -1,22 +1,10 @@
 """Pictures of an arm's modes, and of its natural frequencies along a motion."""
 
-from collections.abc import Iterable
-
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.arm.arm import Arm
-from ident.arm.chain import at_posture
-from ident.arm.labels import is_ambiguous, torsion_share, vertical_share
-from ident.arm.mechanics import Phi, forward_kinematics, point_positions, unflatten
-from ident.arm.modes import modes
-from ident.identify.modal_analysis import modal_analysis
-from ident.jit import jit
-from ident.measure import OWN_WEIGHT, Load
+from ident.identify.modal_analysis import ModalAnalysis, ModesAlongMotion
 from ident.present.figures.style import BLUE, GREEN, ORANGE, PINK, Style, heading, plain
 from ident.present.text.words import cut, degrees
 
@@ -34,60 +22,47 @@ WIDTH = 5.2
 """Width of one view [inch]."""
 
 
-def mode_figure(arm: Arm, posture: tuple[float, ...], *, load: Load = OWN_WEIGHT, count: int = 4) -> Figure:
+def mode_figure(analysis: ModalAnalysis) -> Figure:
     """Draw the arm at rest in grey, and its lowest modes in colour, from the side and from above.
 
     A mode's amplitude is arbitrary; it is drawn so large that one sees it, and the title says how large.
-
-    Args:
-        arm: the arm.
-        posture: (driven,) [rad] joint angles.
-        load: the load case.
-        count: number of modes.
-
-    Raises:
-        InputError: posture or load do not fit the arm.
-        ModelError: the arm has no stable equilibrium there.
     """
-    seen = modal_analysis(arm, posture, load, count)
-    outline = _outline(arm, jnp.asarray(posture), jnp.asarray(seen.equilibrium), jnp.asarray(seen.modes.shape))
-    rest, moved = (np.asarray(part) for part in outline)
+    rest, moved = analysis.outline
     length = float(np.linalg.norm(np.diff(rest, axis=1), axis=0).sum())
     shapes = rest[:, :, None] + SWING * length * moved / np.linalg.norm(moved, axis=0).max(0)
     frame = _frame(shapes, 0.05 * length)
-    figure, panels = _panels(len(seen.labels), [high - low for low, high in frame])
-    title = f"Modes of {cut(arm.name, 40)} at {degrees(posture)}, load: {cut(str(load), 40)}"
+    figure, panels = _panels(len(analysis.labels), [high - low for low, high in frame])
+    title = f"Modes of {cut(analysis.arm.name, 40)} at {degrees(analysis.posture)}, load: {cut(str(analysis.load), 40)}"
     note = f"grey: at rest; in colour: the mode, its largest displacement drawn as {SWING * length:.2g} m"
     figure.suptitle(f"{title}\n{note}", parse_math=False, fontsize=11)
-    for i, label in enumerate(seen.labels):
+    for i, label in enumerate(analysis.labels):
         colour = NAME_STYLES[f"{label.direction} {label.kind}"]["color"]
         for axes, (view, across, up) in zip(panels[i], VIEWS, strict=True):
             _draw(axes, rest[[across, up]], color="#C8C8C8", size=6.0)
             _draw(axes, shapes[[across, up], :, i], color=colour, size=2.0)
             axes.set(xlim=frame[across], ylim=frame[up], aspect="equal")
             axes.set_ylabel(f"{'xyz'[up]} [m]", fontsize=8)
-            axes.set_xlabel(f"{'xyz'[across]} [m]" if i == len(seen.labels) - 1 else "", fontsize=8)
-            doubt = " (a near draw)" if seen.ambiguous[i] else ""
-            name = f"{i + 1}: {label}{doubt}, {seen.modes.frequency[i]:.2f} Hz, {view}"
+            axes.set_xlabel(f"{'xyz'[across]} [m]" if i == len(analysis.labels) - 1 else "", fontsize=8)
+            doubt = " (a near draw)" if analysis.ambiguous[i] else ""
+            name = f"{i + 1}: {label}{doubt}, {analysis.modes.frequency[i]:.2f} Hz, {view}"
             axes.set_title(name, fontsize=9, loc="left")
             plain(axes)
     return figure
 
 
-def posture_figure(arm: Arm, motion: tuple[float, ...], angles: Iterable[float], *, count: int = 4) -> Figure:
+def posture_figure(modes: ModesAlongMotion, *, count: int = 4) -> Figure:
     """Draw the lowest natural frequencies along a motion q = alpha * motion, by what the modes are.
 
-    Hollow markers are modes that are named by a near draw. Own weight only.
+    Hollow markers are modes that are named by a near draw.
 
     Args:
-        arm: the arm.
-        motion: (driven,) [-] how far each joint turns with alpha.
-        angles: (S,) [rad] values of alpha.
+        modes: at values of alpha.
         count: number of frequencies.
     """
-    alpha = np.asarray(list(angles), float)
-    found = _along(arm, jnp.asarray(np.outer(motion, alpha)))
-    frequency, vertical, torsion, unsure = (np.asarray(part)[:count] for part in found)
+    frequency, vertical, torsion, unsure = (
+        part[:count] for part in (modes.frequency, modes.vertical, modes.torsion, modes.ambiguous)
+    )
+    alpha = modes.alpha
     name = np.where(vertical, "vertical ", "lateral ").astype(object) + np.where(torsion, "torsion", "bending")
     figure = Figure(figsize=(9.0, 5.5), layout="constrained")
     axes = figure.add_subplot()
@@ -98,14 +73,14 @@ def posture_figure(arm: Arm, motion: tuple[float, ...], angles: Iterable[float],
             here = (name == words) & chosen
             axes.plot(at[here], frequency[here], linestyle="", markersize=4, markerfacecolor=face, **style)
     axes.set_ylim(0, None)
-    axes.set_xlabel(f"alpha [deg], posture q = alpha ({', '.join(f'{m:g}' for m in motion)})", fontsize=9)
+    axes.set_xlabel(f"alpha [deg], posture q = alpha ({', '.join(f'{m:g}' for m in modes.motion)})", fontsize=9)
     axes.set_ylabel("natural frequency [Hz]", fontsize=9)
     axes.grid(color="#EEEEEE", linewidth=0.8)
     plain(axes)
     named = {words: style for words, style in NAME_STYLES.items() if (name == words).any()}
     if unsure.any():
         named["hollow: named by a near draw"] = {"color": "black", "marker": "o", "markerfacecolor": "white"}
-    heading(axes, f"Natural frequencies of {cut(arm.name, 40)} along its motion", named, columns=len(named))
+    heading(axes, f"Natural frequencies of {cut(modes.arm.name, 40)} along its motion", named, columns=len(named))
     return figure
 
 
@@ -129,27 +104,3 @@ def _draw(axes: Axes, line: np.ndarray, *, color: str, size: float) -> None:
     axes.plot(*line, color=color, linewidth=size, solid_joinstyle="round")
     axes.plot(*line[:, :-1], linestyle="", marker="o", color=color, markersize=size + 3)
     axes.plot(*line[:, -1:], linestyle="", marker="|", color=color, markersize=10, markeredgewidth=size)
-
-
-@jit
-def _outline(
-    arm: Arm, posture: Float[Array, "driven"], phi: Phi, shapes: Float[Array, "n m"]
-) -> tuple[Float[Array, "3 k"], Float[Array, "3 k m"]]:
-    """Return bushing centres and end point at rest [m], and their displacements by each mode."""
-    chain = at_posture(arm, posture)
-
-    def line(phi: Phi) -> Array:
-        centres, ends = forward_kinematics(chain, phi).centre, point_positions(chain, phi)[:, -1:]
-        return jnp.concatenate([centres, ends], 1)
-
-    moved = jax.vmap(lambda shape: jax.jvp(line, (phi,), (unflatten(shape),))[1], 1, 2)(shapes)
-    return line(phi), moved
-
-
-@jit
-def _along(
-    arm: Arm, postures: Float[Array, "driven S"]
-) -> tuple[Float[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"]]:
-    """Return frequencies [Hz], whether each mode is vertical, is torsion, and is named by a near draw."""
-    found = modes(at_posture(arm, postures))
-    return found.frequency, vertical_share(found) > 0.5, torsion_share(found) > 0.5, is_ambiguous(found)

@@ -1,29 +1,16 @@
 """Pictures of an arm at work: the way of its end point, and the moving arm, its vibration drawn larger than it is."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from matplotlib.animation import FuncAnimation
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ident.arm.arm import Arm
-from ident.arm.chain import Loads
-from ident.arm.multibody import Multibody
-from ident.arm.multibody_kinematics import at_rest, bushings, deviations, kinematics, pins
-from ident.arm.rotations import matvec
-from ident.errors import InputError, Problem
-from ident.jit import jit
 from ident.present.figures.style import BLUE, GREY, ORANGE, Style, heading, plain
 from ident.present.text.units import MM
 from ident.present.text.words import cut
-from ident.vibrate.motion.command import command
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.quasi_static import quasi_static_deflection
+from ident.vibrate.response.outline import Outline
 from ident.vibrate.response.response import Response
 
 VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
@@ -31,52 +18,6 @@ VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
 WIDTH = 8.0
 """Width of a figure [inch]."""
 PALEST = "#C8C8C8"
-
-
-class Outline(NamedTuple):
-    """An arm at some moments, as a line from bushing to bushing and to the end point.
-
-    Attributes:
-        time: (F,) [s]
-        rest: (3, K, F) [m] where the sagging arm would be.
-        drawn: (3, K, F) [m] the arm with its vibration, times the factor.
-        factor: () [-] by which the vibration is drawn larger than it is.
-    """
-
-    time: Float[np.ndarray, "F"]
-    rest: Float[np.ndarray, "3 K F"]
-    drawn: Float[np.ndarray, "3 K F"]
-    factor: float
-
-
-def outline(
-    arm: Arm, response: Response, times: Sequence[float] | np.ndarray, *, factor: float, loads: Loads | None = None
-) -> Outline:
-    """Return the arm at some moments of its response, its vibration about the sagging arm made larger.
-
-    Args:
-        arm: the arm that was simulated, without sets.
-        response: its response.
-        times: (F,) [s] moments; the nearest samples are taken.
-        factor: () [-] of the vibration, above 0.
-        loads: the load case that was simulated.
-
-    Raises:
-        InputError: the response is of several sets, a moment is outside it, or the factor can't be.
-    """
-    clock, asked = np.asarray(response.time), np.asarray(times, float)
-    if response.y.ndim > 2:
-        raise InputError(Problem("response", f"{response.y.shape[2:]} sets", "one set", "simulate one arm"))
-    slack = clock[1] - clock[0]
-    if asked.ndim != 1 or not len(asked) or asked.min() < clock[0] - slack or asked.max() > clock[-1] + slack:
-        expected = f"moments from {clock[0]:.4g} to {clock[-1]:.4g} s"
-        raise InputError(Problem("times", "moments outside the response, or none", expected, "choose others"))
-    if not 0 < factor < np.inf:
-        raise InputError(Problem("factor", f"{factor:g}", "a factor above 0", "1 draws the vibration as it is"))
-    at = np.clip(np.round((asked - clock[0]) / slack).astype(int), 0, len(clock) - 1)
-    found = _lines(arm, response.model, response.motion, jnp.asarray(clock[at]), response.y[:, at], loads)
-    rest, moved = (np.asarray(line) for line in found)
-    return Outline(clock[at], rest, rest + factor * (moved - rest), float(factor))
 
 
 def path_figure(response: Response, shown: Outline) -> Figure:
@@ -166,22 +107,3 @@ def _panels(points: Float[np.ndarray, "3 n"]) -> tuple[Figure, np.ndarray]:
 
 def _arm(axes: Axes, line: Float[np.ndarray, "2 K"], style: Style) -> None:
     axes.plot(*line, solid_joinstyle="round", marker="o", markersize=5, **style)
-
-
-@jit
-def _lines(
-    arm: Arm, machine: Multibody, motion: Motion, times: Float[Array, "F"], y: Array, loads: Loads | None
-) -> tuple[Float[Array, "3 K F"], Float[Array, "3 K F"]]:
-    """Return bushing centres and end point of the arm at rest in the posture of the moment, and as it vibrates [m]."""
-    told = command(machine, motion, times)
-
-    def line(y: Array, error: float) -> Array:
-        phi = bushings(machine, y)
-        turning = pins(machine, told, at_rest(deviations(machine, y)))
-        angle = turning.pin.angle - (1 - error) * turning.error
-        at = kinematics(machine, at_rest(angle), phi, jnp.zeros_like(phi), jnp.zeros_like(phi))
-        body = machine.carrier[-1]
-        end = at.centre[:, body] + matvec(at.link[:, :, body], machine.position[:, -1])
-        return jnp.concatenate([at.centre, end[:, None]], 1)
-
-    return line(quasi_static_deflection(arm, machine, told.q, loads), 0.0), line(y, 1.0)

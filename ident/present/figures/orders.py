@@ -8,22 +8,23 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from ident.assess.spectra import Spectra
-from ident.present.figures.spectrum import PANEL, SERIES, UNITS
-from ident.present.figures.style import GREY, plain
+from ident.present.figures.spectrum import PANEL, SERIES
+from ident.present.figures.style import key_below, plain
+from ident.present.text.spectrum import UNITS
 from ident.present.text.words import cut
 
 
-def orders_figure(found: Spectra) -> Figure:
+def orders_figure(spectra: Spectra) -> Figure:
     """Draw the amplitude of each pulley's orders over time, a panel for each direction."""
-    factor, unit = UNITS[found.kind]
-    count = len(found.directions)
+    factor, unit = UNITS[spectra.kind]
+    count = len(spectra.directions)
     layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06)
     figure = Figure(figsize=(PANEL[0], PANEL[1] * count + 1.3), layout=layout)
     figure.suptitle("Orders of the pulleys", fontsize=12, fontweight="bold")
     grid = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
-    named = [(name, track, o) for name, track in found.tracks.items() for o in range(len(track.orders))]
+    named = [(name, track, o) for name, track in spectra.tracks.items() for o in range(len(track.orders))]
     styled = list(zip(named, cycle(SERIES), strict=False))
-    for d, (axes, direction) in enumerate(zip(grid, found.directions, strict=True)):
+    for d, (axes, direction) in enumerate(zip(grid, spectra.directions, strict=True)):
         for (_, track, o), style in styled:
             axes.plot(track.time, factor * track.amplitude[o, :, d], marker="o", markersize=3.5, **style)
         plain(axes)
@@ -35,11 +36,8 @@ def orders_figure(found: Spectra) -> Figure:
         Line2D([], [], marker="o", markersize=3.5, label=f"order {track.orders[o]:g} of {cut(name, 30)}", **style)
         for (name, track, o), style in styled
     ]
-    revolutions = next(iter(found.tracks.values())).revolutions
-    fastest = max(float(np.max(track.frequency)) for track in found.tracks.values())
+    revolutions = next(iter(spectra.tracks.values())).revolutions
+    fastest = max(float(np.max(track.frequency)) for track in spectra.tracks.values())
     notes = f"a point for each {revolutions} revolutions; pulleys turn at up to {fastest:.3g} Hz"
-    key = figure.legend(handles=handles, title=notes, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    key.get_title().set(fontsize=8, color=GREY, parse_math=False)
-    for text in key.get_texts():
-        text.set_parse_math(False)
+    key_below(figure, handles, notes, columns=3)
     return figure

@@ -10,9 +10,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ident.identify.plan import CampaignPlan
+from ident.identify.posture_grid import main_joints
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain
-from ident.present.text.plan import aim_in_words, visit_in_words
-from ident.present.text.units import field_of
+from ident.present.text.plan import criterion_in_words, experiment_in_words
 from ident.present.text.words import cut, degrees
 
 COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
@@ -21,44 +21,18 @@ DASHES = {"k_bend": "-", "k_tors": (0, (5, 2))}
 
 
 def plan_figure(plan: CampaignPlan) -> Figure:
-    """Draw gain per hour over posture with the chosen visits, and the standard deviations after each of them."""
+    """Draw gain per hour over posture with the chosen experiments, and the standard deviations after each of them."""
     figure = Figure(figsize=(13.0, 6.2), layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08, wspace=0.03))
     title = f"What to measure next on {cut(plan.arm.name, 50)}"
     figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     _gain_over_posture(figure, left, plan)
-    _sd_over_visits(right, plan)
+    _sd_over_experiments(right, plan)
     return figure
 
 
-def gain_of_postures(plan: CampaignPlan) -> np.ndarray:
-    """Return for each posture of the grid the gain per hour of its best visit; NaN where the arm does not stand."""
-    return np.append(_best(plan), np.nan)[plan.grid.seen]
-
-
-def main_joints(postures: np.ndarray, gain: np.ndarray) -> list[int]:
-    """Return the one or two joints on whose angle the gain depends most, in their order along the arm.
-
-    By the variance of the gain that is left when all other angles are held, averaged; of a sample that is no grid,
-    by the variance of the means at each angle.
-    """
-    effects = []
-    for joint in range(postures.shape[1]):
-        others = np.delete(postures, joint, 1).round(9)
-        groups = np.unique(others, axis=0, return_inverse=True)[1].ravel()
-        if len(np.unique(groups)) > 0.9 * len(postures) and postures.shape[1] > 1:
-            groups = np.zeros(len(postures), int)
-            tenths = np.digitize(postures[:, joint], np.quantile(postures[:, joint], np.linspace(0, 1, 9)[1:-1]))
-            effects.append(float(np.nanvar([np.nanmean(gain[tenths == k]) for k in np.unique(tenths)])))
-            continue
-        count = np.bincount(groups)
-        level = np.bincount(groups, gain) / count
-        effects.append(float(np.nanmean((gain - level[groups]) ** 2)))
-    return sorted(np.argsort(effects)[::-1][:2].tolist())
-
-
 def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
-    gain, postures = gain_of_postures(plan), plan.grid.postures
+    gain, postures = 60 * plan.gain_over_grid, plan.grid.postures
     shown = main_joints(postures, gain)
     names = [plan.arm.driven[i].name for i in shown]
     angles = np.rad2deg(postures[:, shown])
@@ -69,7 +43,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
         axes.set_ylim(bottom=0)
         places = {
             i: (math.degrees(q[0]), height)
-            for i, (q, height) in enumerate(zip(plan.view.postures, _best(plan), strict=True))
+            for i, (q, height) in enumerate(zip(plan.predictions.postures, 60 * plan.best_gain, strict=True))
         }
     else:
         drawn = _map(axes, angles, gain, sampled=plan.grid.sampled)
@@ -78,7 +52,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
         bar.ax.tick_params(labelsize=8)
         bar.outline.set_visible(False)
         axes.set_ylabel(f"{cut(names[1], 30)} [deg]", parse_math=False)
-        places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.view.postures)}
+        places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.predictions.postures)}
     axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
     for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
         axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not plan.grid.sampled else MaxNLocator(9))
@@ -90,18 +64,11 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
     others = [joint.name for i, joint in enumerate(plan.arm.driven) if i not in shown]
     where = "at any angle" if plan.grid.sampled else "at the best angle"
     rest = f"; {', '.join(cut(name, 20) for name in others)} {where}" if others else ""
-    heading(axes, f"Gain of a first visit over posture{rest}", entries)
-
-
-def _best(plan: CampaignPlan) -> np.ndarray:
-    """Return the gain per hour of the best visit to each posture of the view."""
-    best = np.full(len(plan.view.postures), -np.inf)
-    np.maximum.at(best, [visit.place for visit in plan.visits], 60 * plan.per_cost)
-    return best
+    heading(axes, f"Gain of a first experiment over posture{rest}", entries)
 
 
 def _gain_label(plan: CampaignPlan) -> str:
-    words, unit = aim_in_words(plan)
+    words, unit = criterion_in_words(plan)
     return f"expected gain per hour [{unit}/h]: {cut(words, 60)}"
 
 
@@ -144,8 +111,8 @@ def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
     for i in np.flatnonzero(plan.measured):
         axes.plot(*places[int(i)], linestyle="", zorder=3, clip_on=False, **_cross())
     numbers: dict[tuple[float, float], list[str]] = {}
-    for number, visit in enumerate(plan.batch, 1):
-        x, y = places[visit.place]
+    for number, experiment in enumerate(plan.batch, 1):
+        x, y = places[experiment.place]
         numbers.setdefault((round(float(x), 3), round(float(y), 6)), []).append(str(number))
     for place, texts in numbers.items():
         box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "black"}
@@ -154,15 +121,19 @@ def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
         )
 
 
-def _sd_over_visits(axes: Axes, plan: CampaignPlan) -> None:
-    """Draw the standard deviations of theta at the best estimate, now and after each visit."""
-    sd, visits = 100 * plan.sd, range(len(plan.steps) + 1)
+def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
+    """Draw the standard deviations of theta at the best estimate, now and after each experiment."""
+    sd, experiments = 100 * plan.sd, range(len(plan.steps) + 1)
     parts = list(dict.fromkeys(name.split(".")[0] for name in plan.known.names))
     entries: dict[str, Any] = {}
     for i, name in enumerate(plan.known.names):
         colour = COLOURS[parts.index(name.split(".")[0]) % len(COLOURS)]
-        style: dict[str, Any] = {"color": colour, "linestyle": DASHES.get(field_of(name), ":"), "linewidth": 1.8}
-        axes.plot(visits, sd[:, i], marker="o", markersize=4, **style)
+        style: dict[str, Any] = {
+            "color": colour,
+            "linestyle": DASHES.get(name.rpartition(".")[2], ":"),
+            "linewidth": 1.8,
+        }
+        axes.plot(experiments, sd[:, i], marker="o", markersize=4, **style)
         entries[cut(name, 28)] = style
     axes.set_yscale("log")
     axes.set_ylabel("standard deviation of ln(value) x 100, at the best estimate", fontsize=9)
@@ -178,12 +149,12 @@ def _sd_over_visits(axes: Axes, plan: CampaignPlan) -> None:
     axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:.4g}"))
     axes.set_xlim(-0.15, len(plan.steps) + 0.15)
     labels = ["now"] + [
-        f"{i}: {cut(visit_in_words(visit), 34)}\n{cut(degrees(visit.posture), 34)}"
-        for i, visit in enumerate(plan.batch, 1)
+        f"{i}: {cut(experiment_in_words(experiment), 34)}\n{cut(degrees(experiment.posture), 34)}"
+        for i, experiment in enumerate(plan.batch, 1)
     ]
     crowded = len(labels) > 3
     axes.set_xticks(
-        list(visits),
+        list(experiments),
         labels,
         parse_math=False,
         rotation=30 if crowded else 0,

@@ -1,4 +1,4 @@
-"""The figure of profiles: one panel for each parameter, the rise of the cost beside its linear approximation."""
+"""The figure of profiles: one panel for each parameter, delta chi-squared beside its linear approximation."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,10 +13,9 @@ from matplotlib.lines import Line2D
 from ident.identify.fit import CampaignFit
 from ident.inference.profile import Profile, threshold
 from ident.inference.profile_path import Ending
-from ident.present.figures.fit import LENGTHS
 from ident.present.figures.style import BLUE, FILLED, GREY, HOLLOW, ORANGE, engineering, plain, ratio_axis
-from ident.present.text.profile import percent
-from ident.present.text.units import field_of, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.profile import level_in_words
+from ident.present.text.units import read_unit
 from ident.present.text.words import cut
 
 COLUMNS = 3
@@ -26,25 +25,25 @@ ABOVE = 1.35
 """Height of the panels, as a multiple of the highest threshold."""
 
 
-def profile_figure(result: CampaignFit, profiles: Sequence[Profile]) -> Figure:
-    """Draw profiles: the rise of the cost against each parameter, relative to its fitted value.
+def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
+    """Draw profiles: delta chi-squared against each parameter, relative to its fitted value.
 
     A curve that leaves the panel through its top ends an interval; an arrow at the side means open.
     """
     columns = min(COLUMNS, len(profiles))
     count = math.ceil(len(profiles) / columns)
-    warnings = list(_warnings(result, profiles))
+    warnings = list(_warnings(fit, profiles))
     size = (PANEL[0] * columns + 1.0, PANEL[1] * count + 0.9 + 0.2 * len(warnings))
     figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.08))
-    names = f"{cut(result.arm.name, 30)} to {cut(result.campaign.name, 30) or 'measurements'}"
+    names = f"{cut(fit.arm.name, 30)} to {cut(fit.campaign.name, 30) or 'measurements'}"
     title = f"Profiles of the fit of {names}" if columns > 1 else f"Profile of the fit of\n{names}"
     figure.suptitle(title, parse_math=False, fontsize=12, fontweight="bold")
     grid = figure.subplots(count, columns, squeeze=False).flat
-    bottom = min([0.0, *(float(profile.rise.min()) for profile in profiles)])
+    bottom = min([0.0, *(float(profile.delta_chi_squared.min()) for profile in profiles)])
     for i, profile in enumerate(profiles):
         _panel(grid[i], profile, bottom)
         if i % columns == 0:
-            grid[i].set_ylabel("rise of the cost [-]", fontsize=9)
+            grid[i].set_ylabel("delta chi-squared [-]", fontsize=9)
         if i % columns == columns - 1 or i == len(profiles) - 1:
             _levels(grid[i], profile)
     for axes in list(grid)[len(profiles) :]:
@@ -69,9 +68,9 @@ def _key(figure: Figure, warnings: Sequence[str], linear: bool, columns: int) ->
     key.get_title().set(color=ORANGE, fontsize=9, parse_math=False)
 
 
-def _warnings(result: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
-    if result.doubts:
-        yield f"No interval is to be quoted: {result.doubts[0]}".replace("see below", "see ident fit")
+def _warnings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+    if fit.doubts:
+        yield f"No interval is to be quoted: {fit.doubts[0]}".replace("see below", "see ident fit")
     if any(profile.beaten for profile in profiles):
         yield "The cost falls below the fit's: this was not the best optimum"
 
@@ -85,14 +84,16 @@ def _panel(axes: Axes, profile: Profile, bottom: float) -> None:
         ratio_axis(axes, math.exp(left), math.exp(right))
         axes.set_xlabel("value / fitted [-]", fontsize=9)
     else:
-        unit = "mm" if field_of(profile.name) in LENGTHS else unit_of(profile.name)
+        unit = read_unit(profile.name)[1]
         axes.set_xlim(*map(float, _place(profile, profile.optimum + np.array([left, right]))))
         axes.set_xlabel(f"value - fitted [{unit}]", fontsize=9)
     for interval in profile.intervals:
         axes.axhline(threshold(interval.level), color="#D8D8D8", linewidth=0.8, zorder=1)
     # between its points a profile is drawn as pieces of parabolas
     theta = np.union1d(profile.theta, np.linspace(profile.theta[0], profile.theta[-1], 301))
-    root = np.interp(theta, profile.theta, np.sign(profile.rise) * np.sqrt(np.abs(profile.rise)))
+    root = np.interp(
+        theta, profile.theta, np.sign(profile.delta_chi_squared) * np.sqrt(np.abs(profile.delta_chi_squared))
+    )
     axes.plot(_place(profile, theta), np.sign(root) * root**2, color=BLUE, linewidth=1.8, zorder=3)
     if math.isfinite(profile.sd):
         theta = profile.optimum + np.linspace(left, right, 201)
@@ -111,7 +112,7 @@ def _ending(axes: Axes, profile: Profile, side: int, top: float) -> None:
     if ending is Ending.CROSSED:
         axes.plot([_place(profile, theta)], [top], linestyle="", zorder=4, **{**FILLED, "markersize": 4})
         return
-    at = (float(_place(profile, profile.theta[last])), float(profile.rise[last]))
+    at = (float(_place(profile, profile.theta[last])), float(profile.delta_chi_squared[last]))
     word, marker = ("open", "<>"[side]) if ending is Ending.OPEN else ("model ends", "|")
     style = {**HOLLOW, "color": BLUE, "marker": marker, "markersize": 7 if marker != "|" else 12}
     axes.plot([at[0]], [at[1]], linestyle="", zorder=4, clip_on=False, **style)
@@ -133,7 +134,7 @@ def _levels(axes: Axes, profile: Profile) -> None:
     """Write the levels at the right end of their lines."""
     for interval in profile.intervals:
         axes.annotate(
-            percent(interval.level),
+            level_in_words(interval.level),
             (1.0, threshold(interval.level)),
             xycoords=("axes fraction", "data"),
             xytext=(4, 0),
@@ -156,22 +157,18 @@ def _place(profile: Profile, theta: Any) -> Any:
     off = np.asarray(theta) - profile.optimum
     if profile.item.positive:
         return np.exp(off)
-    return off * float(profile.item.scale) * (1e3 if field_of(profile.name) in LENGTHS else 1.0)
+    return off * float(profile.item.scale) / read_unit(profile.name)[0]
 
 
 def _title(profile: Profile) -> str:
     """Return the name, and below it the fitted value and the widest interval in the unit that people read."""
     ends = [profile.optimum, profile.widest.low, profile.widest.high]
-    values, unit = [float(value) for value in profile.values(ends)], unit_of(profile.name)
-    if is_stiffness(profile.name):
-        values, unit = [nmm_per_deg(value) for value in values], "N mm/deg"
-    elif field_of(profile.name) in LENGTHS:
-        values, unit = [1e3 * value for value in values], "mm"
-    best, low, high = engineering(*values)
+    size, unit = read_unit(profile.name)
+    best, low, high = engineering(*(float(value) / size for value in profile.values(ends)))
     below, above = (ending is Ending.OPEN for ending in profile.widest.endings)
     if below or above:
         span = "open" if below and above else f"below {high}" if below else f"above {low}"
     else:
         span = f"{low} to {high}"
-    words = f"{best} {unit}; {percent(profile.widest.level)}: {span}"
+    words = f"{best} {unit}; {level_in_words(profile.widest.level)}: {span}"
     return f"{cut(profile.name, 34)}\n{words}"

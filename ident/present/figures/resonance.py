@@ -1,4 +1,4 @@
-"""The resonance chart: natural frequencies along a motion against the frequencies at which pulleys turn."""
+"""The Campbell diagram: natural frequencies along a motion against the frequencies at which pulleys turn."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -34,16 +34,16 @@ DASHES = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (8, 3)))
 
 
 def resonance_figure(
-    branches: Branches, excitation: Excitation, encounters: Sequence[ResonanceCrossing] = (), *, title: str = ""
+    branches: Branches, excitation: Excitation, crossings: Sequence[ResonanceCrossing] = (), *, title: str = ""
 ) -> Figure:
     """Draw natural frequencies (solid), pulley frequencies (dashed) and where they are near, over time.
 
-    Encounters have the numbers of the report. Below are the joint angles.
+    Resonance crossings have the numbers of the report. Below are the joint angles.
 
     Args:
-        branches: natural frequencies along a motion; of sets the median and the band from 5 to 95 %.
+        branches: natural frequencies along a motion; of draws the median and the band from 5 to 95 %.
         excitation: at the same times.
-        encounters: what is shaded and numbered, in this order.
+        crossings: what is shaded and numbered, in this order.
         title: heading, such as the name of the motion.
     """
     figure = Figure(figsize=SIZE, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
@@ -52,10 +52,10 @@ def resonance_figure(
     top = HEADROOM * float(branches.band()[1].max() if branches.batch_size else branches.median.max())
     upper.set_ylim(0, top)
     upper.set_xlim(branches.time[0], branches.time[-1])
-    _shades(upper, branches, excitation, encounters)
+    _shades(upper, branches, excitation, crossings)
     _branches(upper, branches)
     _pulleys(upper, branches, excitation, top)
-    _numbers(upper, encounters)
+    _numbers(upper, crossings)
     _postures(lower, branches)
     upper.set_ylabel("frequency [Hz]", fontsize=9)
     upper.grid(axis="y", color="#EEEEEE", linewidth=0.8)
@@ -63,19 +63,19 @@ def resonance_figure(
     for axes in (upper, lower):
         plain(axes)
     notes = figure.legend(
-        handles=[], title="\n".join(_notes(branches, encounters)), loc="outside lower left", frameon=False
+        handles=[], title="\n".join(_notes(branches, crossings)), loc="outside lower left", frameon=False
     )
     notes.get_title().set(fontsize=8, color=GREY)
     return figure
 
 
-def _shades(axes: Axes, branches: Branches, excitation: Excitation, encounters: Sequence[ResonanceCrossing]) -> None:
+def _shades(axes: Axes, branches: Branches, excitation: Excitation, crossings: Sequence[ResonanceCrossing]) -> None:
     """Shade what is between a natural frequency and an excitation for as long as they are near."""
-    for encounter in encounters:
-        inside = (branches.time > encounter.start) & (branches.time < encounter.end)
-        time = np.sort([encounter.start, *branches.time[inside], *encounter.crossings, encounter.end])
-        natural = np.interp(time, branches.time, branches.median[encounter.branch])
-        line = excitation.frequency[excitation.sources.index(encounter.source)]
+    for crossing in crossings:
+        inside = (branches.time > crossing.start) & (branches.time < crossing.end)
+        time = np.sort([crossing.start, *branches.time[inside], *crossing.crossings, crossing.end])
+        natural = np.interp(time, branches.time, branches.median[crossing.branch])
+        line = excitation.frequency[excitation.sources.index(crossing.source)]
         turning = np.interp(time, excitation.time, line)
         axes.fill_between(time, natural, turning, color=SHADE, linewidth=0, zorder=1)
 
@@ -144,20 +144,20 @@ def _clearance(here: float, others: Sequence[float]) -> bool:
     return bool(apart[apart >= 0].min(initial=np.inf) >= -apart[apart < 0].max(initial=-here))
 
 
-def _numbers(axes: Axes, encounters: Sequence[ResonanceCrossing]) -> None:
-    """Number the encounters above the panel, each with a line down to the closest approach."""
+def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
+    """Number the resonance crossings above the panel, each with a line down to the closest approach."""
     low, high = axes.get_xlim()
     width, taken = (high - low) * 0.025, list[tuple[float, int]]()
-    numbered = [(n, group[0]) for n, group in enumerate(grouped(encounters), start=1)]
-    for number, encounter in sorted(numbered, key=lambda pair: pair[1].time):
-        used = {row for time, row in taken if abs(time - encounter.time) < width}
+    numbered = [(n, group[0]) for n, group in enumerate(grouped(crossings), start=1)]
+    for number, crossing in sorted(numbered, key=lambda pair: pair[1].time):
+        used = {row for time, row in taken if abs(time - crossing.time) < width}
         row = next(row for row in range(len(used) + 1) if row not in used)
-        taken.append((encounter.time, row))
+        taken.append((crossing.time, row))
         axes.annotate(
             f"{number}",
-            (encounter.time, encounter.natural),
+            (crossing.time, crossing.natural),
             xycoords="data",
-            xytext=(encounter.time, 1.03 + 0.05 * row),
+            xytext=(crossing.time, 1.03 + 0.05 * row),
             textcoords=axes.get_xaxis_transform(),
             ha="center",
             va="center",
@@ -228,9 +228,9 @@ def _colour(label: Label) -> str:
     return str(NAME_STYLES[f"{label.direction} {label.kind}"]["color"])
 
 
-def _notes(branches: Branches, encounters: Sequence[ResonanceCrossing]) -> Iterator[str]:
+def _notes(branches: Branches, crossings: Sequence[ResonanceCrossing]) -> Iterator[str]:
     yield "solid: natural frequencies of the arm held at each posture; broken: turning frequencies of pulleys"
-    if encounters:
+    if crossings:
         yield "shaded: the two are near; numbered as in the report, the line leads to the closest approach"
     if branches.batch_size:
         yield f"solid lines are medians, bands {band_words(branches)}"

@@ -1,6 +1,5 @@
 """Figures of a sampled posterior: what it says, corner plot, traces."""
 
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -9,6 +8,16 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from ident.identify.sample import CampaignSample
+from ident.inference.posterior_summary import (
+    LEARNED,
+    LEVELS,
+    combinations,
+    prior_intervals,
+    prior_spread,
+    quantiles,
+    ratio_to_prior,
+    share_of_prior,
+)
 from ident.present.figures.fit import DENSE, LABEL, PANEL, ROW
 from ident.present.figures.style import (
     BLUE,
@@ -23,7 +32,7 @@ from ident.present.figures.style import (
     ratio_axis,
     rows,
 )
-from ident.present.text.sample import LEARNED, LEVELS, directions, learned, of_first, quantiles
+from ident.present.text.sample import of_first
 from ident.present.text.words import cut, direction_name, short
 
 CORNER_DRAWS = 20000
@@ -45,7 +54,7 @@ def sample_figures(result: CampaignSample) -> dict[str, Figure]:
 def posterior_figure(result: CampaignSample) -> Figure:
     """Draw posterior against prior, parameter by parameter and in combination, and predicted against measured."""
     items = result.sample.posterior.parameters.items
-    combined = directions(result) if len(result.fitted.fit.problem.parameters.items) > 1 else []
+    combined = combinations(result.sample) if len(result.fitted.problem.parameters.items) > 1 else []
     left = [len(items) * ROW + PANEL, len(combined) * ROW + PANEL]
     right = min(len(result.fitted.campaign), DENSE) * ROW + PANEL
     figure = Figure(
@@ -67,12 +76,10 @@ def posterior_figure(result: CampaignSample) -> Figure:
 def _against_prior(axes: Axes, result: CampaignSample) -> None:
     """Draw prior and posterior of each parameter relative to the arm file, lengths as exponentials of theta."""
     parameters = result.sample.posterior.parameters
-    items, centre = parameters.items, np.asarray(parameters.theta(parameters.column("centre")))
-    prior = np.exp(
-        np.asarray(parameters.from_uniform(jnp.asarray([[LEVELS[0], LEVELS[-1]]] * len(items)))) - centre[:, None]
-    )
-    own = np.exp(np.asarray(parameters.theta(jnp.asarray(quantiles(result).T))) - centre[:, None])
-    open_ones = learned(result) > LEARNED
+    items, share = parameters.items, share_of_prior(result.sample)
+    prior = ratio_to_prior(parameters, prior_intervals(parameters))
+    own = ratio_to_prior(parameters, np.asarray(parameters.theta(quantiles(result.sample).T)))
+    open_ones = share > LEARNED
     rows(axes, [cut(item.name, 30) for item in items])
     reach = np.concatenate([own.ravel(), prior[parameters.proper].ravel(), [1.0]])
     ratio_axis(axes, max(reach.min(), 1 / FARTHEST) / 1.2, min(reach.max(), FARTHEST) * 1.2)
@@ -82,7 +89,7 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
         axes.plot([low, high], [y, y], **WIDE)
         axes.plot([lower, upper], [y, y], **NARROW, solid_capstyle="butt")
         axes.plot([median], [y], linestyle="", zorder=3, **(HOLLOW if unknown else FILLED))
-    shares = zip(learned(result), parameters.proper, strict=True)
+    shares = zip(share, parameters.proper, strict=True)
     texts = [f"{share:.0%} of prior" if proper else "no prior" for share, proper in shares]
     rows(axes.twinx(), texts, side="right")
     axes.set_xlabel("value / centre of its prior [-]", fontsize=9)
@@ -93,18 +100,17 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
 
 def _combinations(axes: Axes, result: CampaignSample) -> None:
     """Draw the spread of each combination over the draws, and what the prior alone would leave."""
-    found, items = directions(result), result.fitted.fit.problem.parameters.items
-    names = [item.name for item in items]
-    width = result.fitted.fit.problem.parameters.normal_sd
-    rows(axes, [direction_name(direction, names) for direction in found])
+    known, parameters = combinations(result.sample), result.fitted.problem.parameters
+    names = parameters.names
+    rows(axes, [direction_name(direction, names) for direction in known])
     axes.set_xscale("log")
-    for y, direction in enumerate(found):
-        prior = float(np.sqrt(((direction.weights * width) ** 2).sum()))
+    for y, direction in enumerate(known):
+        prior = prior_spread(direction, parameters)
         if np.isfinite(prior):
             axes.plot([direction.sd, prior], [y, y], color=PALE, linewidth=1.2)
             axes.plot([prior], [y], linestyle="", marker="|", markersize=11, color=GREY)
         axes.plot([direction.sd], [y], linestyle="", **(HOLLOW if direction.sd > LEARNED * prior else FILLED))
-    ticks = [power for power in (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0) if found[0].sd / 3 < power < 5 * found[-1].sd]
+    ticks = [power for power in (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0) if known[0].sd / 3 < power < 5 * known[-1].sd]
     axes.set_xticks(ticks, [f"{100 * tick:g} %" if tick < 1 else f"factor {np.exp(tick):.3g}" for tick in ticks])
     axes.set_xticks([], minor=True)
     axes.set_xlabel("standard deviation of ln(combination) [-]", fontsize=9)
@@ -144,7 +150,7 @@ def corner_figure(result: CampaignSample) -> Figure:
 
     parameters = result.sample.posterior.parameters
     draws = _thinned(result.sample.draws(), CORNER_DRAWS)
-    ratio = np.exp(draws - np.asarray(parameters.theta(parameters.column("centre"))))
+    ratio = ratio_to_prior(parameters, draws.T).T
     size = 1.8 * len(parameters.names) + 1.2
     figure = Figure(figsize=(size, size))
     span = np.quantile(ratio, (0.001, 0.999), axis=0).T

@@ -1,6 +1,6 @@
 """Figures of a simulated motion: vibration of the end point, and what joints, belts and pulleys do meanwhile."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ident.assess.simulation import Simulation, alike
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PALE_BLUE, PINK, Style, plain
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PALE_BLUE, PINK, Style, key_below, plain
 from ident.present.text.units import MM
 from ident.present.text.words import cut
 from ident.vibrate.response.study import DIRECTIONS
@@ -38,7 +38,7 @@ def simulate_figure(simulation: Simulation) -> Figure:
             _measured(axes, simulation, direction)
         _arrival(axes, simulation, labelled=i == 0)
     figure.align_ylabels(grid)
-    _key(figure, list(_entries(simulation)), list(_notes(simulation)))
+    key_below(figure, list(_entries(simulation)), "\n".join(_notes(simulation)))
     return figure
 
 
@@ -53,11 +53,11 @@ def drives_figure(simulation: Simulation) -> Figure:
         for text in axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8).get_texts():
             text.set_parse_math(False)
         _arrival(axes, simulation, labelled=i == 0)
-    notes = ["rotations about the axes of each joint's shaft; the arm's sag under its weight is part of them"]
+    notes = ["rotations about the axes of each joint's shaft; the quasi-static deflection is part of them"]
     if simulation.arm.belts and simulation.tension.min() <= 0:
         notes.append("a belt goes slack: see the report")
     figure.align_ylabels(grid)
-    _key(figure, [], notes)
+    key_below(figure, [], "\n".join(notes))
     return figure
 
 
@@ -78,16 +78,16 @@ def _title(simulation: Simulation, what: str) -> str:
 
 
 def _by_acceleration(simulation: Simulation, direction: str) -> bool:
-    found = (simulation.comparisons or {}).get(direction)
-    return found is not None and found.measured.trace.quantity == "acceleration"
+    comparison = (simulation.comparisons or {}).get(direction)
+    return comparison is not None and comparison.measured.trace.quantity == "acceleration"
 
 
 def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
     """Draw one direction in mm, or as the acceleration that was measured."""
     direction = DIRECTIONS[i]
     if _by_acceleration(simulation, direction):
-        found = (simulation.comparisons or {})[direction].simulated.trace
-        axes.plot(found.time, found.values, zorder=3, **OURS)
+        trace = (simulation.comparisons or {})[direction].simulated.trace
+        axes.plot(trace.time, trace.values, zorder=3, **OURS)
         axes.set_ylabel(f"{direction.upper()}: acceleration\n[m/s$^2$]", fontsize=9)
         return
     if simulation.draws is not None:
@@ -108,9 +108,9 @@ def _near_limit(simulation: Simulation, i: int) -> bool:
 
 def _measured(axes: Axes, simulation: Simulation, direction: str) -> None:
     """Draw the measured trace about the simulation's mean over the common time."""
-    found = (simulation.comparisons or {})[direction]
-    theirs, factor = found.measured.trace, 1.0 if _by_acceleration(simulation, direction) else MM
-    shift = found.simulated.trace.values.mean() - theirs.values.mean()
+    comparison = (simulation.comparisons or {})[direction]
+    theirs, factor = comparison.measured.trace, 1.0 if _by_acceleration(simulation, direction) else MM
+    shift = comparison.simulated.trace.values.mean() - theirs.values.mean()
     axes.plot(theirs.time, factor * (theirs.values + shift), zorder=2.5, **THEIRS)
 
 
@@ -137,7 +137,7 @@ def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
 
 def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:
     name = "simulated" if simulation.draws is None else "simulated, by the medians of the draws"
-    if simulation.draws is not None and simulation.fit is not None:
+    if simulation.draws is not None and simulation.basis.fit is not None:
         name = "simulated, by the fitted values"
     yield Line2D([], [], label=name, **OURS)
     if simulation.draws is not None:
@@ -150,7 +150,7 @@ def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:
 
 
 def _notes(simulation: Simulation) -> Iterator[str]:
-    yield "displacement of the end point from where the arm, sagging, would be at rest; scales differ"
+    yield "displacement of the end point from its quasi-static position; scales differ"
     if simulation.comparisons:
         low, high = next(iter(simulation.comparisons.values())).measured.trace.time[[0, -1]]
         yield f"measured: from {low:.4g} to {high:.4g} s, drawn behind, its mean set to the simulation's"
@@ -176,11 +176,3 @@ def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np
 
 
 _SPANS = ((0, "upper"), (1, "lower"))
-
-
-def _key(figure: Figure, handles: Sequence[Line2D | Patch], notes: Sequence[str]) -> None:
-    """Explain lines and bands below the panels, where they hide nothing."""
-    key = figure.legend(
-        handles=handles, title="\n".join(notes), loc="outside lower center", ncols=4, frameon=False, fontsize=9
-    )
-    key.get_title().set(fontsize=8, color=GREY, parse_math=False)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,14 +11,14 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
+from ident.assess.spectra import Spectra
 from ident.errors import InputError, Problem
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, plain
-from ident.present.text.words import cut
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, plain
+from ident.present.text.spectrum import UNITS
+from ident.present.text.words import cut, degrees
 from ident.vibrate.signal.spectrogram import Spectrogram
 from ident.vibrate.signal.spectrum import Spectrum
 
-UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
-"""Unit in which each kind of trace is drawn, and how many there are in the SI unit."""
 PANEL = (8.0, 2.5)
 """Width and height of a panel [inch]."""
 LETTER, LINE = 0.068, 12.0
@@ -35,6 +36,28 @@ LINES: tuple[Style, ...] = tuple(
     for color in (ORANGE, PINK, GREEN, "black")
 )
 """Styles of lines over the blue of a spectrogram."""
+
+
+def spectra_figure(spectra: Spectra) -> Figure:
+    """Draw the spectra of one or two traces with the modes of an arm, a panel for each direction."""
+    remarks, modes = [spectra.remark] if spectra.remark else [], spectra.modal_analysis
+    if modes:
+        remarks.append(f"thin lines: natural frequencies at {degrees(modes.posture)}, {modes.load}")
+    panels = [direction.upper() for direction in spectra.directions]
+    return spectrum_figure(
+        spectra.spectra, panels, spectra.marks, upto=spectra.upto, kind=spectra.kind, remarks=remarks
+    )
+
+
+def spectrogram_figures(spectra: Spectra, *, decibel: bool = False) -> dict[str, Figure]:
+    """Draw the spectrogram of each direction, with a line for each order of each pulley."""
+    time = spectra.traces[spectra.name].time
+    lines = {name: (time, frequency) for name, frequency in spectra.lines.items()}
+    style: dict[str, Any] = {"upto": spectra.upto, "decibel": decibel, "kind": spectra.kind}
+    return {
+        direction: spectrogram_figure(part, lines, title=f"{direction.upper()}: {spectra.name}", **style)
+        for direction, part in spectra.spectrograms.items()
+    }
 
 
 def spectrum_figure(
@@ -76,7 +99,7 @@ def spectrum_figure(
     grid[-1].set_xlabel("frequency [Hz]", fontsize=9)
     handles = [Line2D([], [], label=cut(name, 40), **s) for name, s in zip(series, cycle(SERIES), strict=False)]
     figure.align_ylabels(grid)
-    _key(figure, handles, notes)
+    key_below(figure, handles, "\n".join(notes), columns=3)
     return figure
 
 
@@ -115,7 +138,8 @@ def spectrogram_figure(
     axes.set_ylim(0, upto)
     axes.set_xlabel("time [s]", fontsize=9)
     axes.set_ylabel("frequency [Hz]", fontsize=9)
-    _key(figure, handles, [spectrogram.description(), "grey: less than half a segment from an end of the trace"])
+    note = f"{spectrogram.description()}\ngrey: less than half a segment from an end of the trace"
+    key_below(figure, handles, note, columns=3)
     return figure
 
 
@@ -198,21 +222,6 @@ def _line(axes: Axes, line: tuple[str, tuple[np.ndarray, np.ndarray]], style: St
     name, (time, frequency) = line
     axes.plot(time, frequency, **style)
     return Line2D([], [], label=cut(name, 40), **style)
-
-
-def _key(figure: Figure, handles: Sequence[Line2D], notes: Sequence[str]) -> None:
-    """Explain lines and windows below the panels, where they hide nothing."""
-    key = figure.legend(
-        handles=handles,
-        title="\n".join(notes),
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-        fontsize=9,
-    )
-    key.get_title().set(fontsize=8, color=GREY, parse_math=False)
-    for text in key.get_texts():
-        text.set_parse_math(False)
 
 
 def _descriptions(series: Mapping[str, Spectrum]) -> Iterator[str]:

@@ -7,9 +7,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
+from ident.assess.basis import Basis
+from ident.present.text.words import cut
 
 BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 """Colours that a colour-blind reader tells apart (Okabe and Ito, 2002)."""
@@ -55,6 +60,22 @@ def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: in
         columnspacing=1.2,
     )
     legend.get_title().set(fontweight="bold", fontsize=10, parse_math=False)
+
+
+def motion_title(figure: Figure, what: str, basis: Basis) -> None:
+    """Put above a figure what it shows, of which arm and motion."""
+    text = f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"
+    figure.suptitle(text, parse_math=False, fontsize=12, fontweight="bold")
+
+
+def key_below(figure: Figure, handles: Sequence[Artist], note: str, *, columns: int = 4) -> None:
+    """Explain lines and bands below the panels, where they hide nothing, under a note."""
+    key = figure.legend(
+        handles=handles, title=note, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
+    )
+    key.get_title().set(fontsize=8, color=GREY, parse_math=False)
+    for text in key.get_texts():
+        text.set_parse_math(False)
 
 
 def ratio_axis(axes: Axes, left: float, right: float) -> None:

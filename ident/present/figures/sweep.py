@@ -1,7 +1,7 @@
 """Figures of a sweep: amplitudes against each parameter, or a map of two."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from ident.assess.sweep import SweepStudy, is_factor, title
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, Style, plain
+from ident.assess.sweep import SweepStudy
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, Style, key_below, motion_title, plain
+from ident.present.text.sweep_words import axis_in_words
 from ident.present.text.units import MM, in_paper_unit
 from ident.present.text.words import cut
 from ident.vibrate.redesign.sweep import Axis, Sweep
@@ -40,25 +41,25 @@ STEPS = (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 10)
 """Ticks of a decade, if it has room."""
 
 
-def sweep_figure(sweeping: SweepStudy) -> Figure:
+def sweep_figure(study: SweepStudy) -> Figure:
     """Draw the amplitudes in x, y and z against each parameter, or the largest of them over a map of two."""
-    if len(sweeping.sweeps[0].axes) == 2:
-        return _map_figure(sweeping)
-    count = len(sweeping.sweeps)
-    figure, grid = _panels(sweeping, count)
-    for axes, sweep in zip(grid, sweeping.sweeps, strict=True):
-        _curves(axes, sweeping, sweep)
-    grid[0].set_ylim(0, 1.06 * MM * max(_largest(sweeping), _limit(sweeping)) or None)
-    _key(figure, list(_entries(sweeping)), _notes(sweeping))
+    if study.is_map:
+        return _map_figure(study)
+    count = len(study.sweeps)
+    figure, grid = _panels(study, count)
+    for axes, sweep in zip(grid, study.sweeps, strict=True):
+        _curves(axes, study, sweep)
+    grid[0].set_ylim(0, 1.06 * MM * max(_largest(study), _limit(study)) or None)
+    key_below(figure, list(_entries(study)), "\n".join(_notes(study)), columns=6)
     return figure
 
 
-def _panels(sweeping: SweepStudy, count: int) -> tuple[Figure, list[Axes]]:
+def _panels(study: SweepStudy, count: int) -> tuple[Figure, list[Axes]]:
     columns = 1 if count <= COLUMN else 2
     lines = -(-count // columns)
     layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08)
     figure = Figure(figsize=(WIDTH * (1 + 0.6 * (columns - 1)), PANEL * lines + 1.6), layout=layout)
-    _heading(figure, sweeping)
+    motion_title(figure, f"Vibration of {study.basis.point}", study.basis)
     grid = list(figure.subplots(lines, columns, squeeze=False, sharey=True).ravel())
     for axes in grid[count:]:
         axes.remove()
@@ -66,16 +67,11 @@ def _panels(sweeping: SweepStudy, count: int) -> tuple[Figure, list[Axes]]:
         plain(axes)
         axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
         if place % columns == 0:
-            axes.set_ylabel(f"{sweeping.measure} [mm]", fontsize=9)
+            axes.set_ylabel(f"{study.measure} [mm]", fontsize=9)
     return figure, grid[:count]
 
 
-def _heading(figure: Figure, sweeping: SweepStudy) -> None:
-    what = f"Vibration of {sweeping.point}: {cut(sweeping.arm.name, 30)}"
-    figure.suptitle(f"{what}\n{cut(sweeping.motion.name, 60)}", parse_math=False, fontsize=12, fontweight="bold")
-
-
-def _curves(axes: Axes, sweeping: SweepStudy, sweep: Sweep) -> None:
+def _curves(axes: Axes, study: SweepStudy, sweep: Sweep) -> None:
     (axis,) = sweep.axes
     values, amplitudes = curve(sweep)
     factor = in_paper_unit(axis.paths[0], 1.0)[0]
@@ -88,10 +84,10 @@ def _curves(axes: Axes, sweeping: SweepStudy, sweep: Sweep) -> None:
             axes.plot(factor * axis.present, MM * sweep.present[d], "o", color=style["color"], markersize=5, zorder=4)
     if has_present(axis):
         axes.axvline(factor * axis.present, color=GREY, linewidth=0.8, linestyle="--", zorder=2)
-    if _limit(sweeping):
-        axes.axhline(MM * _limit(sweeping), color=GREY, linewidth=0.8, linestyle=":", zorder=2)
+    if _limit(study):
+        axes.axhline(MM * _limit(study), color=GREY, linewidth=0.8, linestyle=":", zorder=2)
     _scale(axes, axis, "x")
-    if is_factor(axis) and not axis.is_speed:
+    if not axis.shifted and not axis.is_speed:
         _multiples(axes, axis)
 
 
@@ -126,72 +122,72 @@ def _scale(axes: Axes, axis: Axis, which: str) -> None:
     own.set_minor_locator(NullLocator())
     own.set_major_formatter(FuncFormatter(lambda x, _: f"{x / 10.0**power:.4g}"))
     named = "" if unit == "-" and not scale else f" [{scale}{unit}]"
-    own.set_label_text(f"{cut(title(axis, brief=True), LABEL)}{named}", fontsize=9, parse_math=False)
+    own.set_label_text(f"{cut(axis_in_words(axis, brief=True), LABEL)}{named}", fontsize=9, parse_math=False)
 
 
 def _is_log(axis: Axis) -> bool:
     """Tell whether an axis is drawn logarithmically: values above zero by equal factors, wide enough."""
-    return is_factor(axis) and not axis.is_speed and bool(axis.values[-1] / axis.values[0] > WIDE)
+    return not axis.shifted and not axis.is_speed and bool(axis.values[-1] / axis.values[0] > WIDE)
 
 
 def _ticks(low: float, high: float) -> list[float]:
     """Return round numbers on a logarithmic axis, not too many."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     for steps in (STEPS[:-1], (1, 2, 3, 5), (1, 3), (1,)):
-        found = [s * 10.0**d for d in decades for s in steps if low * (1 - 1e-9) <= s * 10.0**d <= high * (1 + 1e-9)]
-        if len(found) <= 9:
+        ticks = [s * 10.0**d for d in decades for s in steps if low * (1 - 1e-9) <= s * 10.0**d <= high * (1 + 1e-9)]
+        if len(ticks) <= 9:
             break
-    return found
+    return ticks
 
 
-def _largest(sweeping: SweepStudy) -> float:
+def _largest(study: SweepStudy) -> float:
     """Return the largest amplitude that is drawn [m]."""
-    bands = [float(sweep.band[1].max()) for sweep in sweeping.sweeps if sweep.draws is not None]
-    return max([*bands, *(float(curve(sweep)[1].max()) for sweep in sweeping.sweeps)])
+    bands = [float(sweep.band[1].max()) for sweep in study.sweeps if sweep.draws is not None]
+    return max([*bands, *(float(curve(sweep)[1].max()) for sweep in study.sweeps)])
 
 
-def _limit(sweeping: SweepStudy) -> float:
+def _limit(study: SweepStudy) -> float:
     """Return the limit [m] if an amplitude comes so near that it is drawn; elsewhere it would flatten the curves."""
-    limit = sweeping.limit or 0.0
-    return limit if _largest(sweeping) > NEAR * limit else 0.0
+    limit = study.limit or 0.0
+    return limit if _largest(study) > NEAR * limit else 0.0
 
 
-def _entries(sweeping: SweepStudy) -> Iterator[Line2D | Patch]:
+def _entries(study: SweepStudy) -> Iterator[Line2D | Patch]:
     for direction, style in zip(DIRECTIONS, WAYS, strict=True):
         yield Line2D([], [], label=direction.upper(), **style)
-    if any(has_present(axis) for sweep in sweeping.sweeps for axis in sweep.axes):
+    if any(has_present(axis) for sweep in study.sweeps for axis in sweep.axes):
         yield Line2D([], [], color=GREY, linewidth=0.8, linestyle="--", marker="o", markersize=5, label="present")
-    if sweeping.draws:
-        yield Patch(color=GREY, alpha=0.18, linewidth=0, label=f"5 to 95 % of {sweeping.draws} draws")
-    if _limit(sweeping):
-        label = f"limit, {MM * _limit(sweeping):g} mm"
+    if study.draws:
+        yield Patch(color=GREY, alpha=0.18, linewidth=0, label=f"5 to 95 % of {study.draws} draws")
+    if _limit(study):
+        label = f"limit, {MM * _limit(study):g} mm"
         yield Line2D([], [], color=GREY, linewidth=0.8, linestyle=":", label=label)
 
 
-def _notes(sweeping: SweepStudy) -> list[str]:
-    notes = ["one parameter is varied at a time, the others are as they are"] if len(sweeping.sweeps) > 1 else []
-    if sweeping.limit is not None and not _limit(sweeping):
-        notes.append(f"the limit of {MM * sweeping.limit:g} mm lies far above")
+def _notes(study: SweepStudy) -> list[str]:
+    notes = ["one parameter is varied at a time, the others are as they are"] if len(study.sweeps) > 1 else []
+    if study.limit is not None and not _limit(study):
+        notes.append(f"the limit of {MM * study.limit:g} mm lies far above")
     return notes
 
 
-def _map_figure(sweeping: SweepStudy) -> Figure:
+def _map_figure(study: SweepStudy) -> Figure:
     """Draw filled contours of the largest amplitude over x, y and z."""
-    (sweep,) = sweeping.sweeps
+    (sweep,) = study.sweeps
     figure = Figure(figsize=(WIDTH, 6.4), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08))
-    _heading(figure, sweeping)
+    motion_title(figure, f"Vibration of {study.basis.point}", study.basis)
     axes = figure.subplots()
     plain(axes)
     first, second = (in_paper_unit(axis.paths[0], 1.0)[0] * axis.values for axis in sweep.axes)
     largest = MM * sweep.amplitude.max(0)
     filled = axes.contourf(first, second, largest.T, levels=_levels(largest), cmap="viridis")
     bar = figure.colorbar(filled, ax=axes, pad=0.02)
-    bar.set_label(f"largest {sweeping.measure} of X, Y and Z [mm]", fontsize=9)
+    bar.set_label(f"largest {study.measure} of X, Y and Z [mm]", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     bar.outline.set_visible(False)
     for axis, which in zip(sweep.axes, "xy", strict=True):
         _scale(axes, axis, which)
-    _key(figure, list(_marks(axes, sweeping, sweep)), [])
+    key_below(figure, list(_marks(axes, study, sweep)), "", columns=6)
     return figure
 
 
@@ -201,7 +197,7 @@ def _levels(values: np.ndarray) -> np.ndarray:
     return levels if len(levels) > 1 else np.array([levels[0], levels[0] + 1.0])
 
 
-def _marks(axes: Axes, sweeping: SweepStudy, sweep: Sweep) -> Iterator[Line2D]:
+def _marks(axes: Axes, study: SweepStudy, sweep: Sweep) -> Iterator[Line2D]:
     """Mark present design, best point and limit, and yield what stands for them in the key."""
     largest = sweep.amplitude.max(0)
     scales = [in_paper_unit(axis.paths[0], 1.0)[0] for axis in sweep.axes]
@@ -217,16 +213,8 @@ def _marks(axes: Axes, sweeping: SweepStudy, sweep: Sweep) -> Iterator[Line2D]:
         x, y = (scale * value for scale, value in zip(scales, place, strict=True))
         axes.plot([x], [y], linestyle="", clip_on=False, zorder=5, **style)
         yield Line2D([], [], linestyle="", label=label, **style)
-    if sweeping.limit is not None and largest.min() < sweeping.limit < largest.max():
+    if study.limit is not None and largest.min() < study.limit < largest.max():
         first, second = (scale * axis.values for scale, axis in zip(scales, sweep.axes, strict=True))
-        axes.contour(first, second, largest.T, levels=[sweeping.limit], colors="white", linewidths=1.8)
-        axes.contour(first, second, largest.T, levels=[sweeping.limit], colors=ORANGE, linewidths=1.2, linestyles="--")
-        yield Line2D([], [], color=ORANGE, linestyle="--", label=f"limit, {MM * sweeping.limit:g} mm")
-
-
-def _key(figure: Figure, handles: Sequence[Line2D | Patch], notes: Sequence[str]) -> None:
-    """Explain lines and bands below the panels, where they hide nothing."""
-    key = figure.legend(
-        handles=handles, title="\n".join(notes), loc="outside lower center", ncols=6, frameon=False, fontsize=9
-    )
-    key.get_title().set(fontsize=8, color=GREY, parse_math=False)
+        axes.contour(first, second, largest.T, levels=[study.limit], colors="white", linewidths=1.8)
+        axes.contour(first, second, largest.T, levels=[study.limit], colors=ORANGE, linewidths=1.2, linestyles="--")
+        yield Line2D([], [], color=ORANGE, linestyle="--", label=f"limit, {MM * study.limit:g} mm")

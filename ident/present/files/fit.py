@@ -1,56 +1,31 @@
 """The result file of a fit: JSON that says what was fitted, from what, how, and what came out."""
 
-import json
-import math
-import platform
+import hashlib
 from collections.abc import Mapping
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ident.arm.arm import Arm
 from ident.description.file import ArmFile
-from ident.files import replace_file
+from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
+from ident.identify.values import Values
 from ident.measure import Campaign
+from ident.present.files.document import check_format, plain, provenance, read_document
 from ident.present.text.units import unit_of
+from ident.text import one_line, read_bytes
 
-FORMAT = "ident-fit/1"
-LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "numpy", "scipy")
+EXPECTED = "a result file of ident fit (.fit.json)"
 
 
-def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
+def fit_document(form: str, fit: CampaignFit, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a fit as plain data, all numbers SI; infinite and undefined ones become null."""
-    fit, known = result.fit, result.fit.information
+    known = fit.information
     items = fit.problem.parameters.items
-    document = provenance(FORMAT, arm_file, result.campaign, options) | {
-        "parameters": [
-            {
-                "name": item.name,
-                "paths": list(item.paths),
-                "value": value,
-                "unit": unit_of(item.name),
-                "interval_95": list(interval),
-                "data_support_interval": bool(supported),
-                "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}",
-                "sd": sd,
-                "sd_by_data_alone": data_sd,
-                "prior_share": share,
-                "prior": {"median": item.centre, "sd": item.prior_sd, "flat_half_width": item.flat},
-            }
-            for item, value, interval, supported, sd, data_sd, share in zip(
-                items,
-                fit.best.values,
-                fit.interval(),
-                result.supported,
-                known.sd,
-                known.data_sd,
-                known.prior_share,
-                strict=True,
-            )
-        ],
+    document = provenance(form, arm_file, fit.campaign, options) | {
+        "parameters": [_parameter(fit, i) for i in range(len(items))],
         "covariance": known.covariance,
         "correlation": known.correlation,
         "directions": [{"weights": d.weights, "sd": d.sd, "seen": d.seen, "weak": d.weak} for d in known.directions],
@@ -73,11 +48,11 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
                 "predicted_sd": sd,
                 "note": m.note,
             }
-            for m, predicted, sd in zip(result.campaign, fit.predicted, fit.predicted_sd, strict=True)
+            for m, predicted, sd in zip(fit.campaign, fit.predicted, fit.predicted_sd, strict=True)
         ],
-        "tensions": [
+        "cross_predictions": [
             {"kind": t.kind, "rows": list(t.rows), "predicted": t.predicted, "sd": t.sd, "z": t.z}
-            for t in result.cross_predictions
+            for t in fit.cross_predictions
         ],
         "optima": [
             {"values": o.values, "cost": o.cost, "starts": o.starts, "converged": o.converged} for o in fit.optima
@@ -87,18 +62,52 @@ def fit_document(result: CampaignFit, arm_file: ArmFile, options: Mapping[str, A
     return plain(document)
 
 
-def provenance(form: str, arm_file: ArmFile, campaign: Campaign | None, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Say what a result was made from, with what and how: the head of every result file."""
+def _parameter(fit: CampaignFit, i: int) -> dict[str, Any]:
+    known, item = fit.information, fit.problem.parameters.items[i]
     return {
-        "format": form,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
-        "options": dict(options),
-        "inputs": {
-            "arm": {"path": arm_file.path, "sha256": arm_file.sha256},
-            "campaign": {"path": campaign.path, "sha256": campaign.sha256} if campaign is not None else None,
-        },
+        "name": item.name,
+        "paths": list(item.paths),
+        "value": fit.best.values[i],
+        "unit": unit_of(item.name),
+        "interval_95": list(fit.interval()[i]),
+        "data_support_interval": bool(fit.supported[i]),
+        "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}",
+        "sd": known.sd[i],
+        "sd_by_data_alone": known.data_sd[i],
+        "prior_share": known.prior_share[i],
+        "prior": {"median": item.centre, "sd": item.prior_sd, "flat_half_width": item.flat},
     }
+
+
+def parameter_rows(fit: CampaignFit) -> list[dict[str, Any]]:
+    """Return a row for each parameter: value, interval [SI] and whether the data support it."""
+    documents = (_parameter(fit, i) for i in range(len(fit.problem.parameters.items)))
+    return [
+        {
+            "parameter": one["name"],
+            "value": float(one["value"]),
+            "unit": one["unit"],
+            "low_95": float(one["interval_95"][0]),
+            "high_95": float(one["interval_95"][1]),
+            "supported": one["data_support_interval"],
+        }
+        for one in documents
+    ]
+
+
+def read_fit(form: str, path: str | Path, arm: Arm) -> Values:
+    """Return the fitted values of a result file of this format.
+
+    Raises:
+        InputError: the file is no such result, or has no number of this arm.
+    """
+    where, document = one_line(str(path)), read_document(path, EXPECTED)
+    check_format(document["format"], form, where, EXPECTED)
+    try:
+        best = {tuple(p["paths"]): np.asarray(float(p["value"])) for p in document["parameters"]}
+    except (ValueError, KeyError, TypeError):
+        raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident fit wrote")) from None
+    return Values.of_arm(best, arm, where, hashlib.sha256(read_bytes(path, EXPECTED)).hexdigest())
 
 
 def rows(campaign: Campaign) -> dict[str, list[Any]]:
@@ -110,26 +119,3 @@ def rows(campaign: Campaign) -> dict[str, list[Any]]:
         "point": [m.point or "" for m in campaign],
         "sigma": [m.sigma for m in campaign],
     }
-
-
-def write_json(document: Mapping[str, Any], path: Path) -> None:
-    """Write a document whole or not at all.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
-    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    replace_file(path, lambda file: file.write(text.encode("utf-8")), make_folders=True)
-
-
-def plain(value: Any) -> Any:
-    """Return a value as JSON knows it."""
-    if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if hasattr(value, "shape"):
-        return plain(np.asarray(value).tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,45 +13,43 @@ from ident.files import replace_file
 from ident.identify.experiments import Experiment
 from ident.identify.plan import CampaignPlan
 from ident.measure import format_campaign
-from ident.present.files.fit import plain, provenance
+from ident.present.files.document import plain, provenance
 from ident.text import one_line
 
-FORMAT = "ident-plan/1"
 
-
-def plan_document(plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
+def plan_document(form: str, plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a plan as plain data: angles in rad, standard deviations of theta, gains in nat."""
     measured = plan.fit.campaign if plan.fit else None
-    document = provenance(FORMAT, arm_file, measured, options) | {
+    document = provenance(form, arm_file, measured, options) | {
         "doubts": list(plan.fit.doubts) if plan.fit else [],
         "parameters": [
             {"name": item.name, "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}"}
             for item in plan.parameters.items
         ],
         "sd_now": plan.known.sd[0],
-        "sigma": plan.means.sigma,
-        "costs": plan.means.costs,
+        "sigma": plan.instruments.sigma,
+        "costs": plan.instruments.costs,
         "ranking": [
             {
-                **_visit(plan.visits[i]),
-                "cost": plan.offered.cost[i],
+                **_experiment(plan.experiments[i]),
+                "cost": plan.candidates.cost[i],
                 "gain": plan.gain[i],
                 "nats": plan.nats[i],
                 "sd_after": plan.sd_after(i),
             }
-            for i in plan.ranked(len(plan.view.postures))
+            for i in plan.ranked(len(plan.predictions.postures))
         ],
         "batch": [
             {
-                **_visit(visit),
+                **_experiment(experiment),
                 "cost": step.cost,
                 "gain": step.gain,
                 "nats": step.nats,
                 "sd_after": step.sd[0],
                 "sd_after_at_draws": step.sd[1:],
-                "values": [{"value": name, "nats_alone": nats} for name, nats in plan.values_told(i)],
+                "values": [{"value": name, "nats_alone": nats} for name, nats in plan.value_gains(i)],
             }
-            for i, (step, visit) in enumerate(zip(plan.steps, plan.batch, strict=True))
+            for i, (step, experiment) in enumerate(zip(plan.steps, plan.batch, strict=True))
         ],
     }
     return plain(document)
@@ -67,7 +66,7 @@ def write_form(plan: CampaignPlan, path: Path) -> None:
     table = list(csv.DictReader(io.StringIO(format_campaign(plan.campaign(), relative_sigma=True))))
     text = io.StringIO()
     text.write("# Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement.\n")
-    if not any(visit.labelled for visit in plan.batch):
+    if not any(experiment.labelled for experiment in plan.batch):
         text.write("# Rows without mode are matched in ascending order within one posture and load: enter them all.\n")
     names = list(dict.fromkeys([name for row in table for name in row] + ["note"]))
     writer = csv.DictWriter(text, names, lineterminator="\n")
@@ -78,23 +77,41 @@ def write_form(plan: CampaignPlan, path: Path) -> None:
     replace_file(path, lambda file: file.write(text.getvalue().encode()), make_folders=True)
 
 
+def plan_rows(plan: CampaignPlan) -> list[dict[str, Any]]:
+    """Return a row for each experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat."""
+    return [
+        {
+            "step": number,
+            **{f"{joint.name} [deg]": math.degrees(q) for joint, q in zip(plan.arm.driven, each.posture, strict=True)},
+            "load": str(each.load),
+            "hammer": each.hammer,
+            "labelled": each.labelled,
+            "dial_gauge": each.dial,
+            "minutes": step.cost,
+            "gain": step.gain,
+            "nats": step.nats,
+        }
+        for number, (step, each) in enumerate(zip(plan.steps, plan.batch, strict=True), 1)
+    ]
+
+
 def _refuse_filled(path: Path) -> None:
     try:
         lines = [line for line in path.read_text("utf-8").splitlines() if not line.startswith("#")]
     except (OSError, UnicodeDecodeError):
         return
     if any((row.get("value") or "").strip() for row in csv.DictReader(lines)):
-        remedy = "move it away, or choose another folder (--out)"
+        remedy = "move it away, or choose another folder (`folder`)"
         raise InputError(
             Problem(one_line(str(path)), "a form that has been filled in", "none, or an empty one", remedy)
         )
 
 
-def _visit(visit: Experiment) -> dict[str, Any]:
+def _experiment(experiment: Experiment) -> dict[str, Any]:
     return {
-        "posture": list(visit.posture),
-        "load": str(visit.load),
-        "hammer": visit.hammer,
-        "labelled": visit.labelled,
-        "dial_gauge": visit.dial,
+        "posture": list(experiment.posture),
+        "load": str(experiment.load),
+        "hammer": experiment.hammer,
+        "labelled": experiment.labelled,
+        "dial_gauge": experiment.dial,
     }

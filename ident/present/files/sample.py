@@ -1,64 +1,128 @@
 """Draws as ArviZ InferenceData, the format that other tools for posteriors read."""
 
+import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
-from ident.files import replace_path
-from ident.inference.posterior_predictive import PosteriorPredictive
-from ident.inference.sample import Sample
+from ident.errors import InputError, Problem
+from ident.identify.sample import CampaignSample
+from ident.identify.values import BEST_ONLY, Draws
+from ident.inference.posterior_summary import chains, quantiles
+from ident.present.files.document import check_format
+from ident.present.files.fit import rows
+from ident.present.text.units import unit_of
+from ident.text import one_line, read_bytes
 
 if TYPE_CHECKING:
     import arviz
+    import xarray
+
+EXPECTED = "a posterior of ident sample (.sample.nc)"
 
 
-def inference_data(
-    sample: Sample, drawn: PosteriorPredictive, rows: Mapping[str, Sequence[Any]], provenance: Mapping[str, Any]
-) -> "arviz.InferenceData":
+def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.InferenceData":
     """Return draws, simulated data, observed data and sampler statistics, with where they come from; all SI.
 
     Every walker is a chain, as ArviZ has it for emcee; `ensemble` and `optimum` say where a chain belongs. Burn-in is
     left out. A variable's attribute `paths` has the paths of the numbers that it stands for: several where tied.
 
     Args:
-        sample: the draws.
-        drawn: data that they predict.
-        rows: what is known of each measured value, `(D,)` each.
-        provenance: attributes of the file, written as JSON.
+        result: the posterior.
+        head: attributes of the file, written as JSON.
     """
     import arviz
 
-    kept, log = sample.theta[sample.burn_in :], sample.log_density[sample.burn_in :]
-    _, ensembles, walkers, count = kept.shape
-    theta = np.moveaxis(kept, 3, 0).reshape(count, len(kept), -1)
-    values = np.asarray(sample.posterior.parameters.values(jnp.asarray(theta))).swapaxes(1, 2)
-    names, chain = sample.posterior.parameters.names, np.repeat(np.arange(ensembles), walkers)
+    drawn, posterior = result.posterior_predictive, result.sample.posterior
+    by_chain = chains(result.sample)
     data = arviz.from_dict(
-        posterior=dict(zip(names, values, strict=True)),
+        posterior=dict(zip(posterior.parameters.names, by_chain.values, strict=True)),
         posterior_predictive={"data": drawn.simulated[None], "predicted": drawn.predicted[None]},
-        sample_stats={"lp": log.reshape(len(log), -1).T},
-        observed_data={"data": np.asarray(sample.posterior.problem.measured)},
+        sample_stats={"lp": by_chain.log_density},
+        observed_data={"data": np.asarray(posterior.problem.measured)},
         dims={"data": ["measurement"], "predicted": ["measurement"]},
-        attrs={name: json.dumps(part) for name, part in provenance.items()},
+        attrs={name: json.dumps(part) for name, part in head.items()},
     )
-    for item in sample.posterior.parameters.items:
+    for item in posterior.parameters.items:
         data.posterior[item.name].attrs["paths"] = json.dumps(item.paths)
-    data.sample_stats["ensemble"] = ("chain", chain)
-    data.sample_stats["optimum"] = ("chain", np.array(sample.basin)[chain])
-    data.sample_stats["acceptance"] = ("chain", sample.acceptance[chain])
-    for name, column in rows.items():
+    data.sample_stats["ensemble"] = ("chain", by_chain.ensemble)
+    data.sample_stats["optimum"] = ("chain", by_chain.optimum)
+    data.sample_stats["acceptance"] = ("chain", result.sample.acceptance[by_chain.ensemble])
+    for name, column in rows(result.fitted.campaign).items():
         data.observed_data[name] = ("measurement", np.asarray(column))
     return data
 
 
-def write_netcdf(data: "arviz.InferenceData", path: Path) -> None:
-    """Write InferenceData whole or not at all.
+def parameter_rows(result: CampaignSample) -> list[dict[str, Any]]:
+    """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
+    sample = result.sample
+    return [
+        {
+            "parameter": name,
+            "optimum": basin + 1,
+            "unit": unit_of(name),
+            **dict(zip(("low_95", "low_50", "median", "high_50", "high_95"), map(float, own), strict=True)),
+            "effective_samples": float(bulk),
+            "r_hat": float(rhat),
+        }
+        for basin, diagnosis in zip(sample.basins, sample.diagnosis, strict=True)
+        for name, own, bulk, rhat in zip(
+            sample.posterior.parameters.names,
+            quantiles(sample, basin).T,
+            diagnosis.bulk,
+            diagnosis.rhat,
+            strict=True,
+        )
+    ]
+
+
+def read_posterior(form: str, path: str | Path) -> Draws:
+    """Return the draws of a posterior file, of `ident sample` or of any tool that writes InferenceData.
+
+    Args:
+        form: the format that one of `ident sample` must have.
+        path: the file.
 
     Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
+        InputError: the file is no posterior, or one of another version of ident.
     """
-    replace_path(path, lambda part: data.to_netcdf(str(part), engine="h5netcdf"), make_folders=True)
+    import xarray
+
+    where = one_line(str(path))
+    data = read_bytes(path, EXPECTED)
+    try:
+        with xarray.open_dataset(path, engine="h5netcdf") as root:
+            own = str(json.loads(root.attrs.get("format", '""')))
+        with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as posterior:
+            chains, remark = _best(path)
+            by_paths = dict(_variables(posterior.load(), chains))
+    except (OSError, ValueError, KeyError, TypeError, IndexError):
+        raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident sample wrote")) from None
+    if own.startswith("ident-sample/"):
+        check_format(own, form, where, EXPECTED)
+    return Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark)
+
+
+def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
+    """Yield the paths and the draws of each variable, chain by chain."""
+    for name, variable in posterior.data_vars.items():
+        if variable.dims == ("chain", "draw"):
+            paths = variable.attrs.get("paths")
+            own = tuple(json.loads(paths)) if paths else (str(name),)
+            yield own, np.asarray(variable.values, float)[chains].ravel()
+
+
+def _best(path: str | Path) -> tuple[slice | np.ndarray, str]:
+    """Return which chains are about the best optimum, and a remark if there are others."""
+    import xarray
+
+    try:
+        with xarray.open_dataset(path, group="sample_stats", engine="h5netcdf") as stats:
+            optimum = np.asarray(stats["optimum"].values)
+    except (OSError, ValueError, KeyError):
+        return slice(None), ""
+    best = optimum == optimum.min()
+    return best, "" if best.all() else BEST_ONLY

@@ -6,40 +6,31 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.assess.simulation import Simulation
-from ident.files import replace_file, replace_path
-from ident.identify.values import Values
-from ident.present.files.fit import plain, provenance
-from ident.present.text.basis import assumed
+from ident.files import replace_file
+from ident.present.files import basis
+from ident.present.files.document import plain
 from ident.present.text.units import MM
 from ident.text import one_line
-from ident.vibrate.response.belt_tension import slack
 from ident.vibrate.response.study import DIRECTIONS, Sizes
+from ident.vibrate.signal.compare import Comparison
 
 if TYPE_CHECKING:
     import xarray
 
-FORMAT = "ident-simulate/1"
+FORMAT = "ident-simulate/2"
+LESS = "displacement of the end point less the quasi-static deflection"
 SPANS = ("upper", "lower")
 DIGITS = "%.10g"
 
 
 def origin(simulation: Simulation, options: Mapping[str, Any]) -> dict[str, Any]:
     """Say what a simulation was made from, with what and how."""
-    head = provenance(FORMAT, simulation.arm_file, None, options)
+    head = basis.origin(FORMAT, simulation.basis, options)
     head["software"] |= {name: version(name) for name in ("diffrax", "ruckig", "xarray")}
-    given = {
-        "fit": simulation.fit,
-        "posterior": simulation.posterior,
-        "path": simulation.log,
-        "trace": simulation.trace,
-    }
-    head["inputs"] = {"arm": head["inputs"]["arm"]} | {
-        name: {"path": file.path, "sha256": file.sha256} if file else None for name, file in given.items()
-    }
+    head["inputs"]["trace"] = basis.source(simulation.trace)
     return head
 
 
@@ -48,13 +39,9 @@ def simulate_document(simulation: Simulation, options: Mapping[str, Any]) -> dic
     motion, time = simulation.response.motion, simulation.time
     place = np.argmax(np.abs(simulation.vibration), axis=1)
     document = origin(simulation, options) | {
-        "motion": motion.name,
+        **basis.motion_document(simulation.basis),
         "start": np.asarray(motion(motion.breaks[0])[0]),
         "end": np.asarray(motion(motion.breaks[-1])[0]),
-        "arrival": motion.arrival,
-        "duration": float(motion.breaks[-1] - motion.breaks[0]),
-        "load": str(simulation.load),
-        "point": simulation.point,
         "method": simulation.response.method,
         "interrupted_at": simulation.study.interrupted,
         "vibration": _sizes(simulation.sizes)
@@ -66,9 +53,7 @@ def simulate_document(simulation: Simulation, options: Mapping[str, Any]) -> dic
         "trace": _compared(simulation),
         "belts": list(_belts(simulation)),
         "bushings": list(_bushings(simulation)),
-        "set": dict(simulation.changed or {}),
-        "assumed": assumed(simulation)[0],
-        "left_out": _left_out(simulation.fit) + _left_out(simulation.posterior),
+        **basis.values_document(simulation.basis),
     }
     return plain(document)
 
@@ -83,9 +68,9 @@ def write_csv(simulation: Simulation, options: Mapping[str, Any], path: Path) ->
     head = origin(simulation, options)
     notes = [
         f"{FORMAT} {head['created']} ident {head['software']['ident']}",
-        f"arm: {one_line(simulation.arm_file.path)} sha256 {simulation.arm_file.sha256}",
-        f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.load}",
-        f"x, y, z: vibration of {simulation.point}, its displacement less the sag at rest; rotations include the sag",
+        f"arm: {one_line(simulation.basis.arm_file.path)} sha256 {simulation.basis.arm_file.sha256}",
+        f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.basis.load}",
+        f"x, y, z: vibration of {simulation.point}: {LESS}; rotations include that",
     ]
     header = ",".join(columns)
     top = "".join(f"# {note}\n" for note in notes) + header + "\n"
@@ -140,33 +125,54 @@ def dataset(simulation: Simulation, options: Mapping[str, Any]) -> "xarray.Datas
     return xarray.Dataset(variables, coordinates, attributes | {"arrival": simulation.response.motion.arrival})
 
 
-def write_netcdf(data: "xarray.Dataset", path: Path) -> None:
-    """Write a dataset whole or not at all.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
+def write_netcdf(simulation: Simulation, options: Mapping[str, Any], path: Path) -> None:
+    """Write all series as netCDF, compressed."""
+    data = dataset(simulation, options)
     packed = {str(name): {"zlib": True, "complevel": 4} for name, part in data.data_vars.items() if part.dtype == float}
-    replace_path(path, lambda part: data.to_netcdf(part, engine="h5netcdf", encoding=packed), make_folders=True)
+    data.to_netcdf(path, engine="h5netcdf", encoding=packed)
+
+
+def size_rows(simulation: Simulation) -> list[dict[str, Any]]:
+    """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
+    sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
+    columns = {
+        "peak": sizes.peak,
+        "time_of_peak": simulation.time[place],
+        "rms": sizes.rms,
+        "residual": sizes.residual,
+        "settling_time": sizes.settling,
+        "late_peak": sizes.late,
+    }
+    if simulation.draws:
+        low, high = np.quantile(simulation.draws.sizes.peak, (0.05, 0.95), axis=1)
+        columns |= {"peak_q05": low, "peak_q95": high}
+    rows = zip(*(np.asarray(column, float).tolist() for column in columns.values()), strict=True)
+    return [{"direction": d} | dict(zip(columns, row, strict=True)) for d, row in zip(DIRECTIONS, rows, strict=True)]
 
 
 def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
     response, other = simulation.response, simulation.study.other
     moved = ("direction", "time")
-    yield "vibration", _variable(moved, simulation.vibration, "m", "displacement of the end point less the sag at rest")
+    yield (
+        "vibration",
+        _variable(moved, simulation.vibration, "m", LESS),
+    )
     if other is not None:
         values = np.full_like(simulation.vibration, np.nan)
         values[:, : len(other.time)] = np.asarray(other.vibration)[:, : values.shape[1]]
         yield f"vibration_{other.method}", _variable(moved, values, "m", f"the same by the {other.method} method")
     yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
     yield (
-        "sag",
-        _variable(moved, response.quasi_static, "m", "part of the displacement that the arm would have at rest"),
+        "quasi_static_deflection",
+        _variable(moved, response.quasi_static, "m", "of the end point, part of the displacement"),
     )
     yield "path", _variable(moved, response.path, "m", "where the end point would be with rigid joints")
-    yield "posture", _variable(("driven", "time"), response.posture, "rad", "angles that the motors are told")
+    yield "posture", _variable(("driven", "time"), response.posture, "rad", "commanded angles")
     by_joint = ("axis", "joint", "time")
-    yield "rotation", _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, sag included")
+    yield (
+        "rotation",
+        _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, quasi-static part included"),
+    )
     yield "moment", _variable(by_joint, response.moment, "N m", "moments of the bushings, weight included")
     if simulation.arm.belts:
         yield "tension", _variable(("span", "belt", "time"), simulation.tension, "N", "tension of the belts' spans")
@@ -216,27 +222,26 @@ def _compared(simulation: Simulation) -> dict[str, Any] | None:
     if not simulation.comparisons or simulation.trace is None:
         return None
     return {"kind": simulation.trace.kind} | {
-        direction: {"band": list(found.band), "ratios": _ratios(found)} | dict(_both(found))
-        for direction, found in simulation.comparisons.items()
+        direction: {"band": list(comparison.band), "ratios": _ratios(comparison)} | dict(_both(comparison))
+        for direction, comparison in simulation.comparisons.items()
     }
 
 
-def _both(found: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+def _both(comparison: Comparison) -> Iterator[tuple[str, dict[str, Any]]]:
     for name in ("simulated", "measured"):
-        size = getattr(found, name)
+        size = getattr(comparison, name)
         dominant = size.dominant.frequency if size.dominant else None
         yield name, {"peak": size.peak, "rms": size.rms, "band_rms": size.band_rms, "dominant_frequency": dominant}
 
 
-def _ratios(found: Any) -> dict[str, float]:
-    return {"peak": found.peak_ratio, "rms": found.rms_ratio, "band_rms": found.band_rms_ratio}
+def _ratios(comparison: Comparison) -> dict[str, float]:
+    return {"peak": comparison.peak_ratio, "rms": comparison.rms_ratio, "band_rms": comparison.band_rms_ratio}
 
 
 def _belts(simulation: Simulation) -> Iterator[dict[str, Any]]:
-    loose = list(slack(simulation.response.time, jnp.asarray(simulation.tension))) if simulation.arm.belts else []
     for b, belt in enumerate(simulation.arm.belts):
         for span, values in zip(SPANS, simulation.tension[:, b], strict=True):
-            times = [[start, end] for i, name, start, end in loose if (i, name) == (b, span)]
+            times = [[start, end] for i, name, start, end in simulation.slack if (i, name) == (b, span)]
             at = simulation.time[np.argmin(values)]
             yield {"belt": belt.name, "span": span, "smallest": values.min(), "at": at, "slack": times}
 
@@ -244,7 +249,3 @@ def _belts(simulation: Simulation) -> Iterator[dict[str, Any]]:
 def _bushings(simulation: Simulation) -> Iterator[dict[str, Any]]:
     for joint, bending, torsion in zip(simulation.arm.joints, *simulation.moments, strict=True):
         yield {"joint": joint.name, "bending": bending.max(), "torsion": np.abs(torsion).max()}
-
-
-def _left_out(values: Values | None) -> list[str]:
-    return list(values.left_out) if values else []

@@ -12,111 +12,100 @@ import numpy as np
 
 from ident.assess.sweep import SweepStudy
 from ident.files import replace_file
-from ident.present.files.fit import plain, provenance
-from ident.present.text.basis import assumed
-from ident.present.text.sweep_words import trends
+from ident.present.files.basis import motion_document, origin, values_document
+from ident.present.files.document import plain
 from ident.present.text.units import MM, unit_of
 from ident.text import one_line
 from ident.vibrate.redesign.sweep import Axis, Sweep
-from ident.vibrate.redesign.trend import below, curve
+from ident.vibrate.redesign.trend import below, curve, trends
 from ident.vibrate.response.study import DIRECTIONS
 
-FORMAT = "ident-sweep/1"
-DIGITS = ".10g"
+FORMAT = "ident-sweep/2"
 
 
-def origin(sweeping: SweepStudy, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Say what a sweep was made from, with what and how."""
-    head = provenance(FORMAT, sweeping.arm_file, None, options)
-    given = {"fit": sweeping.fit, "posterior": sweeping.posterior, "path": sweeping.log}
-    head["inputs"] = {"arm": head["inputs"]["arm"]} | {
-        name: {"path": file.path, "sha256": file.sha256} if file else None for name, file in given.items()
-    }
-    return head
-
-
-def sweep_document(sweeping: SweepStudy, options: Mapping[str, Any]) -> dict[str, Any]:
+def sweep_document(study: SweepStudy, options: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a sweep in numbers as plain data, all SI but the speed, which is in %."""
-    motion = sweeping.motion
-    document = origin(sweeping, options) | {
-        "motion": motion.name,
-        "arrival": motion.arrival,
-        "duration": float(motion.breaks[-1] - motion.breaks[0]),
-        "load": str(sweeping.load),
-        "point": sweeping.point,
-        "measure": sweeping.measure,
+    document = origin(FORMAT, study.basis, options) | {
+        **motion_document(study.basis),
+        "measure": study.measure,
         "direction": list(DIRECTIONS),
-        "present": sweeping.present,
-        "limit": sweeping.limit,
-        "draws": sweeping.draws,
-        "sweeps": [_sweep(sweep, sweeping.limit) for sweep in sweeping.sweeps],
-        "set": dict(sweeping.changed or {}),
-        "assumed": assumed(sweeping)[0],
-        "left_out": [name for file in (sweeping.fit, sweeping.posterior) if file for name in file.left_out],
+        "present": study.present,
+        "limit": study.limit,
+        "draws": study.draws,
+        "sweeps": [_sweep(sweep, study.limit) for sweep in study.sweeps],
+        **values_document(study.basis),
     }
     return plain(document)
 
 
-def write_csv(sweeping: SweepStudy, options: Mapping[str, Any], path: Path) -> None:
-    """Write the amplitudes as CSV, one a row: in mm, values in SI, the speed in %; bands are empty without draws.
+def sweep_rows(study: SweepStudy) -> list[dict[str, Any]]:
+    """Return a row for each amplitude: value in SI, the speed in %; mm; 5 and 95 % of the draws, NaN without."""
+    return [row for sweep in study.sweeps for row in _rows(sweep)]
+
+
+def write_csv(study: SweepStudy, document: Mapping[str, Any], path: Path) -> None:
+    """Write the amplitudes as CSV, headed by what the summary `document` says of their origin.
 
     Raises:
         InputError: the folder or the file can't be written; what was there before is untouched.
     """
-    head = origin(sweeping, options)
+    basis, rows = study.basis, sweep_rows(study)
     notes = [
-        f"{FORMAT} {head['created']} ident {head['software']['ident']}",
-        f"arm: {one_line(sweeping.arm_file.path)} sha256 {sweeping.arm_file.sha256}",
-        f"motion: {one_line(sweeping.motion.name)}; load: {sweeping.load}; draws: {sweeping.draws}",
-        f"amplitude: {sweeping.measure} of the vibration of {sweeping.point}; bands: 5 and 95 % quantiles of the draws",
+        f"{FORMAT} {document['created']} ident {document['software']['ident']}",
+        f"arm: {one_line(basis.arm_file.path)} sha256 {basis.arm_file.sha256}",
+        f"motion: {one_line(basis.motion.name)}; load: {basis.load}; draws: {study.draws}",
+        f"amplitude: {study.measure} of the vibration of {basis.point}; bands: 5 and 95 % quantiles of the draws",
     ]
     text = io.StringIO()
     text.writelines(f"# {note}\n" for note in notes)
     writer = csv.writer(text, lineterminator="\n")
-    several = ("", "2")[: len(sweeping.sweeps[0].axes)]
-    columns = [f"{name}{number}" for number in several for name in ("parameter", "value", "unit")]
-    writer.writerow([*columns, "direction", "amplitude [mm]", "q05 [mm]", "q95 [mm]"])
-    for sweep in sweeping.sweeps:
-        writer.writerows(_rows(sweep))
+    writer.writerow(rows[0])
+    writer.writerows(map(_cell, row.values()) for row in rows)
     replace_file(path, lambda file: file.write(text.getvalue().encode("utf-8")), make_folders=True)
 
 
-def _rows(sweep: Sweep) -> Iterator[list[str]]:
-    parts = sweep.amplitude[None] if sweep.draws is None else np.concatenate([sweep.amplitude[None], sweep.band])
-    for number, place in enumerate(product(*(range(len(axis.values)) for axis in sweep.axes))):
-        told = [
-            text
-            for axis, k in zip(sweep.axes, place, strict=True)
-            for text in (axis.name, f"{axis.values[k]:{DIGITS}}", unit_of(axis.paths[0]))
-        ]
+def _cell(value: Any) -> str:
+    """Write a number with ten digits, an undefined one as nothing."""
+    text = f"{value:.10g}" if isinstance(value, float) else str(value)
+    return "" if text == "nan" else text
+
+
+def _rows(sweep: Sweep) -> Iterator[dict[str, Any]]:
+    parts = [sweep.amplitude, *(() if sweep.draws is None else sweep.band)]
+    for place in product(*(range(len(axis.values)) for axis in sweep.axes)):
+        values: dict[str, Any] = {}
+        for number, axis, k in zip(("", "2"), sweep.axes, place, strict=False):
+            names = (f"{name}{number}" for name in ("parameter", "value", "unit"))
+            values |= zip(names, (axis.name, float(axis.values[k]), unit_of(axis.paths[0])), strict=True)
         for d, direction in enumerate(DIRECTIONS):
-            sizes = parts[:, d].reshape((len(parts), -1))[:, number]
-            yield [*told, direction, *(f"{MM * size:{DIGITS}}" for size in sizes), *[""] * (3 - len(sizes))]
+            size, *band = (MM * float(part[(d, *place)]) for part in parts)
+            columns = ("direction", "amplitude [mm]", "q05 [mm]", "q95 [mm]")
+            yield values | dict(zip(columns, (direction, size, *(band or (np.nan, np.nan))), strict=True))
 
 
 def _sweep(sweep: Sweep, limit: float | None) -> dict[str, Any]:
-    found: dict[str, Any] = {
+    document: dict[str, Any] = {
         "axes": [_axis(axis) for axis in sweep.axes],
         "amplitude": sweep.amplitude,
         "band": None if sweep.draws is None else {"quantiles": [0.05, 0.95], "amplitude": sweep.band},
     }
     if limit is not None and sweep.draws is not None:
-        found["exceeds_in_any"] = sweep.exceeds(limit)
+        document["exceeds_in_any"] = sweep.exceeds(limit)
     if len(sweep.axes) == 1:
-        found["trend"] = {
+        document["trend"] = {
             name: {"over_range": asdict(whole), "about_present": asdict(about) if about else None}
             for name, whole, about in trends(sweep)
         }
         values, amplitudes = curve(sweep)
-        found["below_limit"] = None if limit is None else below(values, amplitudes[-1], limit)
+        document["below_limit"] = None if limit is None else below(values, amplitudes[-1], limit)
     else:
         largest = sweep.amplitude.max(0)
         place = np.unravel_index(largest.argmin(), largest.shape)
-        found["least"] = {
+        document["least"] = {
             "values": [axis.values[k] for axis, k in zip(sweep.axes, place, strict=True)],
             "amplitude": sweep.amplitude[(..., *place)],
         }
-    return found
+    return document
 
 
 def _axis(axis: Axis) -> dict[str, Any]:

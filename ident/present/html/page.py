@@ -6,11 +6,10 @@ autoescape, and a content security policy refuses whatever a text might still as
 
 import base64
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, cast, get_args, get_type_hints
+from typing import Literal
 
 from jinja2 import Environment, StrictUndefined
 
@@ -57,7 +56,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as SVG; `page_figure.picture` makes one.
+    """A figure as SVG; `picture.picture` makes one.
 
     Attributes:
         svg: the whole SVG document.
@@ -81,18 +80,18 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """One stage: what it found, and why the next one follows.
+    """One stage: what it has come to, and why the next one follows.
 
     Attributes:
         title: heading.
-        found: paragraphs.
+        findings: paragraphs.
         onward: why it goes on, or why not; may be empty.
         tables: tables, below the paragraphs.
         pictures: figures, below the tables.
     """
 
     title: str
-    found: tuple[str, ...]
+    findings: tuple[str, ...]
     onward: str = ""
     tables: tuple[Table, ...] = ()
     pictures: tuple[Picture, ...] = ()
@@ -136,27 +135,13 @@ class Page:
     provenance: tuple[tuple[str, str], ...] = ()
 
 
-def section_to_json(section: Section) -> dict[str, Any]:
-    """Return a section as JSON knows it."""
-    return cast(dict[str, Any], _listed(asdict(section)))
-
-
-def section_from_json(document: object) -> Section:
-    """Return the section that `section_to_json` wrote.
-
-    Raises:
-        ValueError: the document is no section.
-    """
-    return cast(Section, _built(Section, document, "section"))
-
-
 def render(page: Page) -> str:
     """Return a page as HTML; the same page gives the same text."""
     environment = Environment(
         autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"columns": columns, "data_uri": data_uri}
-    template = environment.from_string((files("ident.present") / TEMPLATE).read_text("utf-8"))
+    template = environment.from_string((files("ident.present.html") / TEMPLATE).read_text("utf-8"))
     return template.render(page=page, words=WORDS) + "\n"
 
 
@@ -193,30 +178,3 @@ def _look(column: list[str], *, names: bool) -> str:
 def data_uri(svg: str) -> str:
     """Return an SVG document as the address of an image."""
     return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8", "replace")).decode("ascii")
-
-
-def _listed(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _listed(item) for key, item in value.items()}
-    return [_listed(item) for item in value] if isinstance(value, tuple) else value
-
-
-def _built(kind: Any, value: object, where: str) -> Any:
-    """Return a value of a type: text, whole number, tuple of one type or one of this module's classes."""
-    if is_dataclass(kind):
-        return _object(kind, value, where)
-    if inner := get_args(kind):
-        if not isinstance(value, list):
-            raise ValueError(f"{where}: no list")
-        return tuple(_built(inner[0], item, f"{where}[{i}]") for i, item in enumerate(value))
-    if type(value) is not kind:
-        raise ValueError(f"{where}: no {kind.__name__}")
-    return value
-
-
-def _object(kind: Any, value: object, where: str) -> Any:
-    names = [f.name for f in fields(kind)]
-    if not isinstance(value, Mapping) or set(value) != set(names):
-        raise ValueError(f"{where}: not {', '.join(names)}")
-    types = get_type_hints(kind)
-    return kind(**{name: _built(types[name], value[name], f"{where}.{name}") for name in names})

@@ -9,10 +9,11 @@ from ident.identify.check import CampaignCheck
 from ident.identify.fit import SUSPICIOUS
 from ident.identify.label_checks import LabelDoubt
 from ident.inference.information import WEAK_ABOVE, Information
+from ident.inference.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.text.fit import against, in_words, percent
-from ident.present.text.units import shown
-from ident.present.text.words import balance, describe, paragraphs, plain
+from ident.present.text.fit import against, in_words, spread_in_words
+from ident.present.text.units import in_read_unit
+from ident.present.text.words import balance, describe, paragraphs, parameter_in_words
 
 CORRELATED = 0.9
 """Correlation from which a pair of parameters is named."""
@@ -24,74 +25,71 @@ ENORMOUS = 1e3
 """Factor beyond which it is no longer told how large."""
 
 
-def check_report(result: CampaignCheck) -> str:
+def check_report(check: CampaignCheck) -> str:
     """Return the report of a check: verdicts, directions, measurements, mode labels, the data among themselves."""
     sections = [
-        _heading(result),
-        _verdicts(result),
-        _directions(result),
-        _measurements(result),
-        _labels(result),
-        _agreement(result),
+        _heading(check),
+        _verdicts(check),
+        _directions(check),
+        _measurements(check),
+        _labels(check),
+        _agreement(check),
     ]
     return paragraphs(sections)
 
 
-def _heading(result: CampaignCheck) -> Iterator[str]:
-    found = result.check
-    count = len(found.verdicts)
-    yield f"Check of {result.campaign.name or 'a campaign'} on {result.arm.name}, before any solving"
-    fine = found.verdicts.count("identifiable")
-    yield f"  {len(result.campaign)} measurements, {count} unknowns: {fine} of {count} identifiable by the data alone"
-    if found.asked > found.answered:
-        yield f"  WARNING: the model has no answer at {found.asked - found.answered} of {found.asked} points looked at"
-    if found.missing.any():
+def _heading(check: CampaignCheck) -> Iterator[str]:
+    count = len(check.verdicts)
+    yield f"Check of {check.campaign.name or 'a campaign'} on {check.arm.name}, before any solving"
+    fine = check.verdicts.count("identifiable")
+    yield f"  {len(check.campaign)} measurements, {count} unknowns: {fine} of {count} identifiable by the data alone"
+    if check.tried > check.answered:
+        yield f"  WARNING: the model has no answer at {check.tried - check.answered} of {check.tried} points looked at"
+    if check.missing.any():
         yield "  WARNING: nothing can be said, as the model has no answer at the arm file's values for"
-        rows = np.flatnonzero(found.missing).tolist()
-        yield from (f"    {_row(result, i)}" for i in rows[:5])
+        rows = np.flatnonzero(check.missing).tolist()
+        yield from (f"    {_row(check, i)}" for i in rows[:5])
         yield from [f"    and {len(rows) - 5} more"] if len(rows) > 5 else []
         yield "  The arm has no stable equilibrium there, or no mode of that label: raise the stiffnesses or"
         yield "  check the labels. Unknown is not fine: no other verdict is given."
 
 
-def _verdicts(result: CampaignCheck) -> Iterator[str]:
-    found = result.check
+def _verdicts(check: CampaignCheck) -> Iterator[str]:
     yield "Parameter            verdict         known by the data alone, within"
-    for i, (item, verdict) in enumerate(zip(found.problem.parameters.items, found.verdicts, strict=True)):
-        yield f"  {item.name:18s} {verdict:15s} {_reason(result, i)}"
+    for i, (item, verdict) in enumerate(zip(check.problem.parameters.items, check.verdicts, strict=True)):
+        yield f"  {item.name:18s} {verdict:15s} {_reason(check, i)}"
         for other in item.paths[1:]:
             yield f"    = {other}"
-    if found.information is None:
+    if check.information is None:
         return
     limit = math.exp(WEAK_ABOVE)
-    yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {found.asked} points looked at: the"
+    yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.tried} points looked at: the"
     yield "  arm file's values and others about them, since one point may mislead. Priors count nothing here."
 
 
-def _reason(result: CampaignCheck, i: int) -> str:
-    found = result.check
-    if found.information is None:
+def _reason(check: CampaignCheck, i: int) -> str:
+    if check.information is None:
         return "-"
-    if found.verdicts[i] == "unknown":
+    if check.verdicts[i] == "unknown":
         return "the model has no answer at most of the points"
-    if found.verdicts[i] == "not seen":
+    if check.verdicts[i] == "not seen":
         return "no measurement depends on it"
-    sd, fine = found.data_sd[:, i], int(found.supported[:, i].sum())
+    sd, fine = check.data_sd[:, i], int(check.supported[:, i].sum())
     here = _within(sd[0]) if np.isfinite(sd[0]) else "nothing of it alone: seen only in combination with others"
     worst = f"; {_within(sd.max())} at worst" if np.isfinite(sd).all() and sd.max() > 1.3 * sd[0] else ""
-    lucky = f"; identifiable at {fine} of {found.answered} points" if 0 < fine < found.answered else ""
+    lucky = f"; identifiable at {fine} of {check.answered} points" if 0 < fine < check.answered else ""
     return here + worst + lucky
 
 
 def _within(sd: float) -> str:
-    return percent(sd) if sd < math.log(ENORMOUS) else f"a factor of more than {ENORMOUS:g}"
+    return spread_in_words(sd) if sd < math.log(ENORMOUS) else f"a factor of more than {ENORMOUS:g}"
 
 
-def _directions(result: CampaignCheck) -> Iterator[str]:
-    known = result.check.information
+def _directions(check: CampaignCheck) -> Iterator[str]:
+    known = check.information
     if known is None:
         return
-    items, count = result.check.problem.parameters.items, len(known.names)
+    items, count = check.problem.parameters.items, len(known.names)
     yield f"What the data see: {known.rank} of {count} directions"
     trades = known.trade_offs()
     if trades:
@@ -111,41 +109,45 @@ def _directions(result: CampaignCheck) -> Iterator[str]:
     if len(seen) > 1:
         infinite = f" (of all {count}: infinite)" if known.rank < count else ""
         yield f"  Condition number of the {known.rank} that are seen: {seen[-1] / seen[0]:.3g}{infinite}"
-    yield from _correlations(result, known)
+    yield from _correlations(check, known)
 
 
-def _correlations(result: CampaignCheck, known: Information) -> Iterator[str]:
-    items = result.check.problem.parameters.items
-    found = np.triu(np.nan_to_num(known.correlation), 1)
-    pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(found) > CORRELATED)]
-    for i, j in sorted(pairs, key=lambda pair: -abs(found[pair]))[:10]:
-        yield f"  Correlation {found[i, j]:+.3f} between {plain(items[i])} and {plain(items[j])}"
-    if not pairs and found.any():
-        i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(found)), found.shape))
-        yield f"  Largest correlation {found[i, j]:+.2f}, between {plain(items[i])} and {plain(items[j])}"
+def _correlations(check: CampaignCheck, known: Information) -> Iterator[str]:
+    items = check.problem.parameters.items
+    correlation = np.triu(np.nan_to_num(known.correlation), 1)
+    pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(correlation) > CORRELATED)]
+    for i, j in sorted(pairs, key=lambda pair: -abs(correlation[pair]))[:10]:
+        yield f"  Correlation {correlation[i, j]:+.3f} {_pair(items[i], items[j])}"
+    if not pairs and correlation.any():
+        i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape))
+        yield f"  Largest correlation {correlation[i, j]:+.2f}, {_pair(items[i], items[j])}"
 
 
-def _measurements(result: CampaignCheck) -> Iterator[str]:
-    part = result.check.leverage
+def _pair(one: Parameter, other: Parameter) -> str:
+    return f"between {parameter_in_words(one)} and {parameter_in_words(other)}"
+
+
+def _measurements(check: CampaignCheck) -> Iterator[str]:
+    part = check.leverage
     if part is None:
         return
-    every = len(result.campaign) <= FEW
-    names = result.check.problem.parameters.names
+    every = len(check.campaign) <= FEW
+    names = check.problem.parameters.names
     yield "Measurements, each with its row in the file                    information   checked   depends most on"
-    for i in range(len(result.campaign)):
-        remark = _remark(result, i)
+    for i in range(len(check.campaign)):
+        remark = _remark(check, i)
         if every or remark:
             most = names[part.sees[i]] if part.sees[i] >= 0 else "nothing"
-            yield f"  {_row(result, i):61s} {part.share[i]:8.1%} {1 - min(part.leverage[i], 1):10.0%}   {most}{remark}"
+            yield f"  {_row(check, i):61s} {part.share[i]:8.1%} {1 - min(part.leverage[i], 1):10.0%}   {most}{remark}"
     if not every:
-        yield f"  The other measurements of {len(result.campaign)} neither dominate nor carry nothing."
+        yield f"  The other measurements of {len(check.campaign)} neither dominate nor carry nothing."
     yield "  information: share of all; checked: how much of its message the others would tell without it."
     if part.dominant.any():
         yield "  What nothing checks is taken on trust: an error in such a value cannot be noticed."
 
 
-def _remark(result: CampaignCheck, i: int) -> str:
-    part = result.check.leverage
+def _remark(check: CampaignCheck, i: int) -> str:
+    part = check.leverage
     if part is None or not (part.empty[i] or part.dominant[i]):
         return ""
     if part.empty[i]:
@@ -155,8 +157,8 @@ def _remark(result: CampaignCheck, i: int) -> str:
     return f"   <-- dominates{lost or opened}"
 
 
-def _row(result: CampaignCheck, i: int) -> str:
-    m = result.campaign.measurements[i]
+def _row(check: CampaignCheck, i: int) -> str:
+    m = check.campaign.measurements[i]
     return f"{_number(m, i):>3s}  {describe(m)}"
 
 
@@ -164,51 +166,51 @@ def _number(m: Measurement, i: int) -> str:
     return m.where.rpartition(":")[2] or str(i + 1)
 
 
-def _labels(result: CampaignCheck) -> Iterator[str]:
-    modal = any(m.kind in ("frequency", "damping_ratio") for m in result.campaign)
-    if not modal or result.check.missing.any():
+def _labels(check: CampaignCheck) -> Iterator[str]:
+    modal = any(m.kind in ("frequency", "damping_ratio") for m in check.campaign)
+    if not modal or check.missing.any():
         return
-    yield "Mode labels, at the arm file's values" + ("" if result.labels else ": none is in doubt")
-    for doubt in result.labels:
-        yield f"  {_row(result, doubt.row)}: {'; '.join(_doubt(result, doubt))}"
+    yield "Mode labels, at the arm file's values" + ("" if check.labels else ": none is in doubt")
+    for doubt in check.labels:
+        yield f"  {_row(check, doubt.row)}: {'; '.join(_doubt(check, doubt))}"
 
 
-def _doubt(result: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:
+def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:
     if doubt.near_draw:
         yield f"its mode, {doubt.mode}, is named by a near draw: a small change may rename it"
     if doubt.crossing:
         others = " and ".join(map(str, doubt.crossing))
         yield f"no label, and taken for {doubt.mode}, which nearly has the frequency of {others}: label it"
     if doubt.alike is not None:
-        other = _number(result.campaign.measurements[doubt.alike], doubt.alike)
+        other = _number(check.campaign.measurements[doubt.alike], doubt.alike)
         yield f"no label, and taken for {doubt.mode}, though row {other}, for another mode, is the same: label both"
 
 
-def _agreement(result: CampaignCheck) -> Iterator[str]:
-    measured = result.campaign.measurements
-    for i, j in result.repeats:
-        values = " and ".join(f"{shown(m.kind, m.value)[0]:.4g}" for m in (measured[i], measured[j]))
+def _agreement(check: CampaignCheck) -> Iterator[str]:
+    measured = check.campaign.measurements
+    for i, j in check.repeats:
+        values = " and ".join(f"{in_read_unit(m.kind, m.value)[0]:.4g}" for m in (measured[i], measured[j]))
         rows = f"rows {_number(measured[i], i)} and {_number(measured[j], j)}"
-        unit = shown(measured[i].kind, 0.0)[1]
+        unit = in_read_unit(measured[i].kind, 0.0)[1]
         yield f"CONTRADICTION: {rows} measured the same, but say {values} {unit}"
-    agree = result.consistency
+    agree = check.consistency
     if agree is None:
         return
     if not agree.cross_predictions:
         yield "Do the kinds of measurement agree? There is one only, or none tells of another."
     else:
         yield "Do the kinds of measurement agree? Each one, predicted from the others along a straight line:"
-    for tension in agree.cross_predictions:
-        for i, row in enumerate(tension.rows):
-            if len(tension.rows) <= 6 or abs(tension.z[i]) > SUSPICIOUS:
-                yield f"  {against(tension, i, measured[row])}"
-        if len(tension.rows) > 6:
-            yield f"  {tension.kind}: {len(tension.rows)} values, largest |z| {np.abs(tension.z).max():.1f}"
+    for cross in agree.cross_predictions:
+        for i, row in enumerate(cross.rows):
+            if len(cross.rows) <= 6 or abs(cross.z[i]) > SUSPICIOUS:
+                yield f"  {against(cross, i, measured[row])}"
+        if len(cross.rows) > 6:
+            yield f"  {cross.kind}: {len(cross.rows)} values, largest |z| {np.abs(cross.z).max():.1f}"
     if not math.isnan(agree.p_value):
         fit = f"chi-squared {agree.chi_squared:.3g} on {agree.degrees_of_freedom} degrees of freedom"
         yield f"  All together: {fit}, p = {agree.p_value:.2g}"
     elif agree.degrees_of_freedom > 0:
         yield "  All together: not to be judged along a straight line, as the data lead too far from the arm file."
-    if result.contradictory:
+    if check.contradictory:
         yield "  CONTRADICTION: look at values, labels, units and load cases of these rows first, then at masses and"
         yield "  lengths. `ident fit` repeats the comparison with a full fit to the other kinds, which decides."

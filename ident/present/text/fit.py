@@ -11,42 +11,40 @@ from ident.inference.fit import Fit
 from ident.inference.information import Direction, Information, TradeOff
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.text.units import is_stiffness, nmm_per_deg, shown, unit_of
-from ident.present.text.words import NOTABLE, describe, known_from, paragraphs, priors_in_words
+from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.words import NOTABLE, describe, known_from, paragraphs, priors_in_words, span
 
 
-def fit_report(result: CampaignFit) -> str:
+def fit_report(fit: CampaignFit) -> str:
     """Return the report of a fit: parameters, measurements, what the data fix, contradictions, optima."""
     sections = [
-        _heading(result),
-        _parameters(result),
-        _measurements(result),
-        _information(result),
-        _contradictions(result),
-        _optima(result.fit),
+        _heading(fit),
+        _parameters(fit),
+        _measurements(fit),
+        _information(fit),
+        _contradictions(fit),
+        _optima(fit),
     ]
     return paragraphs(sections)
 
 
-def _heading(result: CampaignFit) -> Iterator[str]:
-    fit = result.fit
-    yield f"Fit of {result.arm.name} to {result.campaign.name}"
-    yield f"  {len(result.campaign)} measurements, {len(fit.information.names)} unknowns"
+def _heading(fit: CampaignFit) -> Iterator[str]:
+    yield f"Fit of {fit.arm.name} to {fit.campaign.name}"
+    yield f"  {len(fit.campaign)} measurements, {len(fit.information.names)} unknowns"
     p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ""
     yield f"  chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
-    for doubt in result.doubts:
+    for doubt in fit.doubts:
         yield f"  WARNING: {doubt}"
-    if result.doubts:
+    if fit.doubts:
         yield "  So no interval is quoted: those that data and model would support are marked `withheld`."
 
 
-def _parameters(result: CampaignFit) -> Iterator[str]:
-    fit = result.fit
+def _parameters(fit: CampaignFit) -> Iterator[str]:
     known, items = fit.information, fit.problem.parameters.items
     yield "Parameters                fitted    95 % interval            arm file   ratio   known from"
     rows = zip(items, fit.best.values, fit.interval(), strict=True)
     for i, (item, value, (low, high)) in enumerate(rows):
-        interval = _interval(low, high) if result.supported[i] else ("withheld" if known.supported[i] else "open")
+        interval = span(low, high) if fit.supported[i] else ("withheld" if known.supported[i] else "open")
         source = known_from(known.prior_share[i], known.sd[i])
         ratio = f"{value / float(item.start):.3g}" if float(item.start) else "-"
         yield (
@@ -63,7 +61,7 @@ def _parameters(result: CampaignFit) -> Iterator[str]:
     for prior in priors_in_words(items):
         yield f"  prior: {prior}"
     if not any("tau" in item.name for item in items):
-        times = sorted({f"{float(tau):.2g} s" for j in result.arm.joints for tau in (j.tau_bend, j.tau_tors)})
+        times = sorted({f"{float(tau):.2g} s" for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors)})
         yield f"  damping was not fitted; the arm file's is {' to '.join(times)} times the stiffness"
     worst = _worst_correlation(known)
     if worst:
@@ -76,41 +74,36 @@ def _worst_correlation(known: Information) -> str:
     return f"{correlation[i, j]:+.2f} between {known.names[i]} and {known.names[j]}" if correlation[i, j] else ""
 
 
-def _interval(low: float, high: float) -> str:
-    return f"{low:.4g} to {high:.4g}"
-
-
-def _measurements(result: CampaignFit) -> Iterator[str]:
-    fit = result.fit
+def _measurements(fit: CampaignFit) -> Iterator[str]:
     yield "Measurements, each with its row in the file                   measured  predicted   residual   res./sigma"
-    rows = zip(result.campaign, fit.predicted, fit.residuals, result.outliers, strict=True)
+    rows = zip(fit.campaign, fit.predicted, fit.residuals, fit.outliers, strict=True)
     for m, predicted, z, outlying in rows:
-        measured, unit = shown(m.kind, m.value)
-        model, _ = shown(m.kind, float(predicted))
+        measured, unit = in_read_unit(m.kind, m.value)
+        model, _ = in_read_unit(m.kind, float(predicted))
         numbers = f"{measured:10.4g} {model:10.4g} {measured - model:10.3g} {-z:8.2f}"
         row = m.where.rpartition(":")[2]
         yield f"  {row:>3s}  {describe(m):53s} {numbers}   [{unit}]{'  <--' if outlying else ''}"
 
 
-def _information(result: CampaignFit) -> Iterator[str]:
-    known, items = result.fit.information, result.fit.problem.parameters.items
+def _information(fit: CampaignFit) -> Iterator[str]:
+    known, items = fit.information, fit.problem.parameters.items
     count = len(known.names)
     filler = "filled by the prior alone" if np.isfinite(known.sd).all() else "left where the search stopped"
     yield f"What the data fix: {known.rank} of {count} directions"
     for direction in known.directions:
         if direction.seen:
             weak = "weakly known, to" if direction.weak else "known to"
-            yield f"  {weak} {percent(direction.sd)}: {product(direction, items)}"
+            yield f"  {weak} {spread_in_words(direction.sd)}: {product(direction, items)}"
     if known.rank < count:
         yield f"What they leave open: {count - known.rank} of {count} directions, {filler}"
         for trade in known.trade_offs():
             yield f"  {in_words(trade, items)}: the data would not notice"
-    single = [name for name, ok in zip(known.names, result.supported, strict=True) if ok]
+    single = [name for name, ok in zip(known.names, fit.supported, strict=True) if ok]
     if len(single) < count:
         yield f"  Single values that the data support: {', '.join(single) if single else 'none'}."
 
 
-def percent(sd: float) -> str:
+def spread_in_words(sd: float) -> str:
     """Say how well a theta is known: in percent, or as a factor."""
     return f"{100 * sd:.2g} %" if sd < 0.3 else f"a factor of {math.exp(sd):.2g}"
 
@@ -144,37 +137,37 @@ def _change(item: Parameter, theta: float) -> str:
     return f"{item.name} by {1e3 * theta * float(item.scale):+.2g} mm"
 
 
-def _contradictions(result: CampaignFit) -> Iterator[str]:
-    if not result.cross_predictions:
+def _contradictions(fit: CampaignFit) -> Iterator[str]:
+    if not fit.cross_predictions:
         return
     yield "Do the kinds of measurement agree? Each one, predicted from the others:"
-    for tension in result.cross_predictions:
-        for i, row in enumerate(tension.rows):
-            if len(tension.rows) <= 6 or abs(tension.z[i]) > SUSPICIOUS:
-                yield f"  {against(tension, i, result.campaign.measurements[row])}"
-        if len(tension.rows) > 6:
-            yield f"  {tension.kind}: {len(tension.rows)} values, largest |z| {np.abs(tension.z).max():.1f}"
-    if result.contradictory:
-        yield from _explanation(result)
+    for cross in fit.cross_predictions:
+        for i, row in enumerate(cross.rows):
+            if len(cross.rows) <= 6 or abs(cross.z[i]) > SUSPICIOUS:
+                yield f"  {against(cross, i, fit.campaign.measurements[row])}"
+        if len(cross.rows) > 6:
+            yield f"  {cross.kind}: {len(cross.rows)} values, largest |z| {np.abs(cross.z).max():.1f}"
+    if fit.contradictory:
+        yield from _explanation(fit)
 
 
-def _explanation(result: CampaignFit) -> Iterator[str]:
-    kinds = {tension.kind for tension in result.cross_predictions if np.abs(tension.z).max() > SUSPICIOUS}
-    if result.outliers.sum() == 1 or not {"frequency", "deflection"} <= kinds:
+def _explanation(fit: CampaignFit) -> Iterator[str]:
+    kinds = {cross.kind for cross in fit.cross_predictions if np.abs(cross.z).max() > SUSPICIOUS}
+    if fit.outliers.sum() == 1 or not {"frequency", "deflection"} <= kinds:
         yield "  CONTRADICTION: check the values named above, their labels, units and load cases first."
         return
     yield "  CONTRADICTION: no plausible stiffness explains all kinds together. Static deflection times the"
     yield "  square of the frequency is nearly fixed by masses and lengths alone, so look there first (geometry,"
     yield "  masses, payload), then at drives that are stiffer under load. The stiffnesses above are a compromise"
-    yield f"  that {_stretch(result.fit)}"
+    yield f"  that {_stretch(fit)}"
 
 
-def against(tension: CrossPrediction, i: int, m: Measurement) -> str:
-    """Say what the other kinds predict for the i-th value of a tension, and what was measured."""
-    measured, unit = shown(m.kind, tension.measured[i])
-    predicted, _ = shown(m.kind, tension.predicted[i])
-    sd, _ = shown(m.kind, tension.sd[i])
-    return f"{describe(m)}: {predicted:.3g} +- {sd:.2g} {unit}, measured {measured:.3g}: {tension.z[i]:+.1f} sd"
+def against(cross: CrossPrediction, i: int, m: Measurement) -> str:
+    """Say what the other kinds predict for the i-th value of a cross-prediction, and what was measured."""
+    measured, unit = in_read_unit(m.kind, cross.measured[i])
+    predicted, _ = in_read_unit(m.kind, cross.predicted[i])
+    sd, _ = in_read_unit(m.kind, cross.sd[i])
+    return f"{describe(m)}: {predicted:.3g} +- {sd:.2g} {unit}, measured {measured:.3g}: {cross.z[i]:+.1f} sd"
 
 
 def _stretch(fit: Fit) -> str:

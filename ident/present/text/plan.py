@@ -1,4 +1,4 @@
-"""The printed plan: the best next visits, the batch with what the intervals will become, and what was assumed."""
+"""The printed plan: the best next experiments, the batch with what the intervals will become, and what was assumed."""
 
 import math
 from collections.abc import Iterator
@@ -25,19 +25,21 @@ def plan_report(plan: CampaignPlan) -> str:
     return "\n\n".join("\n".join(section(plan)) for section in sections) + "\n"
 
 
-def aim_in_words(plan: CampaignPlan) -> tuple[str, str]:
-    """Return what visits are chosen for, and the unit of the gain."""
-    if plan.aim.lower() == D_OPTIMAL:
+def criterion_in_words(plan: CampaignPlan) -> tuple[str, str]:
+    """Return what experiments are chosen for, and the unit of the gain."""
+    if plan.criterion.lower() == D_OPTIMAL:
         return "information on all parameters (D-optimal)", "nat"
-    if plan.aim.lower() == A_OPTIMAL:
+    if plan.criterion.lower() == A_OPTIMAL:
         return "mean variance of all parameters (A-optimal)", "variance"
-    return f"precision of {plan.aim}, by ln(sd)", "ln(sd)"
+    return f"precision of {plan.criterion}, by ln(sd)", "ln(sd)"
 
 
-def visit_in_words(visit: Experiment) -> str:
-    """Say in a few words what is done on a visit."""
-    means = ["hammer"] * visit.hammer + ["2 accelerometers"] * visit.labelled + ["dial gauge"] * visit.dial
-    return " + ".join(means) + (f", {visit.load}" if visit.load else "")
+def experiment_in_words(experiment: Experiment) -> str:
+    """Say in a few words what is done in an experiment."""
+    parts = (
+        ["hammer"] * experiment.hammer + ["2 accelerometers"] * experiment.labelled + ["dial gauge"] * experiment.dial
+    )
+    return " + ".join(parts) + (f", {experiment.load}" if experiment.load else "")
 
 
 def sd_in_words(item: Parameter, sd: float) -> str:
@@ -52,10 +54,10 @@ def _heading(plan: CampaignPlan) -> Iterator[str]:
     yield f"Plan of measurements on {plan.arm.name}, from {known}"
     sample = ", a sample" if plan.grid.sampled else ""
     yield (
-        f"  {len(plan.grid.postures)} postures within the joint limits{sample}; {len(plan.view.postures)} of them show"
-        f" different things, {len(plan.visits)} visits"
+        f"  {len(plan.grid.postures)} postures within the joint limits{sample}; {len(plan.predictions.postures)} of"
+        f" them show different things, {len(plan.experiments)} experiments"
     )
-    yield f"  chosen for {aim_in_words(plan)[0]}, most gain per minute first"
+    yield f"  chosen for {criterion_in_words(plan)[0]}, most gain per minute first"
     for doubt in plan.fit.doubts if plan.fit else ():
         yield f"  WARNING: {doubt.replace(' (see below)', '')}"
     if plan.fit and plan.fit.doubts:
@@ -64,28 +66,30 @@ def _heading(plan: CampaignPlan) -> Iterator[str]:
 
 def _ranking(plan: CampaignPlan) -> Iterator[str]:
     best = plan.ranked(RANKED)
-    yield _head("The best next visits, one for each posture", plan)
+    yield _head("The best next experiments, one for each posture", plan)
     yield from (f"  {rank:2d}  {_row(plan, i)}" for rank, i in enumerate(best, 1))
-    if any(plan.measured[plan.visits[i].place] for i in best):
+    if any(plan.measured[plan.experiments[i].place] for i in best):
         yield "  * measured before, there or where the arm shows the same: a repeat averages noise, and gains less"
 
 
 def _ways(plan: CampaignPlan) -> Iterator[str]:
-    first = plan.visits[plan.ranked(1)[0]]
+    first = plan.experiments[plan.ranked(1)[0]]
     yield _head(f"What else could be done at {degrees(first.posture)}", plan)
-    there = [i for i, visit in enumerate(plan.visits) if visit.place == first.place]
+    there = [i for i, experiment in enumerate(plan.experiments) if experiment.place == first.place]
     yield from (f"      {_row(plan, i, where='')}" for i in sorted(there, key=lambda i: -plan.per_cost[i]))
 
 
 def _head(title: str, plan: CampaignPlan) -> str:
-    return f"{title:55s} {f'gain [{aim_in_words(plan)[1]}]':>15s} {'cost':>9s} {'gain/h':>8s}   improves most"
+    return f"{title:55s} {f'gain [{criterion_in_words(plan)[1]}]':>15s} {'cost':>9s} {'gain/h':>8s}   improves most"
 
 
 def _row(plan: CampaignPlan, i: int, where: str | None = None) -> str:
-    visit = plan.visits[i]
-    where = f"{degrees(visit.posture)}{'*' if plan.measured[visit.place] else ''}  " if where is None else where
-    what = where + visit_in_words(visit)
-    numbers = f"{plan.gain[i]:15.3g} {plan.offered.cost[i]:5.0f} min {60 * plan.per_cost[i]:8.3g}"
+    experiment = plan.experiments[i]
+    where = (
+        f"{degrees(experiment.posture)}{'*' if plan.measured[experiment.place] else ''}  " if where is None else where
+    )
+    what = where + experiment_in_words(experiment)
+    numbers = f"{plan.gain[i]:15.3g} {plan.candidates.cost[i]:5.0f} min {60 * plan.per_cost[i]:8.3g}"
     return f"{what:49s} {numbers}   {_most(plan, plan.known.sd[0], plan.sd_after(i))}"
 
 
@@ -96,17 +100,17 @@ def _most(plan: CampaignPlan, before: np.ndarray, after: np.ndarray) -> str:
 
 
 def _batch(plan: CampaignPlan) -> Iterator[str]:
-    total, unit = sum(step.cost for step in plan.steps), aim_in_words(plan)[1]
-    yield f"The batch of {len(plan.steps)}, each visit chosen after those before it: {total:.0f} min"
-    for number, (step, visit) in enumerate(zip(plan.steps, plan.batch, strict=True), 1):
+    total, unit = sum(step.cost for step in plan.steps), criterion_in_words(plan)[1]
+    yield f"The batch of {len(plan.steps)}, each experiment chosen after those before it: {total:.0f} min"
+    for number, (step, experiment) in enumerate(zip(plan.steps, plan.batch, strict=True), 1):
         gain = "" if unit == "nat" else f"{step.gain:.3g} {unit}, "
-        what = f"{degrees(visit.posture)}  {visit_in_words(visit)}"
+        what = f"{degrees(experiment.posture)}  {experiment_in_words(experiment)}"
         yield f"  {number:2d}  {what}: {gain}{step.nats:.3g} nat for {step.cost:.0f} min"
-        told = plan.values_told(number - 1)
-        yield "      " + ", ".join(f"{name} ({nats:.2g})" for name, nats in told)
+        values = plan.value_gains(number - 1)
+        yield "      " + ", ".join(f"{name} ({nats:.2g})" for name, nats in values)
     if plan.steps:
-        yield "  In brackets: nat that each value would give as the only one of its visit. Fewer modes tell less, but"
-        yield "  a hammer test gives them all at once."
+        yield "  In brackets: nat that each value would give as the only one of its experiment. Fewer modes tell less,"
+        yield "  but a hammer test gives them all at once."
 
 
 def _intervals(plan: CampaignPlan) -> Iterator[str]:
@@ -125,15 +129,15 @@ def _intervals(plan: CampaignPlan) -> Iterator[str]:
 
 
 def _assumptions(plan: CampaignPlan) -> Iterator[str]:
-    means = plan.means
+    instruments = plan.instruments
     yield "Assumed"
-    shares = ", ".join(f"{100 * share:.2g} % of each {kind}" for kind, share in means.sigma.items())
+    shares = ", ".join(f"{100 * share:.2g} % of each {kind}" for kind, share in instruments.sigma.items())
     yield f"  sd {shares}, and {1e6 * RESOLUTION:.0f} um of a dial gauge (--sigma)"
-    costs = ", ".join(f"{PARTS[part]} {cost:g}" for part, cost in means.costs.items())
+    costs = ", ".join(f"{PARTS[part]} {cost:g}" for part, cost in instruments.costs.items())
     yield f"  minutes (--cost): {costs}"
-    yield f"  a hammer test gives the {len(plan.view.frequency)} lowest frequencies (--modes); one nearer than"
+    yield f"  a hammer test gives the {len(plan.predictions.frequency)} lowest frequencies (--modes); one nearer than"
     yield f"  {100 * CLOSE:.0f} % to another counts only with a second accelerometer that tells which it is"
-    loads = ", ".join(str(load) for load in means.loads)
+    loads = ", ".join(str(load) for load in instruments.loads)
     yield f"  loads at hand: {loads} (--load). Only joint limits are heeded: check for collisions"
     draws = len(plan.known.points) - 1
     out = f"; {plan.left_out} more were left out, as the arm would not stand" if plan.left_out else ""

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator, Sequence
 
 from ident.identify.fit import CampaignFit
-from ident.inference.information import half_width
 from ident.inference.profile import FLAT, Interval, Profile, threshold
 from ident.inference.profile_path import Ending
 from ident.present.text.units import unit_of
@@ -13,30 +12,30 @@ from ident.present.text.words import known_from, paragraphs, priors_in_words
 SIDES = ("below", "above")
 
 
-def profile_report(result: CampaignFit, profiles: Sequence[Profile]) -> str:
+def profile_report(fit: CampaignFit, profiles: Sequence[Profile]) -> str:
     """Return the report of profiles: both kinds of interval, the nested ones, and remarks on what is not regular."""
-    sections = [_heading(result, profiles), _table(result, profiles), _nested(profiles), _remarks(profiles)]
+    sections = [_heading(fit, profiles), _table(fit, profiles), _nested(profiles), _remarks(profiles)]
     return paragraphs(sections)
 
 
-def _heading(result: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
-    fit, level = result.fit, profiles[0].widest.level
+def _heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+    level = profiles[0].widest.level
     count = len(fit.problem.parameters.items)
-    yield f"Profiles of the fit of {result.arm.name} to {result.campaign.name}"
-    yield f"  {len(result.campaign)} measurements, {count} unknowns, least cost {fit.best.cost:.4g}"
-    yield f"  Each parameter is moved and all others are fitted again. {percent(level)}: the cost rises by"
-    yield f"  {threshold(level):.3g}, chi-squared with one degree of freedom. It counts data and priors, as in the fit."
+    yield f"Profiles of the fit of {fit.arm.name} to {fit.campaign.name}"
+    yield f"  {len(fit.campaign)} measurements, {count} unknowns, least cost {fit.best.cost:.4g}"
+    yield f"  Each parameter is moved and all others are fitted again. {level_in_words(level)}: delta"
+    yield f"  chi-squared is {threshold(level):.3g}, with one degree of freedom. Data and priors count, as in the fit."
     for prior in priors_in_words(fit.problem.parameters.items):
         yield f"  prior: {prior}"
-    for doubt in result.doubts:
+    for doubt in fit.doubts:
         yield f"  WARNING: {doubt.replace('see below', 'see ident fit')}"
-    if result.doubts:
+    if fit.doubts:
         yield "  So the profiles show the shape of the cost; no interval below is to be quoted."
 
 
-def _table(result: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
-    known = result.fit.information
-    level = percent(profiles[0].widest.level)
+def _table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+    known = fit.information
+    level = level_in_words(profiles[0].widest.level)
     yield (
         f"{'Parameters':18s} {'fitted':>10s}    {f'{level}, linear':24s} {f'{level}, profile':24s}"
         f" {'profile/linear':17s} known from"
@@ -47,7 +46,7 @@ def _table(result: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
         mark = "" if profile.linear else "<--"
         source = known_from(known.prior_share[place], profile.sd) if math.isfinite(profile.sd) else "-"
         yield (
-            f"  {profile.name:16s} {value:10.5g}    {interval_text(profile, linear(profile)):24s}"
+            f"  {profile.name:16s} {value:10.5g}    {interval_text(profile, profile.linear_interval):24s}"
             f" {interval_text(profile, profile.widest):24s} {_halves(profile):13s} {mark:3s} "
             f"{source}   [{unit_of(profile.name)}]"
         )
@@ -71,7 +70,7 @@ def _half(half: float, ending: Ending) -> str:
 def _nested(profiles: Sequence[Profile]) -> Iterator[str]:
     levels = [interval.level for interval in profiles[0].intervals]
     if len(levels) > 1:
-        yield "Profiles at all levels  " + "".join(f"{percent(level):26s}" for level in levels).rstrip()
+        yield "Profiles at all levels  " + "".join(f"{level_in_words(level):26s}" for level in levels).rstrip()
         for profile in profiles:
             cells = "".join(f"{interval_text(profile, interval):26s}" for interval in profile.intervals)
             yield f"  {profile.name:22s}{cells}[{unit_of(profile.name)}]"
@@ -93,10 +92,10 @@ def remarks(profile: Profile) -> Iterator[str]:
             f"{profile.name}: WARNING, on the way the cost fell {profile.beaten:.3g} below the fit's, which is not the"
             " best optimum; fit again with more starts (--starts)"
         )
-    inside = profile.settled[(profile.theta >= profile.widest.low) & (profile.theta <= profile.widest.high)]
+    inside = profile.converged_inside
     if not inside.all():
         lost = f"{(~inside).sum()} of {len(inside)} points"
-        yield f"{profile.name}: the search did not come to rest at {lost}; the profile may lie lower there"
+        yield f"{profile.name}: the search did not converge at {lost}; the profile may lie lower there"
     if profile.rivals:
         places = ", ".join(f"{value:.4g}" for value in profile.values(profile.rivals))
         yield f"{profile.name}: another optimum fits about as well outside this interval, at {places}"
@@ -111,17 +110,11 @@ def _side(profile: Profile, side: int) -> Iterator[str]:
     elif ending is Ending.OPEN:
         last = (0, -1)[side]
         (value,) = profile.values(profile.theta[[last]])
-        rise = profile.rise[last]
+        delta = profile.delta_chi_squared[last]
         reason = "flat: nothing tells it" if profile.flat[side] else "too little tells it"
-        risen = "does not rise" if rise < FLAT else f"rises by {rise:.2g} of {need:.3g}"
-        yield f"{profile.name}: open {SIDES[side]}, {reason} on this side (as far as {value:.3g} the cost {risen})"
-
-
-def linear(profile: Profile) -> Interval:
-    """Return the interval of the linear approximation at the highest level."""
-    half = half_width(profile.widest.level) * profile.sd
-    ending = Ending.CROSSED if math.isfinite(profile.sd) else Ending.OPEN
-    return Interval(profile.widest.level, profile.optimum - half, profile.optimum + half, (ending, ending))
+        reached = "stays zero" if delta < FLAT else f"reaches {delta:.2g} of {need:.3g}"
+        there = f"as far as {value:.3g} delta chi-squared {reached}"
+        yield f"{profile.name}: open {SIDES[side]}, {reason} on this side ({there})"
 
 
 def interval_text(profile: Profile, interval: Interval) -> str:
@@ -133,6 +126,6 @@ def interval_text(profile: Profile, interval: Interval) -> str:
     return f"{low} to {high}"
 
 
-def percent(level: float) -> str:
+def level_in_words(level: float) -> str:
     """Write a level as `95 %`."""
     return f"{100 * level:.4g} %"

@@ -1,10 +1,7 @@
-"""The printed report of resonance along a motion, and its result document."""
+"""The printed report of resonance along a motion."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
-from ident.description.file import ArmFile
-from ident.present.files.fit import plain, provenance
 from ident.present.text.resonance_words import band_words, grouped, sources_words
 from ident.present.text.words import cut, degrees, paragraphs
 from ident.vibrate.modal.branches import Branches
@@ -12,23 +9,22 @@ from ident.vibrate.modal.excitation import Excitation
 from ident.vibrate.modal.resonance import MARGIN, ResonanceCrossing
 from ident.vibrate.modal.resonance_passage import QUASI_STEADY
 
-FORMAT = "ident-resonance/1"
 STEADY, FAST = 0.9, 0.5
 """Share of the steady amplitude from which a mode builds up, and below which it is passed too fast."""
 UNSURE = 0.99
-"""Share of the sets and postures that must be followed surely."""
+"""Share of the draws and postures that must be followed surely."""
 
 
 def resonance_report(
     branches: Branches,
     excitation: Excitation,
-    encounters: Sequence[ResonanceCrossing],
+    crossings: Sequence[ResonanceCrossing],
     *,
     title: str = "a motion",
     margin: float = MARGIN,
 ) -> str:
-    """Return the report: a verdict, encounters by severity, the branches and what was assumed."""
-    groups = grouped(encounters)
+    """Return the report: a verdict, resonance crossings by severity, the mode branches and what was assumed."""
+    groups = grouped(crossings)
     sections = [
         _heading(branches, excitation, groups, title),
         _table(branches, groups),
@@ -42,74 +38,28 @@ def resonance_report(
 def verdict(branches: Branches, group: Sequence[ResonanceCrossing]) -> str:
     """Say in one sentence what happens: `pulley 2 (drive2) meets lateral torsion 1 at 1.63 s ...`."""
     e = group[0]
-    who = sources_words([encounter.source for encounter in group])
-    drives = ", ".join(dict.fromkeys(encounter.source.drive for encounter in group))
+    who = sources_words([crossing.source for crossing in group])
+    drives = ", ".join(dict.fromkeys(crossing.source.drive for crossing in group))
     place = f"at {e.time:.2f} s, {e.natural:.2f} Hz, {degrees(e.posture)}"
     many = "" if len(group) > 1 else "s"
     if e.crossings:
         does = f"meet{many} {e.label} {place}"
     else:
         does = f"come{many} within {e.relative_distance:.1%} ({e.distance:.2g} Hz) of {e.label} {place}"
-    chance = f"; near in {e.probability:.0%} of {branches.batch_size} sets" if branches.batch_size else ""
+    chance = f"; near in {e.probability:.0%} of {branches.batch_size} draws" if branches.batch_size else ""
     return f"{who} ({drives}) {does}: {passage_words(e)}{chance}"
 
 
-def passage_words(encounter: ResonanceCrossing) -> str:
+def passage_words(crossing: ResonanceCrossing) -> str:
     """Say how far the mode builds up."""
-    share = f"about {encounter.built_up:.0%} of steady resonance"
-    if not encounter.crossings:
+    share = f"about {crossing.built_up:.0%} of steady resonance"
+    if not crossing.crossings:
         return f"near without crossing, {share}"
-    if encounter.built_up >= STEADY:
+    if crossing.built_up >= STEADY:
         return f"dwells and builds up, {share}"
-    if encounter.built_up >= FAST:
+    if crossing.built_up >= FAST:
         return f"passes slowly enough to build up in part, {share}"
     return f"passes too fast to build up, {share}"
-
-
-def resonance_document(
-    branches: Branches,
-    excitation: Excitation,
-    encounters: Sequence[ResonanceCrossing],
-    arm_file: ArmFile,
-    options: Mapping[str, Any],
-) -> dict[str, Any]:
-    """Describe a resonance chart as plain data, all numbers SI and frequencies in Hz."""
-    band = branches.band() if branches.batch_size else None
-    numbers = {id(e): n for n, group in enumerate(grouped(encounters), start=1) for e in group}
-    document = provenance(FORMAT, arm_file, None, options) | {
-        "time": branches.time,
-        "posture": branches.posture,
-        "sets": branches.batch_size,
-        "branches": [
-            {
-                "label": str(label),
-                "frequency": branches.median[b],
-                "damping_ratio": branches.median_damping_ratio[b],
-                "band_5_95": band[:, b] if band is not None else None,
-                "changes": [
-                    {"time": c.time, "before": str(c.before), "after": str(c.after)}
-                    for c in branches.changes
-                    if c.branch == b
-                ],
-            }
-            for b, label in enumerate(branches.labels)
-        ],
-        "veerings": [{"time": v.time, "branches": v.branches, "mac": v.mac} for v in branches.veerings],
-        "excitation": [
-            {"drive": s.drive, "joint": s.joint, "pulley": s.pulley, "order": s.order, "frequency": line}
-            for s, line in zip(excitation.sources, excitation.frequency, strict=True)
-        ],
-        "encounters": [_encounter(e, numbers[id(e)]) for e in encounters],
-    }
-    return plain(document)
-
-
-def _encounter(e: ResonanceCrossing, number: int) -> dict[str, Any]:
-    names = ("branch", "start", "end", "time", "posture", "natural", "excitation", "damping_ratio", "margin", "rate")
-    more = ("crossings", "distance", "relative_distance", "cycles", "sweep_number", "magnification", "built_up")
-    shares = ("probability", "crossing_probability")
-    head = {"number": number, "drive": e.source.drive, "order": e.source.order, "label": str(e.label)}
-    return head | {name: getattr(e, name) for name in (*names, *more, *shares)} | {"words": passage_words(e)}
 
 
 def _heading(
@@ -122,14 +72,15 @@ def _heading(
         yield "  No pulley comes near a natural frequency."
         return
     met = sum(bool(group[0].crossings) for group in groups)
-    yield f"  {len(groups)} encounters, {met} of them crossings. The most magnified (no amplitude, see below):"
+    counts = f"{met} meet, {len(groups) - met} come near"
+    yield f"  {len(groups)} resonance crossings: {counts}. The most magnified (no amplitude, see below):"
     yield f"  {verdict(branches, groups[0])}."
 
 
 def _table(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]]) -> Iterator[str]:
     if not groups:
         return
-    share = "   sets near  cross" if branches.batch_size else ""
+    share = "  draws near  cross" if branches.batch_size else ""
     yield (
         f"{'':4s}{'excitation':24s} {'mode':22s} {'from':>7s} {'to':>7s} {'at':>7s} {'f':>6s} {'apart':>12s}"
         f" {'cycles':>7s} {'rate':>6s} {'number':>8s} {'times':>6s} {'built up':>8s}{share}"
@@ -142,7 +93,7 @@ def _table(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]]) ->
 
 def _row(branches: Branches, number: int, group: Sequence[ResonanceCrossing]) -> str:
     e = group[0]
-    who = cut(sources_words([encounter.source for encounter in group]), 24)
+    who = cut(sources_words([crossing.source for crossing in group]), 24)
     apart = "crosses" if e.crossings else f"{e.distance:.2f} ({e.relative_distance:.1%})"
     share = f" {e.probability:11.0%} {e.crossing_probability:6.0%}" if branches.batch_size else ""
     return (
@@ -168,14 +119,14 @@ def _branches(branches: Branches) -> Iterator[str]:
         yield f"  WARNING: veering at {veering.time:.3f} s: {names} exchange shapes (MAC {veering.mac:.2f}) faster than"
         yield "    the postures tell; beyond it the names may be exchanged."
     if branches.batch_size and min(branches.likeness) < UNSURE:
-        yield f"  WARNING: in {1 - min(branches.likeness):.0%} of the sets and postures a mode is hardly the branch's"
+        yield f"  WARNING: in {1 - min(branches.likeness):.0%} of the draws and postures a mode is hardly the branch's"
         yield "    (MAC below 0.5): near a veering its band mixes two modes."
 
 
 def _assumed(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]], margin: float) -> Iterator[str]:
     yield "What the numbers mean and assume"
     yield "  Natural frequencies are those of the arm held at each posture. A pulley turns at |ratio qd| / 2 pi, seen"
-    yield "  from its shaft; order 1 is its eccentric mass, order 2 the kinematic error of its drive."
+    yield "  from its shaft; order 1 is its eccentric mass, order 2 the transmission error of its drive."
     yield "  Ratios and speeds are the arm file's, which says which of them are assumed: of the shipped arm, all."
     if groups:
         yield f"  Near: within {100 * margin:.3g} % of the natural frequency, or its half-power bandwidth if wider."
@@ -184,8 +135,8 @@ def _assumed(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]], 
         yield "  the mode to build up (Lewis, 1932)."
         yield "  times: largest amplitude over the static response to the same force, of one mode at constant force,"
         yield "  passed at the true rate from rest; built up: the same over steady resonance, 1/(2 zeta). They rank"
-        yield "  encounters and are no amplitudes of vibration, for which there is the simulation; least of all where a"
-        yield "  pulley passes in less than a cycle."
+        yield "  resonance crossings and are no amplitudes of vibration, for which there is the simulation; least of"
+        yield "  all where a pulley passes in less than a cycle."
     if branches.batch_size:
-        yield f"  Bands: {band_words(branches)}. sets near, cross: share of the sets for which the pulley"
+        yield f"  Bands: {band_words(branches)}. draws near, cross: share of the draws for which the pulley"
         yield "  comes near the natural frequency within the interval, or crosses it; all else is of the medians."

@@ -1,4 +1,4 @@
-"""What figure and report of resonance say alike: numbers of encounters, names of what excites."""
+"""What figure and report of resonance say alike: numbers of resonance crossings, names of what excites."""
 
 from collections.abc import Sequence
 
@@ -12,15 +12,15 @@ SAME = 1e-6
 """Distance in time [s] or relative in frequency within which two are one."""
 
 
-def grouped(encounters: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossing]]:
-    """Put encounters of one branch in the same interval together, as of pulleys that turn alike; the order stays."""
+def grouped(crossings: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossing]]:
+    """Put crossings of one branch in the same interval together, as of pulleys that turn alike; the order stays."""
     groups: list[list[ResonanceCrossing]] = []
-    for encounter in encounters:
-        same = next((group for group in groups if _together(group[0], encounter)), None)
+    for crossing in crossings:
+        same = next((group for group in groups if _together(group[0], crossing)), None)
         if same is None:
-            groups.append([encounter])
+            groups.append([crossing])
         else:
-            same.append(encounter)
+            same.append(crossing)
     return groups
 
 
@@ -46,7 +46,7 @@ def sources_words(sources: Sequence[Source]) -> str:
 def band_words(branches: Branches) -> str:
     """Say what the bands are."""
     low, high = BAND
-    return f"{low:g} to {high:g} % of {branches.batch_size} sets of numbers"
+    return f"{low:g} to {high:g} % of {branches.batch_size} draws"
 
 
 def _of_order(sources: Sequence[Source]) -> str:

@@ -3,20 +3,15 @@
 import math
 from collections.abc import Iterator
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.identify.sample import CampaignSample
 from ident.inference.diagnostics import LONG_ENOUGH, MIXED, Diagnosis
-from ident.inference.information import Direction
+from ident.inference.posterior_summary import LEARNED, combinations, quantiles, share_of_prior
 from ident.inference.sample import RIVAL
 from ident.present.text.fit import product
-from ident.present.text.units import is_stiffness, nmm_per_deg, shown, unit_of
-from ident.present.text.words import describe, paragraphs, priors_in_words
-
-LEVELS = (0.025, 0.25, 0.5, 0.75, 0.975)
-LEARNED = 0.5
-"""Share of the prior's width above which a posterior says little beyond the prior."""
+from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.words import describe, paragraphs, priors_in_words, span
 
 
 def sample_report(result: CampaignSample) -> str:
@@ -43,43 +38,28 @@ def _heading(result: CampaignSample) -> Iterator[str]:
         yield "  The posterior takes the model as right. Infer how wrong it is: --discrepancy KIND:WIDTH"
 
 
-def quantiles(result: CampaignSample, basin: int = 0) -> np.ndarray:
-    """Return the quantiles `LEVELS` of all unknowns `(levels, P)` [SI]."""
-    values = np.asarray(result.sample.posterior.parameters.values(jnp.asarray(result.sample.draws(basin).T)))
-    return np.quantile(values, LEVELS, axis=1)
-
-
-def learned(result: CampaignSample, basin: int = 0) -> np.ndarray:
-    """Return the width of the 95 % intervals in theta, `(P,)`, as a share of the prior's; 0 without a prior."""
-    parameters = result.sample.posterior.parameters
-    ends = parameters.from_uniform(jnp.asarray([[LEVELS[0], LEVELS[-1]]] * len(parameters.names)))
-    prior = np.asarray(ends[:, 1] - ends[:, 0])
-    own = np.ptp(np.quantile(result.sample.draws(basin), (LEVELS[0], LEVELS[-1]), axis=0), axis=0)
-    return np.where(parameters.proper, own / np.where(parameters.proper, prior, 1.0), 0.0)
-
-
 def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
-    sample, optimum = result.sample, result.fitted.fit.optima[basin]
+    sample, optimum = result.sample, result.fitted.optima[basin]
     items = sample.posterior.parameters.items
     fitted = [*optimum.values, *(1.0 for _ in sample.posterior.noise.items)]
     where = f" about optimum {basin + 1}" if len(sample.basins) > 1 else ""
     yield (
         f"Parameters{where:17s}   median   {'50 % interval':24s} {'95 % interval':24s}        fit   arm file   of prior"
     )
-    rows = zip(items, quantiles(result, basin).T, fitted, learned(result, basin), strict=True)
+    rows = zip(items, quantiles(sample, basin).T, fitted, share_of_prior(sample, basin), strict=True)
     for item, (low, lower, median, upper, high), best, share in rows:
         width = (
             f"{share:6.0%}{' <- open' if share > LEARNED else ''}" if math.isfinite(float(item.prior_sd)) else "  none"
         )
         yield (
-            f"  {item.name:22s} {median:10.4g}   {_span(lower, upper)} {_span(low, high)} {best:10.4g} "
+            f"  {item.name:22s} {median:10.4g}   {span(lower, upper):24s} {span(low, high):24s} {best:10.4g} "
             f"{float(item.start):10.4g}   {width}   [{unit_of(item.name)}]"
         )
-    stiff = [(item, q) for item, q in zip(items, quantiles(result, basin).T, strict=True) if is_stiffness(item.name)]
+    stiff = [(item, q) for item, q in zip(items, quantiles(sample, basin).T, strict=True) if is_stiffness(item.name)]
     if stiff:
         yield "  in N mm/deg, the unit of the paper's Table 1:"
         for item, (low, _, median, _, high) in stiff:
-            numbers = f"{nmm_per_deg(median):10.4g}   95 %: {_span(nmm_per_deg(low), nmm_per_deg(high))}"
+            numbers = f"{nmm_per_deg(median):10.4g}   95 %: {span(nmm_per_deg(low), nmm_per_deg(high)):24s}"
             yield f"    {item.name:20s} {numbers}   arm file {nmm_per_deg(float(item.start)):.4g}"
     if basin == sample.basins[0]:
         yield "  of prior: width of the 95 % interval as a share of the prior's; near 100 % the data say nothing"
@@ -87,27 +67,11 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
             yield f"  prior: {prior}"
 
 
-def _span(low: float, high: float) -> str:
-    return f"{f'{low:.4g} to {high:.4g}':24s}"
-
-
-def directions(result: CampaignSample) -> list[Direction]:
-    """Return the combinations of the problem's parameters, best known first, each with its spread over the draws.
-
-    They are the principal directions of the draws' covariance in theta.
-    """
-    draws = result.sample.draws()[:, : len(result.fitted.fit.problem.parameters.items)]
-    variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws.T)))
-    return [
-        Direction(v * np.sign(v[np.argmax(np.abs(v))]), math.sqrt(s)) for s, v in zip(variance, vectors.T, strict=True)
-    ]
-
-
 def _combinations(result: CampaignSample) -> Iterator[str]:
-    items = result.fitted.fit.problem.parameters.items
+    items = result.fitted.problem.parameters.items
     if len(items) > 1:
         yield f"Combinations{of_first(result)}, best known first: standard deviation of the product over the draws"
-        for direction in directions(result):
+        for direction in combinations(result.sample):
             sd = direction.sd
             spread = f"{100 * sd:9.2g} %" if sd < 0.3 else f"factor {math.exp(sd):4.2g}"
             yield f"  {spread}   {product(direction, items)}"
@@ -118,8 +82,10 @@ def _measurements(result: CampaignSample) -> Iterator[str]:
     yield f"{head:61s}  measured  predicted, 95 % band               simulated below"
     drawn = result.posterior_predictive
     for i, m in enumerate(result.fitted.campaign):
-        low, median, high = (shown(m.kind, q)[0] for q in np.quantile(drawn.predicted[:, i], (0.025, 0.5, 0.975)))
-        measured, unit = shown(m.kind, m.value)
+        low, median, high = (
+            in_read_unit(m.kind, q)[0] for q in np.quantile(drawn.predicted[:, i], (0.025, 0.5, 0.975))
+        )
+        measured, unit = in_read_unit(m.kind, m.value)
         below = float((drawn.simulated[:, i] < m.value).mean())
         row, mark = m.where.rpartition(":")[2], "  <--" if not 0.005 < below < 0.995 else ""
         band = f"{median:10.4g}  {f'({low:.4g} to {high:.4g})':24s}"
@@ -132,7 +98,7 @@ def of_first(result: CampaignSample) -> str:
 
 
 def _optima(result: CampaignSample) -> Iterator[str]:
-    basins, left_out = result.sample.basins, len(result.fitted.fit.optima) - len(set(result.sample.started))
+    basins, left_out = result.sample.basins, len(result.fitted.optima) - len(set(result.sample.started))
     if left_out:
         yield f"Optima left out, as their cost is higher by more than {RIVAL:g}: {left_out}"
     if len(basins) < 2:

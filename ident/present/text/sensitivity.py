@@ -5,67 +5,47 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.assess.design import DesignStudy
-from ident.present.text.basis import assumed_in_words, basis_in_words, motion_in_words
-from ident.present.text.units import MM, value_in_words
+from ident.present.text.amplitude_words import present_in_words, simulated_in_words
+from ident.present.text.basis import assumed_in_words, basis_in_words
+from ident.present.text.units import value_in_words
 from ident.present.text.words import cut, paragraphs
-from ident.vibrate.response.amplitude import MEASURES
 from ident.vibrate.response.study import DIRECTIONS
 
 MOST = 12
 """Sensitivities that a report of a design tells."""
 
 
-def sensitivity_report(designing: DesignStudy) -> str:
+def sensitivity_report(study: DesignStudy) -> str:
     """Return the report without a design: motion, present amplitude, all sensitivities, what is assumed."""
-    count = len(designing.sensitivities.paths)
-    return paragraphs([heading(designing), present(designing), table(designing, count), assumptions(designing)])
+    every = table(study, len(study.sensitivities.paths))
+    return paragraphs([heading(study), present(study), every, assumed_in_words(study.basis)])
 
 
-def heading(designing: DesignStudy) -> Iterator[str]:
+def heading(study: DesignStudy) -> Iterator[str]:
     """Say what is moved, and by which numbers."""
-    trial = designing.trial
-    yield from motion_in_words(designing.arm, trial.motion)
-    belts = ("elastic" if trial.elastic_belts else "rigid") if designing.arm.belts else "none"
-    yield f"  load: {designing.load}; belts: {belts}; {trial.rate:.4g} samples a second; fast method"
-    yield from basis_in_words(designing, changed_draws=True)
+    yield from simulated_in_words(study.basis, elastic_belts=study.evaluator.elastic_belts, rate=study.evaluator.rate)
+    yield from basis_in_words(study.basis, changed_draws=True)
 
 
-def present(designing: DesignStudy) -> Iterator[str]:
+def present(study: DesignStudy) -> Iterator[str]:
     """Tell the amplitudes of the arm as it is."""
-    amplitude, measure = designing.sensitivities.amplitude, designing.trial.measure
-    sizes = ", ".join(f"{d} {mm(a)} mm" for d, a in zip(DIRECTIONS, amplitude, strict=True))
-    yield f"Vibration of {designing.point}, {measure}: {MEASURES[measure]}"
-    yield f"  as the arm is: {sizes}"
-    if designing.design and (limit := designing.design.limit):
-        beyond = [d for d, size in zip(DIRECTIONS, amplitude, strict=True) if size > limit]
-        words = f"exceeded in {', '.join(beyond)}" if beyond else "kept in all directions"
-        yield f"  limit of {MM * limit:g} mm: {words}"
+    return present_in_words(study.basis, study.evaluator.measure, study.sensitivities.amplitude, study.limit)
 
 
-def table(designing: DesignStudy, most: int = MOST) -> Iterator[str]:
+def table(study: DesignStudy, most: int = MOST) -> Iterator[str]:
     """Tell by how many percent the amplitude changes with each number, the strongest first."""
-    found = designing.sensitivities
-    way = DIRECTIONS[int(np.argmax(found.amplitude))]
+    each = study.sensitivities
+    way = DIRECTIONS[int(np.argmax(each.amplitude))]
     yield "Sensitivities: percent of amplitude per percent of the number, as the arm is"
     yield f"  {'':22s}{'at present':>22s}" + "".join(
-        f"{d:>9s}" + (" 5 to 95 %".rjust(16) if designing.draws else "") for d in DIRECTIONS
+        f"{d:>9s}" + (" 5 to 95 %".rjust(16) if study.draws else "") for d in DIRECTIONS
     )
-    for i in found.order[:most]:
-        row = f"  {cut(found.paths[i], 22):22s}{value_in_words(found.paths[i], found.present[i]):>22s}"
+    for i in each.order[:most]:
+        row = f"  {cut(each.paths[i], 22):22s}{value_in_words(each.paths[i], each.present[i]):>22s}"
         for d in range(3):
-            row += f"{found.elasticity[i, d]:+9.3f}"
-            row += f"{'{:+.3f} {:+.3f}'.format(*found.band[:, i, d]):>16s}" if designing.draws else ""
+            row += f"{each.elasticity[i, d]:+9.3f}"
+            row += f"{'{:+.3f} {:+.3f}'.format(*each.band[:, i, d]):>16s}" if study.draws else ""
         yield row
-    if len(found.paths) > most:
-        yield f"  and {len(found.paths) - most} more, in the .json"
+    if len(each.paths) > most:
+        yield f"  and {len(each.paths) - most} more, in the .json"
     yield f"  strongest in {way} first, where the arm vibrates most"
-
-
-def assumptions(designing: DesignStudy) -> Iterator[str]:
-    """Say what is assumed."""
-    return assumed_in_words(designing)
-
-
-def mm(value: float) -> str:
-    """Write a length in mm."""
-    return f"{MM * value:.4f}"

@@ -3,23 +3,21 @@
 import math
 from collections.abc import Iterator
 
-import jax.numpy as jnp
 import numpy as np
 
 from ident.assess.simulation import Simulation
-from ident.present.text.basis import assumed_in_words, basis_in_words, motion_in_words
+from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
 from ident.present.text.units import MM
 from ident.present.text.words import cut, degrees, paragraphs
-from ident.vibrate.response.belt_tension import slack
 from ident.vibrate.response.study import DIRECTIONS
 
 METHODS = {
-    "fast": "fast, equations linearised about the moving, sagging arm",
+    "fast": "fast, equations linearised about the quasi-static deflection",
     "exact": "exact equations of motion, integrated with error control",
 }
 QUANTILES = (0.05, 0.95)
 MOST_SLACK = 4
-"""Times of a slack span that are told one by one."""
+"""Times of a slack span that are listed one by one."""
 
 
 def simulate_report(simulation: Simulation) -> str:
@@ -32,32 +30,31 @@ def simulate_report(simulation: Simulation) -> str:
         _methods(simulation),
         _belts(simulation),
         _moments(simulation),
-        assumed_in_words(simulation),
+        assumed_in_words(simulation.basis),
     ]
     return paragraphs(sections)
 
 
 def _heading(simulation: Simulation) -> Iterator[str]:
     response = simulation.response
-    yield from motion_in_words(simulation.arm, response.motion)
+    yield from motion_in_words(simulation.basis)
     if simulation.pulleys:
         fastest = ", ".join(f"{name} {frequency.max():.3g} Hz" for name, (_, frequency) in simulation.pulleys.items())
         yield f"  pulleys turn up to: {fastest}"
-    belts = ("elastic" if response.model.elastic else "rigid") if simulation.arm.belts else "none"
     rate = (len(simulation.time) - 1) / (simulation.time[-1] - simulation.time[0])
-    yield f"  load: {simulation.load}; belts: {belts}; {rate:.4g} samples a second"
+    yield load_in_words(simulation.basis, response.model.elastic, rate)
     yield f"  method: {METHODS[response.method]}"
-    yield from basis_in_words(simulation)
+    yield from basis_in_words(simulation.basis)
     if simulation.study.interrupted is not None:
         yield f"  INTERRUPTED: the exact method came to {simulation.study.interrupted:.4g} s"
-        if simulation.posterior:
+        if simulation.basis.posterior:
             yield "  so the draws were not simulated"
 
 
 def _vibration(simulation: Simulation) -> Iterator[str]:
     late = "" if simulation.at is None else f"   from {simulation.at:g} s on"
     tolerance = f"settled to {MM * simulation.tolerance:g} mm"
-    yield f"Vibration of {simulation.point} [mm]: how far it is from where the arm, sagging, would be at rest"
+    yield f"Vibration of {simulation.point} [mm]: displacement from its quasi-static position"
     yield f"          peak      at s       rms   residual   {tolerance}{late}"
     sizes, width = simulation.sizes, len(tolerance)
     for i, direction in enumerate(DIRECTIONS):
@@ -120,13 +117,13 @@ def _trace(simulation: Simulation) -> Iterator[str]:
     yield f"          {'peak':29s} {'rms':29s} {f'strongest in {low:g} to {high:g} Hz':29s} rms in that band"
     pair = "simulated  measured"
     yield f"    {pair + '  ratio':>29s}{pair + '  ratio':>30s}{pair + ' [Hz]':>28s}   ratio"
-    for direction, found in simulation.comparisons.items():
-        ours, theirs = found.simulated, found.measured
+    for direction, comparison in simulation.comparisons.items():
+        ours, theirs = comparison.simulated, comparison.measured
         peaks = [f"{size.dominant.frequency:.3f}" if size.dominant else "none" for size in (ours, theirs)]
         yield (
-            f"  {direction} {factor * ours.peak:11.4g} {factor * theirs.peak:9.4g} {found.peak_ratio:6.3f}"
-            f"  {factor * ours.rms:11.4g} {factor * theirs.rms:9.4g} {found.rms_ratio:6.3f}"
-            f" {peaks[0]:>11s}  {peaks[1]:>11s}       {found.band_rms_ratio:6.3f}"
+            f"  {direction} {factor * ours.peak:11.4g} {factor * theirs.peak:9.4g} {comparison.peak_ratio:6.3f}"
+            f"  {factor * ours.rms:11.4g} {factor * theirs.rms:9.4g} {comparison.rms_ratio:6.3f}"
+            f" {peaks[0]:>11s}  {peaks[1]:>11s}       {comparison.band_rms_ratio:6.3f}"
         )
     if acceleration:
         yield "  the simulated displacement was differentiated twice; the measured acceleration is as it was"
@@ -150,14 +147,14 @@ def _belts(simulation: Simulation) -> Iterator[str]:
         f"Belts: smallest tension {tension[span, belt, place]:.4g} N, {('upper', 'lower')[span]} span of {names[belt]}"
         f" at {simulation.time[place]:.4g} s"
     )
-    found = sorted(slack(simulation.response.time, jnp.asarray(tension)), key=lambda one: one[2])
-    for number, side, start, end in found[:MOST_SLACK]:
+    slack = simulation.slack
+    for number, side, start, end in slack[:MOST_SLACK]:
         yield f"  SLACK: {side} span of {names[number]} from {start:.4g} to {end:.4g} s"
-    if len(found) > MOST_SLACK:
-        yield f"  and {len(found) - MOST_SLACK} times more"
-    if found and not simulation.response.model.elastic:
+    if len(slack) > MOST_SLACK:
+        yield f"  and {len(slack) - MOST_SLACK} times more"
+    if slack and not simulation.response.model.elastic:
         yield "  The belts are taken as rigid, which a slack one is not: raise the pretension, or use --elastic-belts"
-    elif found and simulation.response.method == "fast":
+    elif slack and simulation.response.method == "fast":
         yield "  The fast method has slack spans pull on, below zero: use --method exact, or raise the pretension"
 
 

@@ -5,83 +5,73 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.assess.sweep import SweepStudy, in_words, is_factor, title
-from ident.present.text.basis import assumed_in_words, basis_in_words, motion_in_words
-from ident.present.text.sweep_words import LINES, kept_in_words, trends_in_words
-from ident.present.text.units import MM, NMM, in_paper_unit, nmm_per_deg, unit_of
+from ident.assess.sweep import SweepStudy
+from ident.present.text.amplitude_words import both_units, mm, present_in_words, simulated_in_words
+from ident.present.text.basis import assumed_in_words, basis_in_words
+from ident.present.text.sweep_words import axis_in_words, kept_in_words, trends_in_words, value_on
+from ident.present.text.units import MM, NMM, in_paper_unit, is_stiffness, nmm_per_deg, unit_of
 from ident.present.text.words import paragraphs
 from ident.vibrate.redesign.sweep import Axis, Sweep
-from ident.vibrate.response.amplitude import MEASURES
+from ident.vibrate.redesign.trend import LINES
 from ident.vibrate.response.study import DIRECTIONS
 
 
-def sweep_report(sweeping: SweepStudy) -> str:
+def sweep_report(study: SweepStudy) -> str:
     """Return the report: motion, the present amplitude, a table and the trend of each parameter, what is assumed."""
-    one = _map if len(sweeping.sweeps[0].axes) == 2 else _parameter
-    sections = [_heading(sweeping), _present(sweeping), *(one(sweeping, sweep) for sweep in sweeping.sweeps)]
-    return paragraphs([*sections, assumed_in_words(sweeping)])
+    one = _map if study.is_map else _parameter
+    remark = " by the arm itself" if study.draws else ""
+    present = present_in_words(study.basis, study.measure, study.present, study.limit, remark)
+    sections = [_heading(study), present, *(one(study, sweep) for sweep in study.sweeps)]
+    return paragraphs([*sections, assumed_in_words(study.basis)])
 
 
-def _heading(sweeping: SweepStudy) -> Iterator[str]:
-    trial = sweeping.trial
-    yield from motion_in_words(sweeping.arm, sweeping.motion)
-    belts = ("elastic" if trial.elastic_belts else "rigid") if sweeping.arm.belts else "none"
-    yield f"  load: {sweeping.load}; belts: {belts}; {trial.rate:.4g} samples a second; fast method"
-    if any(axis.is_speed for sweep in sweeping.sweeps for axis in sweep.axes):
+def _heading(study: SweepStudy) -> Iterator[str]:
+    yield from simulated_in_words(study.basis, elastic_belts=study.elastic_belts, rate=study.rate)
+    if any(axis.is_speed for sweep in study.sweeps for axis in sweep.axes):
         yield "  at another speed the same path is passed on another clock, pauses included"
-    yield from basis_in_words(sweeping, changed_draws=True)
+    yield from basis_in_words(study.basis, changed_draws=True)
 
 
-def _present(sweeping: SweepStudy) -> Iterator[str]:
-    sizes = ", ".join(f"{d} {_mm(a)} mm" for d, a in zip(DIRECTIONS, sweeping.present, strict=True))
-    yield f"Vibration of {sweeping.point}, {sweeping.measure}: {MEASURES[sweeping.measure]}"
-    yield f"  as the arm is: {sizes}"
-    if sweeping.limit is not None:
-        beyond = [d for d, size in zip(DIRECTIONS, sweeping.present, strict=True) if size > sweeping.limit]
-        words = f"exceeded in {', '.join(beyond)}" if beyond else "kept in all directions"
-        yield f"  limit of {MM * sweeping.limit:g} mm: {words}" + (" by the arm itself" if sweeping.draws else "")
-
-
-def _parameter(sweeping: SweepStudy, sweep: Sweep) -> Iterator[str]:
+def _parameter(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     (axis,) = sweep.axes
-    yield title(axis)
-    yield f"  at present {_both(axis, axis.present)}; {_values(axis)}"
-    yield from _table(sweeping, sweep)
+    yield axis_in_words(axis)
+    yield f"  at present {both_units(axis.paths[0], axis.present)}; {_values(axis)}"
+    yield from _table(study, sweep)
     yield from trends_in_words(sweep)
     place = sweep.amplitude.argmin(1)
     ways = zip(DIRECTIONS, sweep.amplitude.min(1), axis.values[place], strict=True)
-    yield f"  least: {'; '.join(f'{d} {_mm(size)} mm at {in_words(axis, value)}' for d, size, value in ways)}"
-    if sweeping.limit is not None:
-        words = kept_in_words(sweep, sweeping.limit)
-        yield f"  limit of {MM * sweeping.limit:g} mm, in all directions: {words}"
+    yield f"  least: {'; '.join(f'{d} {mm(size)} mm at {value_on(axis, value)}' for d, size, value in ways)}"
+    if study.limit is not None:
+        words = kept_in_words(sweep, study.limit)
+        yield f"  limit of {MM * study.limit:g} mm, in all directions: {words}"
 
 
-def _table(sweeping: SweepStudy, sweep: Sweep) -> Iterator[str]:
+def _table(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     """Yield head and rows: value, amplitudes with bands [mm], probability that the limit is exceeded."""
     (axis,) = sweep.axes
-    drawn, limit = sweep.draws is not None, sweeping.limit
-    units = [f"[{name}]" for name in _units(axis)] + (["times"] if is_factor(axis) else [])
+    drawn, limit = sweep.draws is not None, study.limit
+    units = [f"[{name}]" for name in _units(axis)] + ([] if axis.shifted else ["times"])
     head = "".join(f"{name:>12s}" for name in units)
     head += "".join(f"{d + ' [mm]':>11s}" + ("    5 to 95 % " if drawn else "") for d in DIRECTIONS)
     yield head + ("  exceeds" if drawn and limit is not None else "")
     shares = sweep.exceeds(limit) if drawn and limit is not None else None
     for k, value in enumerate(axis.values):
-        numbers = [value, nmm_per_deg(value)][: len(_units(axis))] + ([value / axis.present] if is_factor(axis) else [])
+        numbers = [value, nmm_per_deg(value)][: len(_units(axis))] + ([] if axis.shifted else [value / axis.present])
         row = "".join(f"{number:12.5g}" for number in numbers)
         for d in range(3):
-            row += f"{_mm(sweep.amplitude[d, k]):>11s}"
+            row += f"{mm(sweep.amplitude[d, k]):>11s}"
             row += f" {_band(sweep.band[:, d, k]):>13s}" if drawn else ""
         yield row + ("" if shares is None else f"{shares[k]:9.0%}") + _mark(axis, value)
     if shares is not None:
         yield f"  exceeds: probability that {MM * (limit or 0):g} mm is exceeded in any direction"
 
 
-def _map(sweeping: SweepStudy, sweep: Sweep) -> Iterator[str]:
+def _map(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     """Yield what a map says: present values, extremes, and the best of each row."""
     first, second = sweep.axes
     for axis in sweep.axes:
-        yield title(axis)
-        yield f"  at present {_both(axis, axis.present)}; {_values(axis)}"
+        yield axis_in_words(axis)
+        yield f"  at present {both_units(axis.paths[0], axis.present)}; {_values(axis)}"
     largest = sweep.amplitude.max(0)
     yield f"  For each {first.name}: least and largest of what is the largest over x, y and z [mm], and where"
     names = [f"{axis.name} [{in_paper_unit(axis.paths[0], 1.0)[1]}]" for axis in (first, second, second)]
@@ -91,30 +81,29 @@ def _map(sweeping: SweepStudy, sweep: Sweep) -> Iterator[str]:
     for value, row in zip(first.values, largest, strict=True):
         number = f"{in_paper_unit(first.paths[0], value)[0]:.5g}"
         parts = [
-            f"{_mm(row[k]):>11s} at {f'{in_paper_unit(second.paths[0], second.values[k])[0]:.5g}':>{width}s}"
+            f"{mm(row[k]):>11s} at {f'{in_paper_unit(second.paths[0], second.values[k])[0]:.5g}':>{width}s}"
             for k, width in zip((row.argmin(), row.argmax()), widths[1:], strict=True)
         ]
         yield f"  {number:>{widths[0]}s}{parts[0]}{parts[1]}{_mark(first, value)}"
     for name, table in zip(LINES, [*sweep.amplitude, largest], strict=True):
         least, most = (_where(sweep, table, int(place)) for place in (table.argmin(), table.argmax()))
         yield f"  {name + ':':8s} least {least}; largest {most}"
-    if sweeping.limit is not None:
-        kept = int((largest <= sweeping.limit).sum())
-        yield f"  limit of {MM * sweeping.limit:g} mm, in all directions: kept at {kept} of {largest.size} points"
+    if study.limit is not None:
+        below = int((largest <= study.limit).sum())
+        yield f"  limit of {MM * study.limit:g} mm, in all directions: kept at {below} of {largest.size} points"
         if sweep.draws is not None:
-            share, place = _surest(sweep, sweeping.limit)
+            share, place = _surest(sweep, study.limit)
             yield f"    least probability of exceeding it: {share:.0%}, at {place}"
 
 
 def _where(sweep: Sweep, table: np.ndarray, place: int) -> str:
-    return f"{_mm(table.flat[place])} mm at {_point(sweep, place)}"
+    return f"{mm(table.flat[place])} mm at {_point(sweep, place)}"
 
 
 def _point(sweep: Sweep, place: int) -> str:
     places = np.unravel_index(place, sweep.amplitude.shape[1:])
-    return ", ".join(
-        f"{axis.name} {in_words(axis, axis.values[k])}" for axis, k in zip(sweep.axes, places, strict=True)
-    )
+    pairs = zip(sweep.axes, places, strict=True)
+    return ", ".join(f"{axis.name} {value_on(axis, axis.values[k])}" for axis, k in pairs)
 
 
 def _surest(sweep: Sweep, limit: float) -> tuple[float, str]:
@@ -129,26 +118,16 @@ def _values(axis: Axis) -> str:
     low, high, count = axis.values[0], axis.values[-1], len(axis.values)
     steps = [b - a for a, b in pairwise(axis.values)]
     even = np.allclose(steps, steps[0]) and count > 2
-    return f"{count} values from {in_words(axis, low)} to {in_words(axis, high)}, {'even' if even else 'equal factors'}"
-
-
-def _both(axis: Axis, value: float) -> str:
-    """Write a value in SI, and in N mm/deg if it is a stiffness."""
-    plain = f"{value:.4g} {unit_of(axis.paths[0])}".removesuffix(" -")
-    return f"{plain} = {in_words(axis, value)}" if len(_units(axis)) > 1 else plain
+    return f"{count} values from {value_on(axis, low)} to {value_on(axis, high)}, {'even' if even else 'equal factors'}"
 
 
 def _units(axis: Axis) -> list[str]:
-    return [unit_of(axis.paths[0]), NMM] if in_paper_unit(axis.paths[0], 1.0)[1] == NMM else [unit_of(axis.paths[0])]
+    return [unit_of(axis.paths[0]), *([NMM] if is_stiffness(axis.paths[0]) else [])]
 
 
 def _mark(axis: Axis, value: float) -> str:
     return "  present" if np.isclose(value, axis.present, rtol=1e-9, atol=1e-12) else ""
 
 
-def _mm(value: float) -> str:
-    return f"{MM * value:.4f}"
-
-
 def _band(band: np.ndarray) -> str:
-    return f"{MM * band[0]:.4f}-{MM * band[1]:.4f}"
+    return f"{mm(band[0])}-{mm(band[1])}"

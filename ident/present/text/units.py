@@ -1,66 +1,52 @@
-"""The units that people read: N mm/deg, mm, Hz, percent."""
+"""How numbers are shown: in the units that people read. What a number of the arm is: `ident.arm.fields`."""
 
-from ident.measure import stiffness_to_nmm_per_deg
+from ident.arm.fields import STIFFNESS, field_named, field_of
+from ident.units import NMM_PER_DEG
+from ident.vibrate.redesign.sweep import SPEED
 
 KINDS = {"frequency": (1.0, "Hz"), "deflection": (1e3, "mm"), "deflection_difference": (1e3, "mm")}
 MM = 1e3
 """mm in a metre."""
-NMM = "N mm/deg"
-FIELDS = {
-    "k_bend": "N m/rad",
-    "k_tors": "N m/rad",
-    "tau_bend": "s",
-    "tau_tors": "s",
-    "mass": "kg",
-    "com": "m",
-    "offset": "m",
-    "position": "m",
-    "inertia": "kg m^2",
-    "rotor_inertia": "kg m^2",
-    "eccentric_mass": "kg",
-    "eccentricity": "m",
-    "height": "m",
-    "phase": "rad",
-    "error": "rad",
-    "error_phase": "rad",
-    "driver_radius": "m",
-    "driven_radius": "m",
-    "pretension": "N",
-    "stiffness": "N/m",
-    "tau": "s",
-    "speed": "%",
-}
-"""SI unit of each field of the arm that can be fitted or varied, and of the speed."""
+NMM = field_named("k_tors").read_unit
 
 
-def shown(kind: str, value: float) -> tuple[float, str]:
+def in_read_unit(kind: str, value: float) -> tuple[float, str]:
     """Return a measured or predicted SI value in the unit that its kind is read in, and the unit."""
     factor, unit = KINDS.get(kind, (100.0, "%"))
     return value * factor, unit
 
 
-def field_of(path: str) -> str:
-    """Return the field of a parameter's path; the name itself if it is no path."""
-    return path.split(".")[1] if "." in path else path
-
-
 def unit_of(path: str) -> str:
     """Return the SI unit of a parameter; `-` for factors, and for parameters of a model that is no arm."""
-    return FIELDS.get(field_of(path), "-")
+    field = field_of(path)
+    return field.unit if field else "%" if path == SPEED else "-"
 
 
 def is_stiffness(path: str) -> bool:
     """Tell whether a path names a bushing stiffness."""
-    return field_of(path) in ("k_bend", "k_tors")
+    field = field_of(path)
+    return field is not None and field.name in STIFFNESS
+
+
+def is_length(path: str) -> bool:
+    """Tell whether a path names a length, which people read in mm."""
+    field = field_of(path)
+    return field is not None and field.read_unit == "mm"
 
 
 def nmm_per_deg(value: float) -> float:
     """Return a stiffness [N m/rad] in N mm/deg, the paper's unit."""
-    return float(stiffness_to_nmm_per_deg(value))
+    return value / NMM_PER_DEG
+
+
+def read_unit(path: str) -> tuple[float, str]:
+    """Return the size in SI units of the unit that people read a parameter in, and the unit."""
+    field = field_of(path)
+    return (field.read_size, field.read_unit) if field else (1.0, unit_of(path))
 
 
 def in_paper_unit(path: str, value: float) -> tuple[float, str]:
-    """Return a value in the unit that people read, and the unit: N mm/deg for a stiffness."""
+    """Return a value in the unit of the paper, and the unit: N mm/deg for a stiffness, else SI, as it is given."""
     return (nmm_per_deg(value), NMM) if is_stiffness(path) else (value, unit_of(path))
 
 

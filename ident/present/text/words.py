@@ -5,10 +5,11 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from ident.arm.fields import field_of
 from ident.inference.information import Direction
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.text.units import shown, unit_of
+from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
 NOTABLE = 0.15
@@ -23,6 +24,11 @@ def paragraphs(sections: Iterable[Iterable[str]]) -> str:
 def degrees(posture: Iterable[float]) -> str:
     """Write joint angles [rad] as `(30, -60, 30) deg`."""
     return f"({', '.join(f'{math.degrees(angle) + 0.0:.4g}' for angle in posture)}) deg"
+
+
+def span(low: float, high: float) -> str:
+    """Write an interval, as `3.1 to 4.2`."""
+    return f"{low:.4g} to {high:.4g}"
 
 
 def cut(text: str, length: int) -> str:
@@ -43,7 +49,7 @@ def direction_name(direction: Direction, names: Sequence[str]) -> str:
 
 def short(m: Measurement) -> str:
     """Say in a few words what was measured, with its value."""
-    value, unit = shown(m.kind, m.value)
+    value, unit = in_read_unit(m.kind, m.value)
     what = m.mode or m.point or ""
     loads = f", {m.load}" if m.load else ""
     against = f" - {m.reference_load}" if m.kind == "deflection_difference" else ""
@@ -89,22 +95,13 @@ def _prior(item: Parameter) -> str:
     return f"log-normal about {about}, 95 % within a factor of {math.exp(1.96 * sd):.3g}"
 
 
-FIELD_WORDS = {
-    "k_bend": "bending of {}",
-    "k_tors": "torsion of {}",
-    "tau_bend": "bending damping of {}",
-    "tau_tors": "torsion damping of {}",
-    "mass": "mass of {}",
-}
-"""Physical words for the fields of an arm that are fitted most."""
-
-
-def plain(item: Parameter) -> str:
+def parameter_in_words(item: Parameter) -> str:
     """Name a parameter in physical words: `torsion of joint2`; as it is called, if it is none of an arm's."""
-    part, _, field = item.name.partition(".")
+    part, _, rest = item.name.partition(".")
     if part == "discrepancy":
-        return f"model factor of every {field.replace('_', ' ')}"
-    name = FIELD_WORDS.get(field, "{}." + field if field else "{}").format(part)
+        return f"model factor of every {rest.replace('_', ' ')}"
+    field = field_of(item.name)
+    name = f"{field.short} of {part}" if field and not field.rank else item.name
     return f"{name} (and what is tied to it)" if len(item.paths) > 1 else name
 
 
@@ -115,7 +112,9 @@ def balance(weights: Sequence[float], items: Sequence[Parameter], least: float =
     """
     lead = max(weights, key=abs)
     order = [i for i in np.argsort(-np.abs(weights)) if abs(weights[i] / lead) > least]
-    sides = [" and ".join(plain(items[i]) for i in order if weights[i] * lead * sign > 0) for sign in (1, -1)]
+    sides = [
+        " and ".join(parameter_in_words(items[i]) for i in order if weights[i] * lead * sign > 0) for sign in (1, -1)
+    ]
     if sides[1]:
         return " against ".join(sides)
     return f"{sides[0]} together" if len(order) > 1 else sides[0]

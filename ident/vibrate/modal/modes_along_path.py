@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.arm import RANKS, Arm
+from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.equilibrium import static_equilibrium
+from ident.arm.fields import FIELDS
 from ident.arm.labels import torsion_share, vertical_share
 from ident.arm.mechanics import flat, mass_matrix, unflatten
 from ident.arm.modes import in_shaft_axes, modes_about
@@ -142,7 +143,7 @@ def followed(
 
 def nominal(arm: Arm) -> Arm:
     """Return the arm of the medians of its numbers over their batch."""
-    ranks = RANKS | {"axis": 1, "gravity": 1, "direction": 1}
+    ranks = {field.name: field.rank for field in FIELDS} | {"axis": 1, "gravity": 1, "direction": 1}
 
     def middle(path: Any, leaf: Any) -> Any:
         batch = tuple(range(ranks.get(getattr(path[-1], "name", ""), 0), np.ndim(leaf)))

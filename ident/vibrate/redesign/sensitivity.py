@@ -7,12 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
+from ident.arm.fields import field_of
 from ident.vibrate.redesign.evaluator import WIDTH, Evaluator
 from ident.vibrate.redesign.variable import Variable, check_path
 from ident.vibrate.response.exact import Progress
-
-FIELDS = ("k_bend", "k_tors", "tau_bend", "tau_tors", "mass", "com.x", "com.y", "com.z", "eccentricity", "ratio")
-"""Fields that are studied unless the user names numbers."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +44,9 @@ class Sensitivities:
 
 
 def changeable(arm: Arm) -> tuple[str, ...]:
-    """Return the numbers that are studied: those of FIELDS that are not zero."""
-    named = [path for path in arm.paths() if path.split(".", 1)[1] in FIELDS and not _of_payload(arm, path)]
+    """Return the numbers that are studied: those that a redesign may change, and that are not zero."""
+    redesigned = [path for path in arm.paths() if (field := field_of(path)) and field.redesigned]
+    named = [path for path in redesigned if not _of_payload(arm, path)]
     return tuple(path for path in named if float(arm.get(path)) != 0)
 
 

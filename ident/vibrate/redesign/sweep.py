@@ -11,7 +11,7 @@ from ident.arm.arm import Arm
 from ident.arm.drive_check import check_drives
 from ident.errors import InputError, Problem
 from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.variable import Variable, apply, check_path, is_shifted
+from ident.vibrate.redesign.variable import Variable, apply, check_path, is_shifted, refuse_factor
 from ident.vibrate.response.exact import Progress
 
 SPEED = "speed"
@@ -41,6 +41,11 @@ class Axis:
     def is_speed(self) -> bool:
         """Whether it is the speed of the motion."""
         return self.paths == (SPEED,)
+
+    @property
+    def shifted(self) -> bool:
+        """Whether it is changed by a difference, not by a factor."""
+        return is_shifted(self.paths[0])
 
     @property
     def variable(self) -> Variable:
@@ -94,11 +99,8 @@ def axis(arm: Arm, paths: Sequence[str], values: Float[np.ndarray, "K"], percent
         for path in paths:
             check_path(arm, path)
         present = float(arm.get(paths[0]))
-    if tuple(paths) == (SPEED,) or not is_shifted(paths[0]):
-        if values[0] <= 0:
-            raise InputError(Problem(name, f"{values[0]:g}", "values above 0", "it is changed by a factor"))
-        if present <= 0:
-            raise InputError(Problem(name, f"{present:g} at present", "a number above 0", "set it first (--set)"))
+    if not is_shifted(paths[0]) and (problems := list(refuse_factor(paths[0], present, values[[0, -1]]))):
+        raise InputError(replace(problem, where=name) for problem in problems)
     return Axis(tuple(paths), values, present)
 
 

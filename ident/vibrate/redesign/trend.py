@@ -1,5 +1,6 @@
 """How an amplitude depends on what is swept, in a word: falls, rises, least or largest in between, hardly changed."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -7,11 +8,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.vibrate.redesign.sweep import Axis, Sweep
+from ident.vibrate.response.study import DIRECTIONS
 
 NOTABLE = 0.05
 """Part of the largest amplitude in a range that counts as a change."""
 NEAR_FACTOR, NEAR_SHARE = 1.25, 0.15
 """How far about the present value is near: a factor, or a share of the range of what is changed by a difference."""
+
+
+LINES = (*DIRECTIONS, "largest")
+"""Directions, and the largest of them."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +67,21 @@ def curve(sweep: Sweep) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "4 K"
     return values, np.vstack([amplitude, amplitude.max(0)])
 
 
+def trends(sweep: Sweep) -> Iterator[tuple[str, Trend, Trend | None]]:
+    """Yield the trend of each direction and of the largest, over the whole range and about the present value."""
+    (axis,) = sweep.axes
+    values, amplitudes = curve(sweep)
+    close = near(axis, values)
+    for name, amplitude in zip(LINES, amplitudes, strict=True):
+        about = trend(values[close], amplitude[close]) if close.sum() > 1 else None
+        yield name, trend(values, amplitude), about
+
+
 def near(axis: Axis, values: Float[np.ndarray, "K"]) -> np.ndarray:
     """Return which values are near the present one, a neighbour on either side at least; none if it is not within."""
     if not has_present(axis):
         return np.zeros(len(values), bool)
-    if axis.is_speed or not axis.variable.shifted:
+    if not axis.shifted:
         inside = np.abs(np.log(values / axis.present)) <= np.log(NEAR_FACTOR) * (1 + 1e-9)
     else:
         inside = np.abs(values - axis.present) <= NEAR_SHARE * (values[-1] - values[0]) * (1 + 1e-9)

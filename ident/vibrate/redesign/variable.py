@@ -1,19 +1,17 @@
 """What may be changed on an arm to reduce its vibration: a number, or several together, within bounds."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.arm import COMPONENTS, Arm
+from ident.arm.arm import Arm
+from ident.arm.fields import COMPONENTS, field_of
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean
-
-SHIFTED = ("com", "offset", "position", "inertia", "height", "phase", "error_phase")
-"""Fields that are changed by a difference; all others, which are above zero, by a factor."""
 
 ROUNDING = 1e-9
 """Distance [m] that is no distance."""
@@ -65,13 +63,32 @@ class Variable:
         return changed(self.shifted, arm.get(self.paths[0]), change)
 
     def span(self, arm: Arm) -> tuple[float, float]:
-        """Return the bounds as changes."""
-        return float(self.change(arm, self.low)), float(self.change(arm, self.high))
+        """Return the bounds as changes, the smaller first: of a number below zero the higher bound is the smaller."""
+        low, high = sorted((float(self.change(arm, self.low)), float(self.change(arm, self.high))))
+        return low, high
 
 
 def is_shifted(path: str) -> bool:
     """Tell whether a number is changed by a difference, not by a factor."""
-    return path.split(".")[1] in SHIFTED
+    field = field_of(path)
+    return field is not None and not field.logarithmic
+
+
+def refuse_factor(path: str, present: float, values: Iterable[float] = ()) -> Iterable[Problem]:
+    """Yield why values are none that a number can have by a factor: zero is none, and a factor keeps the sign.
+
+    Args:
+        path: the number, or the speed.
+        present: as it is [SI or %]
+        values: what it shall be [SI or %]
+    """
+    field = field_of(path)
+    if not (field.has_factor(present) if field else present > 0):
+        expected = "a number that is not zero" if field and field.sign == "non-zero" else "a number above 0"
+        yield Problem(path, f"{present:g} at present", expected, "it is changed by a factor: set it first (`set`)")
+    elif not all(value * present > 0 for value in values):
+        got, expected = " to ".join(f"{value:g}" for value in values), f"bounds {'above' if present > 0 else 'below'} 0"
+        yield Problem(path, got, expected, "it is changed by a factor: correct them")
 
 
 def changed(shifted: bool, number: Array | np.ndarray, change: Array | np.ndarray | float) -> Array:
@@ -130,12 +147,10 @@ def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:
         yield Problem(name, "a coordinate with other numbers", "numbers of one kind", remedy)
     if not (np.isfinite([low, high]).all() and low < high):
         yield Problem(name, got, "a lower and a higher bound", "correct them")
-    elif not variable.shifted and not low > 0:
-        yield Problem(name, got, "bounds above 0", "it is changed by a factor: correct them")
-    elif not variable.shifted and not present > 0:
-        yield Problem(name, f"{present:g} at present", "a number above 0", "it is changed by a factor: set it (--set)")
+    elif problems := [] if variable.shifted else list(refuse_factor(variable.paths[0], present, (low, high))):
+        yield from (replace(problem, where=name) for problem in problems)
     elif not low <= present <= high:
-        yield Problem(name, got, f"bounds about the present {present:g}", "correct them, or change it first (--set)")
+        yield Problem(name, got, f"bounds about the present {present:g}", "correct them, or change it first (`set`)")
     if not 0 < variable.weight < np.inf:
         yield Problem(name, f"weight {variable.weight:g}", "a weight above 0", "correct it")
 

@@ -64,7 +64,7 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
         first = int(np.searchsorted(time, motion.arrival - 1e-9))
         if first > len(time) - 2:
             got = "a motion that ends at its arrival"
-            raise InputError(Problem("", got, "time after it", "hold the arm (--dwell)", "measure"))
+            raise InputError(Problem("", got, "time after it", "hold the arm (`dwell`)", "measure"))
     return Amplitude(measure, first, max(1, round(WINDOW * rate)))
 
 

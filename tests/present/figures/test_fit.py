@@ -11,9 +11,11 @@ from matplotlib.image import imread
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
+from ident.identify.modal_analysis import modal_analysis, modes_along_motion
 from ident.inference.cross_prediction import CrossPrediction
-from ident.present.figures.fit import fit_figure, save
+from ident.present.figures.fit import fit_figure
 from ident.present.figures.modes import mode_figure, posture_figure
+from ident.present.files.png import save
 
 HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
 
@@ -41,16 +43,16 @@ def labels_have_units(figure):
 def test_fit_figure_shows_every_parameter_direction_and_measurement(name, count, tmp_path):
     result = fitted(name)
     figure = fit_figure(result)
-    known = result.fit.information
+    known = result.information
     parameters, directions = panel(figure, "Parameters"), panel(figure, "Directions")
     assert [filled for _, _, filled in markers(parameters)] == result.supported.tolist()
-    ratios = result.fit.best.values / np.asarray(result.fit.problem.parameters.column("centre"))
+    ratios = result.best.values / np.asarray(result.problem.parameters.column("centre"))
     np.testing.assert_allclose([x for x, _, _ in markers(parameters)], ratios)
     assert [filled for _, _, filled in markers(directions)] == [d.seen for d in known.directions]
     assert sum(t.get_text() == "open" for t in directions.texts) == sum(not d.seen for d in known.directions)
     residuals = markers(panel(figure, "Measured"))
     assert len(residuals) == count
-    assert sorted(x for x, _, _ in residuals) == pytest.approx(sorted(-result.fit.residuals))
+    assert sorted(x for x, _, _ in residuals) == pytest.approx(sorted(-result.residuals))
     assert labels_have_units(figure)
     assert_tidy(figure)
     save(figure, tmp_path / "new" / f"{name}.png")
@@ -79,8 +81,8 @@ def test_lengths_are_drawn_as_shifts():
 
 def test_contradictions_are_told_in_words():
     result = fitted("table1")
-    tension = CrossPrediction("deflection", (2,), np.array([0.022]), np.array([0.0316]), np.array([0.00076]))
-    said = [t.get_text() for a in fit_figure(replace(result, tensions=(tension,))).axes for t in a.texts]
+    prediction = CrossPrediction("deflection", (2,), np.array([0.022]), np.array([0.0316]), np.array([0.00076]))
+    said = [t.get_text() for a in fit_figure(replace(result, cross_predictions=(prediction,))).axes for t in a.texts]
     assert any("CONTRADICTION" in text for text in said)
     assert any("31.6 ± 0.76 mm, 12.6 sd" in text for text in said)
 
@@ -93,12 +95,12 @@ def test_hostile_names_are_drawn_as_they_are(tmp_path):
     figure = fit_figure(replace(result, arm=arm, campaign=campaign))
     assert_tidy(figure)
     save(figure, tmp_path / "$hostile$.png")
-    save(mode_figure(arm, (0.0, 0.0, 0.0), count=1), tmp_path / "modes.png")
-    save(posture_figure(arm, (1.0, -2.0, 1.0), (0.0, 0.5)), tmp_path / "posture.png")
+    save(mode_figure(modal_analysis(arm, (0.0, 0.0, 0.0), modes=1)), tmp_path / "modes.png")
+    save(posture_figure(modes_along_motion(arm, (1.0, -2.0, 1.0), (0.0, 0.5))), tmp_path / "posture.png")
 
 
 def test_modes_are_drawn_in_two_views(tmp_path):
-    figure = mode_figure(lcd_arm(), (0.0, 0.0, 0.0))
+    figure = mode_figure(modal_analysis(lcd_arm(), (0.0, 0.0, 0.0)))
     assert len(figure.axes) == 8
     titles = [a.get_title(loc="left") for a in figure.axes]
     assert titles[0] == "1: lateral torsion 1, 4.12 Hz, from the side"
@@ -110,7 +112,7 @@ def test_modes_are_drawn_in_two_views(tmp_path):
 
 
 def test_branches_cross_along_the_motion():
-    figure = posture_figure(lcd_arm(), (1.0, -2.0, 1.0), np.radians([0.0, 80.0]), count=2)
+    figure = posture_figure(modes_along_motion(lcd_arm(), (1.0, -2.0, 1.0), np.radians([0.0, 80.0])), count=2)
     (axes,) = figure.axes
     drawn = {
         round(float(x)): round(float(y), 2)
@@ -128,7 +130,7 @@ def test_branches_cross_along_the_motion():
 
 
 def test_a_figure_is_saved_whole_or_not_at_all(tmp_path, monkeypatch):
-    figure = posture_figure(lcd_arm(), (1.0, -2.0, 1.0), (0.0, 0.5))
+    figure = posture_figure(modes_along_motion(lcd_arm(), (1.0, -2.0, 1.0), (0.0, 0.5)))
     old = tmp_path / "f.png"
     old.write_bytes(b"old")
 
@@ -146,7 +148,7 @@ def test_a_figure_is_saved_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_what_cannot_be_written_is_one_line(bad, tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
-    figure = posture_figure(lcd_arm(), (1.0, -2.0, 1.0), (0.0, 0.5))
+    figure = posture_figure(modes_along_motion(lcd_arm(), (1.0, -2.0, 1.0), (0.0, 0.5)))
     with pytest.raises(InputError) as error:
         save(figure, tmp_path / bad)
     assert len(str(error.value).splitlines()) == 1

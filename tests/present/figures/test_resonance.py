@@ -7,9 +7,11 @@ from arms import DATA, lcd_arm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation
 
-from ident.description.file import read_arm_file
+from ident.assess.basis import Basis
+from ident.description.file import read_arm
 from ident.present.figures.resonance import resonance_figure
-from ident.present.text.resonance import resonance_document, resonance_report, verdict
+from ident.present.files.resonance import resonance_document
+from ident.present.text.resonance import resonance_report, verdict
 from ident.present.text.resonance_words import grouped, same_lines, sources_words
 from ident.vibrate.modal.branches import branches
 from ident.vibrate.modal.excitation import Source, excitation
@@ -38,7 +40,7 @@ def written(axes):
     return [text for text in axes.texts if isinstance(text, Annotation)]
 
 
-def test_every_branch_pulley_and_encounter_is_named(plain):
+def test_every_branch_pulley_and_crossing_is_named(plain):
     found, driven, met = plain
     upper, lower = resonance_figure(found, driven, met, title="extension").axes
     words = [text.get_text() for text in written(upper)]
@@ -84,16 +86,16 @@ def test_report_names_drive_mode_time_and_posture(plain):
     assert "passes too fast to build up" in text
     assert "is called lateral torsion 2 until" in text
     assert first.source.drive == "drive2"
-    assert "sets" not in text
+    assert "draws" not in text
 
 
 def test_report_of_sets_tells_the_probability(with_sets):
     text = resonance_report(*with_sets)
-    assert "near in 100% of 5 sets" in text
-    assert "5 to 95 % of 5 sets of numbers" in text
+    assert "near in 100% of 5 draws" in text
+    assert "5 to 95 % of 5 draws" in text
 
 
-def test_report_without_an_encounter_says_so(plain):
+def test_report_without_a_crossing_says_so(plain):
     found, driven, _ = plain
     text = resonance_report(found, driven, ())
     assert "No pulley comes near a natural frequency." in text
@@ -111,12 +113,15 @@ def test_the_words_follow_the_share_that_builds_up(plain):
 
 def test_document_is_json_with_all_of_it(with_sets):
     found, driven, met = with_sets
-    document = json.loads(json.dumps(resonance_document(*with_sets, read_arm_file(DATA / "lcd_arm" / "arm.toml"), {})))
-    assert document["format"] == "ident-resonance/1"
+    basis = Basis(read_arm(DATA / "lcd_arm" / "arm.toml"), lcd_arm(), MOTION, 10.0)
+    document = json.loads(json.dumps(resonance_document(basis, *with_sets, {})))
+    assert document["format"] == "ident-resonance/2"
+    assert document["draws"] == 5
     assert np.asarray(document["branches"][0]["band_5_95"]).shape == (2, len(TIMES))
     assert np.asarray(document["branches"][1]["frequency"]) == pytest.approx(found.median[1])
-    assert [e["drive"] for e in document["encounters"]] == [e.source.drive for e in met]
-    assert [e["number"] for e in document["encounters"]] == sorted(e["number"] for e in document["encounters"])
+    crossings = document["resonance_crossings"]
+    assert [crossing["drive"] for crossing in crossings] == [crossing.source.drive for crossing in met]
+    assert [crossing["number"] for crossing in crossings] == sorted(crossing["number"] for crossing in crossings)
     assert len(document["excitation"]) == len(driven.sources)
 
 

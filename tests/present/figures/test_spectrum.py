@@ -6,8 +6,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
 from ident.errors import InputError
-from ident.present.figures.fit import save
 from ident.present.figures.spectrum import spectrogram_figure, spectrum_figure
+from ident.present.files.png import save
 from ident.vibrate.signal.spectrogram import spectrogram
 from ident.vibrate.signal.spectrum import amplitude_spectrum
 

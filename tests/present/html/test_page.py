@@ -1,26 +1,21 @@
-"""The report as a file: its structure, what hostile texts can do to it, and sections kept on disk."""
+"""The report as a file: its structure, and what hostile texts can do to it."""
 
-import dataclasses
-import json
 import re
 from collections import Counter
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pages import HOSTILE, drawing, hostile_page, sample_page, table, titled
 
 from ident.errors import InputError
 from ident.present.html.page import (
     Page,
+    Picture,
     Table,
     Verdict,
     columns,
     render,
-    section_from_json,
-    section_to_json,
     write_page,
 )
 from ident.present.html.picture import LARGEST, picture
@@ -182,82 +177,16 @@ def test_a_figure_of_very_many_points_is_bounded():
     ElementTree.fromstring(svg)
 
 
-words = st.text(max_size=20)
-
-
-def some(strategy):
-    return st.lists(strategy, max_size=3)
-
-
-@st.composite
-def tables(draw):
-    width, height = draw(st.tuples(st.integers(0, 3), st.integers(0, 3)))
-    row = st.lists(words, min_size=width, max_size=width)
-    rows = draw(st.lists(row, min_size=height, max_size=height))
-    strong = draw(some(st.integers(0, height - 1))) if height else []
-    return {"caption": draw(words), "head": draw(row), "rows": rows, "note": draw(words), "strong": strong}
-
-
-def objects(**parts):
-    return st.fixed_dictionaries(parts)
-
-
-pictures = objects(svg=words.map("<svg>{}</svg>".format), alt=words.filter(str.strip), caption=words)
-documents = objects(title=words, found=some(words), onward=words, tables=some(tables()), pictures=some(pictures))
-
-
-@settings(derandomize=True, deadline=None, max_examples=100)
-@given(documents)
-def test_a_section_comes_back_from_disk_as_it_was(document):
-    section = section_from_json(document)
-    assert section_to_json(section) == document
-    assert section_from_json(json.loads(json.dumps(document))) == section
-
-
-def test_a_real_section_comes_back_and_renders_alike():
-    page = sample_page()
-    back = tuple(section_from_json(json.loads(json.dumps(section_to_json(s)))) for s in page.sections)
-    assert back == page.sections
-    assert render(dataclasses.replace(page, sections=back)) == render(page)
-
-
-def broken(path, value):
-    """The document of a section with another value at a path, or without it where the value is ...."""
-    document = place = json.loads(json.dumps(section_to_json(sample_page().sections[1])))
-    *way, last = path
-    for step in way:
-        place = place[step]
-    if value is ...:
-        del place[last]
-    else:
-        place[last] = value
-    return document
-
-
 @pytest.mark.parametrize(
-    ("path", "value", "where"),
+    ("make", "what"),
     [
-        (["title"], ..., "section: not title"),
-        (["more"], 1, "section: not title"),
-        (["title"], 3, "section.title: no str"),
-        (["title"], None, "section.title: no str"),
-        (["found"], "text", "section.found: no list"),
-        (["found", 0], ["text"], r"section.found\[0\]: no str"),
-        (["tables", 0], [], r"section.tables\[0\]: not caption"),
-        (["tables", 0, "strong"], [True], r"strong\[0\]: no int"),
-        (["tables", 0, "strong"], [12], "strong rows"),
-        (["tables", 0, "strong"], [-1], "strong rows"),
-        (["tables", 0, "rows", 2], ["short"], "row 2 of a table has 1 cells under 7 heads"),
-        (["pictures", 0, "alt"], " ", "without an alternative text"),
-        (["pictures", 0, "svg"], "", "no SVG"),
+        (lambda: Table("", ("a", "b"), (("1", "2"), ("short",))), "row 1 of a table has 1 cells under 2 heads"),
+        (lambda: Table("", ("a",), (("1",),), "", (1,)), "strong rows"),
+        (lambda: Table("", ("a",), (("1",),), "", (-1,)), "strong rows"),
+        (lambda: Picture("", "alt", ""), "no SVG"),
+        (lambda: Picture("<svg></svg>", " ", ""), "without an alternative text"),
     ],
 )
-def test_a_malformed_document_is_refused(path, value, where):
-    with pytest.raises(ValueError, match=where):
-        section_from_json(broken(path, value))
-
-
-@pytest.mark.parametrize("document", [None, [], "section", 3, {}])
-def test_what_is_no_document_is_refused(document):
-    with pytest.raises(ValueError, match="section: not title"):
-        section_from_json(document)
+def test_what_a_page_can_not_show_is_refused(make, what):
+    with pytest.raises(ValueError, match=what):
+        make()

@@ -14,7 +14,7 @@ from ident.identify.label_checks import LabelDoubt
 from ident.inference.parameters import Parameter
 from ident.measure import Campaign, read_campaign
 from ident.present.text.check import check_report
-from ident.present.text.words import balance, plain
+from ident.present.text.words import balance, parameter_in_words
 
 DATA = Path(__file__).parents[3] / "data" / "lcd_arm"
 
@@ -38,12 +38,12 @@ def unknown(*paths):
 
 
 def test_parameters_in_physical_words():
-    assert plain(unknown("joint2.k_tors")) == "torsion of joint2"
-    assert plain(unknown("link2.mass")) == "mass of link2"
-    assert plain(unknown("joint2.offset.x")) == "joint2.offset.x"
-    assert plain(unknown("stiffness")) == "stiffness"
-    assert plain(unknown("discrepancy.damping_ratio")) == "model factor of every damping ratio"
-    assert plain(unknown("joint2.k_tors", "joint3.k_tors")) == "torsion of joint2 (and what is tied to it)"
+    assert parameter_in_words(unknown("joint2.k_tors")) == "torsion of joint2"
+    assert parameter_in_words(unknown("link2.mass")) == "mass of link2"
+    assert parameter_in_words(unknown("joint2.offset.x")) == "joint2.offset.x"
+    assert parameter_in_words(unknown("stiffness")) == "stiffness"
+    assert parameter_in_words(unknown("discrepancy.damping_ratio")) == "model factor of every damping ratio"
+    assert parameter_in_words(unknown("joint2.k_tors", "joint3.k_tors")) == "torsion of joint2 (and what is tied to it)"
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_the_shipped_campaign(shipped):
 
 
 def test_a_long_campaign_lists_what_matters_only(shipped):
-    part = shipped.check.leverage
+    part = shipped.leverage
     leverage = part.leverage.copy()
     leverage[4], leverage[7] = 0.95, 0.0
     marked = dataclasses.replace(part, leverage=leverage)
@@ -100,8 +100,7 @@ def test_a_long_campaign_lists_what_matters_only(shipped):
         opened=part.opened * 2,
         lost=part.lost * 2,
     )
-    check = dataclasses.replace(shipped.check, influence=marked)
-    report = check_report(dataclasses.replace(shipped, campaign=twice, check=check))
+    report = check_report(dataclasses.replace(shipped, campaign=twice, leverage=marked))
     rows = measured_rows(report)
     assert [line.split("<-- ")[1] for line in rows] == ["dominates", "carries no information"]
     assert "The other measurements of 40" in report

@@ -10,20 +10,24 @@ import pytest
 from arms import DATA, lcd_arm
 
 from ident.arm.arm import Arm
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.errors import InputError
-from ident.identify.plan import plan_campaign
+from ident.identify.fit import fit_campaign
+from ident.identify.plan import PlanSettings, plan_campaign
+from ident.identify.posture_grid import main_joints
 from ident.measure import read_campaign
-from ident.present.figures.fit import save
-from ident.present.figures.plan import gain_of_postures, main_joints, plan_figure
-from ident.present.files.fit import write_json
+from ident.present.figures.plan import plan_figure
+from ident.present.files.document import write_json
 from ident.present.files.plan import plan_document, write_form
+from ident.present.files.png import save
 from ident.present.text.plan import plan_report
 
 
 @pytest.fixture(scope="module")
 def plan():
-    return plan_campaign(lcd_arm(), step=math.radians(45.0), draws=2, count=3, costs={"dial": 1.0})
+    return plan_campaign(
+        lcd_arm(), settings=PlanSettings(step=math.radians(45.0), draws=2, count=3, costs={"dial": 1.0})
+    )
 
 
 def texts(figure):
@@ -33,7 +37,7 @@ def texts(figure):
 def test_the_report_says_what_to_do_and_what_it_gives(plan):
     report = plan_report(plan)
     assert "the prior alone" in report
-    first = plan.visits[plan.ranked(1)[0]]
+    first = plan.experiments[plan.ranked(1)[0]]
     assert f"   1  ({', '.join(f'{math.degrees(q):.4g}' for q in first.posture)}) deg" in report
     assert f"{plan.steps[0].nats:.3g} nat for {plan.steps[0].cost:.0f} min" in report
     for name in plan.known.names:
@@ -46,7 +50,11 @@ def test_the_report_says_what_to_do_and_what_it_gives(plan):
 
 def test_a_fit_in_doubt_is_said():
     table = read_campaign(DATA / "lcd_arm" / "table1.csv")
-    doubtful = plan_campaign(lcd_arm(), table, step=math.radians(90.0), draws=1, count=1, starts=2)
+    doubtful = plan_campaign(
+        lcd_arm(),
+        fit_campaign(lcd_arm(), table, starts=2),
+        settings=PlanSettings(step=math.radians(90.0), draws=1, count=1),
+    )
     report = plan_report(doubtful)
     assert "WARNING: the kinds of measurement contradict each other\n" in report
     assert "a fit that is in doubt" in report
@@ -54,9 +62,9 @@ def test_a_fit_in_doubt_is_said():
 
 def test_the_ranking_has_each_posture_once_and_falls(plan):
     best = plan.ranked(100)
-    assert len({plan.visits[i].place for i in best}) == len(best) == len(plan.view.postures)
+    assert len({plan.experiments[i].place for i in best}) == len(best) == len(plan.predictions.postures)
     assert (np.diff(plan.per_cost[best]) <= 0).all()
-    assert best[0] == plan.steps[0].visit
+    assert best[0] == plan.steps[0].experiment
 
 
 def test_the_figure_names_joints_units_and_visits(plan, tmp_path):
@@ -71,13 +79,12 @@ def test_the_figure_names_joints_units_and_visits(plan, tmp_path):
 
 
 def test_joints_that_do_not_matter_are_not_drawn(plan):
-    gain = gain_of_postures(plan)
-    assert np.isfinite(gain).all()
-    assert main_joints(plan.grid.postures, gain) == [1, 2]
+    assert np.isfinite(plan.gain_over_grid).all()
+    assert main_joints(plan.grid.postures, plan.gain_over_grid) == [1, 2]
 
 
 def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):
-    sampled = plan_campaign(lcd_arm(), step=math.radians(4.0), draws=0, count=1)
+    sampled = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(4.0), draws=0, count=1))
     assert sampled.grid.sampled
     assert "a sample" in plan_report(sampled)
     save(plan_figure(sampled), tmp_path / "sampled.png")
@@ -85,19 +92,19 @@ def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):
     last = arm.joints[-1]
     points = [point for point in arm.points if point.joint == last.name]
     single = Arm("single", (last,), tuple(points))
-    alone = plan_campaign(single, step=math.radians(45.0), draws=0, count=2, modes=2)
-    assert len(alone.view.postures) == 1, "about a vertical axis nothing changes"
+    alone = plan_campaign(single, settings=PlanSettings(step=math.radians(45.0), draws=0, count=2, modes=2))
+    assert len(alone.predictions.postures) == 1, "about a vertical axis nothing changes"
     assert "joint3 [deg]" in texts(plan_figure(alone))
 
 
 def test_the_document_is_plain_json(plan, tmp_path):
-    arm_file = read_arm_file(DATA / "lcd_arm" / "arm.toml")
-    write_json(plan_document(plan, arm_file, {"count": 3}), tmp_path / "p.json")
+    arm_file = read_arm(DATA / "lcd_arm" / "arm.toml")
+    write_json(plan_document("ident-plan/2", plan, arm_file, {"count": 3}), tmp_path / "p.json")
     read = json.loads((tmp_path / "p.json").read_text())
-    assert read["format"] == "ident-plan/1"
-    assert [visit["nats"] for visit in read["batch"]] == pytest.approx([step.nats for step in plan.steps])
+    assert read["format"] == "ident-plan/2"
+    assert [experiment["nats"] for experiment in read["batch"]] == pytest.approx([step.nats for step in plan.steps])
     assert read["inputs"]["campaign"] is None
-    assert len(read["ranking"]) == len(plan.view.postures)
+    assert len(read["ranking"]) == len(plan.predictions.postures)
 
 
 def test_the_form_is_refused_empty_and_read_when_filled_in(plan, tmp_path):

@@ -22,9 +22,9 @@ LEVELS = (0.5, 0.683, 0.95)
 
 
 def parabola(item, optimum, *, sd=0.05, endings=(CROSSED, CROSSED), height=1.0, **changes):
-    """A made-up profile: a parabola on crossed sides, on open ones a rise to `height` that stays there."""
+    """A made-up profile: a parabola on crossed sides, on open ones an increase to `height` that stays there."""
     below, above = (np.linspace(0, 2.2 * 0.05 if e is CROSSED else math.log(1000), 12) for e in endings)
-    rises = [
+    sides = [
         (d / 0.05) ** 2 if e is CROSSED else height * np.tanh(d) for d, e in zip((below, above), endings, strict=True)
     ]
     intervals = []
@@ -35,8 +35,8 @@ def parabola(item, optimum, *, sd=0.05, endings=(CROSSED, CROSSED), height=1.0, 
             ends.append(optimum + sign * reach)
         intervals.append(Interval(level, *ends, endings))
     theta = np.concatenate([optimum - below[:0:-1], optimum + above])
-    rise = np.concatenate([rises[0][:0:-1], rises[1]])
-    regular = Profile(item, optimum, sd, theta, rise, np.ones(len(theta), bool), tuple(intervals), ())
+    delta = np.concatenate([sides[0][:0:-1], sides[1]])
+    regular = Profile(item, optimum, sd, theta, delta, np.ones(len(theta), bool), tuple(intervals), ())
     return replace(regular, **changes)
 
 
@@ -44,10 +44,10 @@ def made_up_profiles(count, **changes):
     """A made-up fit, and one profile for each of its parameters, of all kinds of ending in turn."""
     result = made_up(count, 8)
     kinds = [(CROSSED, CROSSED), (CROSSED, OPEN), (OPEN, CROSSED), (OPEN, OPEN), (MODEL, CROSSED), (CROSSED, MODEL)]
-    items = result.fit.problem.parameters.items
+    items = result.problem.parameters.items
     return result, tuple(
         parabola(item, float(theta), endings=kinds[i % 6], sd=math.inf if i % 3 == 2 else 0.05, **changes)
-        for i, (item, theta) in enumerate(zip(items, result.fit.best.theta, strict=True))
+        for i, (item, theta) in enumerate(zip(items, result.best.theta, strict=True))
     )
 
 
@@ -55,7 +55,7 @@ def test_the_report_shows_linear_and_profile_intervals_and_every_reason():
     result, profiles = made_up_profiles(6)
     report = profile_report(result, profiles)
     lines = report.splitlines()
-    for name in result.fit.information.names:
+    for name in result.information.names:
         assert sum(line.startswith(f"  {name[:16]}") for line in lines) >= 2
     assert "95 %, linear" in report
     assert "95 %, profile" in report
@@ -72,8 +72,8 @@ def test_the_report_shows_linear_and_profile_intervals_and_every_reason():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"rise": np.linspace(-0.5, 0.0, 23)}, "not the best optimum; fit again with more starts"),
-        ({"settled": np.arange(23) != 5}, "did not come to rest at 1 of"),
+        ({"delta_chi_squared": np.linspace(-0.5, 0.0, 23)}, "not the best optimum; fit again with more starts"),
+        ({"converged": np.arange(23) != 5}, "did not converge at 1 of"),
         ({"rivals": (math.log(8e5),)}, "another optimum fits about as well outside this interval, at 8e+05"),
     ],
 )
@@ -87,8 +87,10 @@ def test_what_is_irregular_is_remarked_on(changes, words):
 def test_flat_and_not_flat_are_told_apart():
     item = Parameter(("j.k_bend",), True, 3e5, 3e5)
     flat, rising = (parabola(item, math.log(3e5), endings=(CROSSED, OPEN), height=h) for h in (0.0, 1.2))
-    assert "flat: nothing tells it on this side (as far as 3e+08 the cost does not rise)" in next(remarks(flat))
-    assert "too little tells it on this side (as far as 3e+08 the cost rises by 1.2 of 3.84)" in next(remarks(rising))
+    assert "flat: nothing tells it on this side (as far as 3e+08 delta chi-squared stays zero)" in next(remarks(flat))
+    assert "too little tells it on this side (as far as 3e+08 delta chi-squared reaches 1.2 of 3.84)" in next(
+        remarks(rising)
+    )
 
 
 def test_intervals_are_written_with_their_open_sides():
@@ -106,7 +108,7 @@ def test_intervals_are_written_with_their_open_sides():
 
 def test_a_doubtful_fit_has_no_interval_to_quote():
     result, profiles = made_up_profiles(6)
-    doubtful = replace(result, fit=replace(result.fit, predicted=result.fit.predicted + 1e-3))
+    doubtful = replace(result, predicted=result.predicted + 1e-3)
     assert doubtful.doubts
     assert "no interval below is to be quoted" in profile_report(doubtful, profiles)
     figure = profile_figure(doubtful, profiles)
@@ -116,13 +118,15 @@ def test_a_doubtful_fit_has_no_interval_to_quote():
 
 def test_the_document_is_json_with_null_for_open():
     result, profiles = made_up_profiles(6)
-    document = profile_document(result, profiles, ArmFile(lcd_arm(), "arm.toml", "0" * 64, {}), {"seed": 0})
+    document = profile_document(
+        "ident-profile/2", result, profiles, ArmFile(lcd_arm(), "arm.toml", "0" * 64, {}), {"seed": 0}
+    )
     text = json.dumps(document, allow_nan=False)
-    assert document["format"] == "ident-profile/1"
+    assert document["format"] == "ident-profile/2"
     second = json.loads(text)["parameters"][1]
     assert second["intervals"][-1]["high"] is None
     assert second["intervals"][-1]["endings"] == ["crossed", "open"]
-    assert len(second["profile"]["value"]) == len(second["profile"]["cost_rise"]) == 23
+    assert len(second["profile"]["value"]) == len(second["profile"]["delta_chi_squared"]) == 23
 
 
 @pytest.mark.parametrize("count", [1, 2, 6, 11])
@@ -142,9 +146,12 @@ def test_the_figure_has_a_panel_for_each_and_nothing_overlaps(count):
 
 def test_a_fall_below_the_optimum_is_drawn_and_said():
     result, profiles = made_up_profiles(2)
-    fallen = tuple(replace(p, rise=p.rise - 2 * np.exp(-((p.theta - p.theta[-3]) ** 2) / 1e-4)) for p in profiles)
+    fallen = tuple(
+        replace(p, delta_chi_squared=p.delta_chi_squared - 2 * np.exp(-((p.theta - p.theta[-3]) ** 2) / 1e-4))
+        for p in profiles
+    )
     figure = profile_figure(result, fallen)
-    assert figure.axes[0].get_ylim()[0] < fallen[0].rise.min()
+    assert figure.axes[0].get_ylim()[0] < fallen[0].delta_chi_squared.min()
     assert any("not the best optimum" in text.get_text() for text in _key(figure))
     assert_tidy(figure)
 

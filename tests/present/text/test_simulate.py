@@ -9,8 +9,9 @@ import pytest
 from arms import DATA
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from ident.assess.basis import Basis
 from ident.assess.simulation import Simulation
-from ident.description.file import read_arm_file
+from ident.description.file import read_arm
 from ident.identify.conditions import loads_of
 from ident.identify.values import Values
 from ident.measure import Load
@@ -21,13 +22,13 @@ from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.simulate import simulate
 from ident.vibrate.response.study import Draws, SimulatedMotion, draw, measures, simulate_motion
 
-FILE = read_arm_file(DATA / "lcd_arm" / "arm.toml")
+FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 MOTION = stroke(FILE.arm.stroke, percent=200, dwell=0.5)
 
 
-def simulated(arm=FILE.arm, **more):
-    done = simulate_motion(arm, MOTION, method="fast", rate=100)
-    return Simulation(FILE, arm, Load(), done, 1e-4, **more)
+def simulated(arm=FILE.arm, changed=None):
+    basis = Basis(FILE, arm, MOTION, 200.0, changed=changed or {})
+    return Simulation(basis, simulate_motion(arm, MOTION, method="fast", rate=100), 1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +85,7 @@ def test_bands_and_probability_follow_from_the_draws(plain):
     np.testing.assert_allclose(draws.vibration[:, :, 3], one.vibration, atol=1e-9)
     limit = float(np.median(draws.sizes.peak[1]))
     given = Values("draws.nc", "0" * 64, values, ("discrepancy.deflection",))
-    with_bands = replace(plain, posterior=given, draws=draws, limit=limit)
+    with_bands = replace(plain, basis=replace(plain.basis, posterior=given), draws=draws, limit=limit)
     report = simulate_report(with_bands)
     share = (draws.sizes.peak > limit).mean(1)
     assert f"{share[0]:.0%} in x, {share[1]:.0%} in y, {share[2]:.0%} in z" in report

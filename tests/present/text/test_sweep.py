@@ -8,17 +8,16 @@ import pytest
 from arms import DATA
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from ident.assess.basis import Basis
 from ident.assess.sweep import SweepStudy
-from ident.description.file import read_arm_file
-from ident.measure import Load
+from ident.description.file import read_arm
 from ident.present.figures.sweep import sweep_figure
 from ident.present.files.sweep import sweep_document, write_csv
 from ident.present.text.sweep import sweep_report
 from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.sweep import Sweep, axis
 
-FILE = read_arm_file(DATA / "lcd_arm" / "arm.toml")
+FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 MOTION = stroke(FILE.arm.stroke, percent=10.0, dwell=2.0)
 K = "joint1.k_tors"
 STIFF = axis(FILE.arm, [K], float(FILE.arm.get(K)) * np.geomspace(0.5, 2, 5), 10.0)
@@ -29,9 +28,8 @@ FALLS, DIPS, FLAT = [0.4, 0.3, 0.2, 0.15, 0.1], [1.1, 0.9, 0.65, 0.8, 1.2], [0.1
 STIFFNESS = Sweep((STIFF,), "peak", 1e-3 * np.array([FALLS, DIPS, FLAT]), PRESENT)
 
 
-def swept(*sweeps, draws=0, **more):
-    trial = Evaluator(FILE.arm, MOTION, (), draws={K: np.ones(draws)} if draws else {})
-    return SweepStudy(FILE, trial, Load(), sweeps, **more)
+def swept(*sweeps, **more):
+    return SweepStudy(Basis(FILE, FILE.arm, MOTION, 10.0), sweeps, 500.0, **more)
 
 
 def drawn(sweep, count=20):
@@ -69,12 +67,12 @@ def test_where_the_limit_is_kept():
 
 def test_bands_and_probability():
     found = drawn(STIFFNESS)
-    report = sweep_report(swept(found, draws=20, limit=0.65e-3))
+    report = sweep_report(swept(found, limit=0.65e-3))
     low, high = 1e3 * found.band[:, 1, 2]
     assert f"{low:.4f}-{high:.4f}" in report
     row = next(line for line in report.splitlines() if line.endswith("  present"))
     assert row.split()[-2] == "50%"
-    assert sweep_document(swept(found, draws=20, limit=0.65e-3), {})["sweeps"][0]["exceeds_in_any"][2] == 0.5
+    assert sweep_document(swept(found, limit=0.65e-3), {})["sweeps"][0]["exceeds_in_any"][2] == 0.5
 
 
 def test_a_present_value_out_of_range_is_told():
@@ -88,31 +86,34 @@ def test_a_present_value_out_of_range_is_told():
 def test_a_map_names_its_best_point():
     sizes = 1e-3 * np.arange(1.0, 61.0).reshape(3, 5, 4)[:, ::-1]
     found = drawn(Sweep((STIFF, CENTRE), "peak", sizes, PRESENT))
-    report = sweep_report(swept(found, draws=20, limit=50e-3))
+    report = sweep_report(swept(found, limit=50e-3))
     assert "largest: least 41.0000 mm at joint1.k_tors 1.256e+07 N mm/deg, bracket.com.x 0 m; largest 60.0000" in report
     assert "kept at 10 of 20 points" in report
     assert "least probability of exceeding it: 0%, at joint1.k_tors 1.256e+07 N mm/deg, bracket.com.x 0 m" in report
-    (told,) = sweep_document(swept(found, draws=20), {})["sweeps"]
+    (told,) = sweep_document(swept(found), {})["sweeps"]
     assert told["least"]["values"] == pytest.approx([STIFF.values[-1], 0.0])
     assert np.shape(told["band"]["amplitude"]) == (2, 3, 5, 4)
 
 
 def test_the_table_is_long_and_the_summary_is_json(tmp_path):
     centre = Sweep((CENTRE,), "peak", np.full((3, 4), 1e-3), PRESENT)
-    both = swept(drawn(STIFFNESS), drawn(centre), draws=20)
-    write_csv(both, {}, tmp_path / "a.csv")
+    both = swept(drawn(STIFFNESS), drawn(centre))
+    document = sweep_document(both, {})
+    write_csv(both, document, tmp_path / "a.csv")
     lines = (tmp_path / "a.csv").read_text().splitlines()
-    assert lines[0].startswith("# ident-sweep/1 ")
+    assert lines[0] == f"# ident-sweep/2 {document['created']} ident {document['software']['ident']}"
     assert lines[4] == "parameter,value,unit,direction,amplitude [mm],q05 [mm],q95 [mm]"
     assert lines[5] == "joint1.k_tors,179908.7477,N m/rad,x,0.4,0.328,0.472"
     assert len(lines) == 5 + 3 * (5 + 4)
     assert lines[-1].split(",")[:5] == ["bracket.com.x", "0.29", "m", "z", "1"]
-    json.dumps(sweep_document(both, {}), allow_nan=False)
+    json.dumps(document, allow_nan=False)
+    write_csv(swept(STIFFNESS), document, tmp_path / "b.csv")
+    assert (tmp_path / "b.csv").read_text().splitlines()[5] == "joint1.k_tors,179908.7477,N m/rad,x,0.4,,"
 
 
 def test_the_figure_has_the_numbers_in_their_units():
     centre = Sweep((CENTRE,), "peak", np.full((3, 4), 1e-3), PRESENT)
-    figure = sweep_figure(swept(drawn(STIFFNESS), drawn(centre), draws=20, limit=1e-3))
+    figure = sweep_figure(swept(drawn(STIFFNESS), drawn(centre), limit=1e-3))
     first, second = figure.axes[:2]
     assert first.get_xlabel() == "joint1.k_tors, torsional stiffness of joint1 [10⁶ N mm/deg]"
     assert second.get_xlabel() == "bracket.com.x, mass centre of bracket, x [m]"

@@ -130,7 +130,7 @@ def test_axes_that_are_no_grid(axes, words):
 
 
 def test_values_that_a_number_cannot_have():
-    with pytest.raises(InputError, match="values above 0"):
+    with pytest.raises(InputError, match="bounds above 0"):
         axis(ARM, ["joint1.k_tors"], np.array([0.0, 1.0]), 10.0)
     with pytest.raises(InputError, match="not finite"):
         axis(ARM, ["fingers.com.x"], np.array([np.nan, 1.0]), 10.0)

@@ -1,0 +1,106 @@
+"""Make the pictures and printed answers of the commands' pages anew: `python docs/pictures.py [COMMAND ...]`.
+
+Runs the examples of `docs/commands/COMMAND.md` as they stand there, by this Python's ident, and keeps in
+`docs/pictures/` what the page's own command prints and the figure that the page shows. All takes some minutes.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "tests" / "support"))
+
+from examples import examples  # noqa: E402
+
+PICTURES = HERE / "pictures"
+FIGURES = {
+    "fit": "table1.fit.png",
+    "profile": "campaign.profile.png",
+    "sample": "campaign.sample.posterior.png",
+    "plan": "table1.plan.png",
+    "resonance": "arm.extend-10.resonance.png",
+    "simulate": "arm.extend-10.simulate.png",
+    "spectrum": "arm.extend-10.spectrum.png",
+    "sweep": "arm.extend-10.joint1.k_tors+bracket.com.x+speed.sweep.png",
+    "design": "arm.extend-10.design.png",
+}
+"""The figure that a page shows, by command."""
+PAGE = "campaign.diagnose.html"
+"""What `ident diagnose` writes, shown as a browser shows it."""
+WIDEST, MOST, COLORS = 1400, 120_000, 64
+
+
+def main(commands: list[str]) -> None:
+    """Run each page's examples in a folder of their own, and keep what they show."""
+    for page in sorted((HERE / "commands").glob("*.md")):
+        command = page.stem
+        if command != "index" and (not commands or command in commands):
+            with tempfile.TemporaryDirectory() as folder:
+                (Path(folder) / "data").symlink_to(HERE.parent / "data")
+                make(command, page, Path(folder))
+
+
+def make(command: str, page: Path, folder: Path) -> None:
+    """Write what a page shows of its command."""
+    answer = ""
+    for example in examples(page):
+        for words in example.commands if example.language == "sh" else []:
+            printed = run(words, folder)
+            answer = answer or (printed if words[1] == command else "")
+    (PICTURES / f"{command}.txt").write_text(answer, encoding="utf-8")
+    picture = PICTURES / f"{command}.png"
+    if command == "diagnose":
+        photograph(folder / "out" / PAGE, picture)
+    elif command in FIGURES:
+        picture.write_bytes((folder / "out" / FIGURES[command]).read_bytes())
+    if picture.exists():
+        shrink(picture)
+    print(f"{command}: {len(answer)} characters, {picture.stat().st_size if picture.exists() else 0} bytes", flush=True)
+
+
+def run(words: list[str], folder: Path) -> str:
+    """Return what a command prints."""
+    environment = os.environ | {"PYTHONPATH": str(HERE.parent)}
+    command = [sys.executable, "-m", "ident", *words[1:]]
+    done = subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    return re.sub(r"[ \t]+$", "", done.stdout, flags=re.MULTILINE)
+
+
+def photograph(page: Path, picture: Path) -> None:
+    """Write the top of a page as Chromium shows it."""
+    import shutil
+
+    from browser import FLAGS, NAMES
+    from playwright.sync_api import sync_playwright
+
+    program = next(filter(None, map(shutil.which, NAMES)))
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+        view = chromium.new_page(viewport={"width": 1000, "height": 1400})
+        view.goto(page.resolve().as_uri())
+        view.screenshot(path=str(picture))
+        chromium.close()
+
+
+def shrink(picture: Path) -> None:
+    """Make a picture small: few colours, and no wider than a page."""
+    with Image.open(picture) as opened:
+        image = opened.convert("RGB")
+    if image.width > WIDEST:
+        image = image.resize((WIDEST, round(image.height * WIDEST / image.width)), Image.Resampling.LANCZOS)
+    colors = COLORS
+    while True:
+        image.quantize(colors, dither=Image.Dither.NONE).save(picture, optimize=True)
+        if picture.stat().st_size < MOST or colors <= 8:
+            return
+        colors //= 2
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,60 @@
+"""What a simulation rests on: the arm with the values that it has taken over, its motion and its load."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads
+from ident.description.file import ArmFile
+from ident.identify.conditions import loads_of
+from ident.identify.values import Values
+from ident.measure import OWN_WEIGHT, Load, Log
+from ident.vibrate.motion.motion import Motion
+
+
+@dataclass(frozen=True)
+class Basis:
+    """An arm that carries out a motion, and where its numbers come from.
+
+    Attributes:
+        arm_file: the arm as its file has it.
+        arm: the arm as it is simulated: with fitted values, or medians of the draws, and what was set.
+        motion: commanded joint angles.
+        percent: [%] of full speed, or of a path's own.
+        load: the load case.
+        log: the joint path, if one is replayed.
+        fit: values of a fit that the arm has taken over.
+        posterior: draws of a posterior.
+        changed: numbers that were set, by path [SI].
+        name: what files are called: arm, motion, percent.
+    """
+
+    arm_file: ArmFile
+    arm: Arm
+    motion: Motion
+    percent: float
+    load: Load = OWN_WEIGHT
+    log: Log | None = None
+    fit: Values | None = None
+    posterior: Values | None = None
+    changed: Mapping[str, float] = field(default_factory=dict)
+    name: str = ""
+
+    @cached_property
+    def loads(self) -> Loads:
+        """The load case as the mechanics take it."""
+        return loads_of(self.arm, self.load)
+
+    @cached_property
+    def draws(self) -> Mapping[str, Float[np.ndarray, "D"]]:
+        """Draws [SI] of the numbers that were not set, by path; none without a posterior."""
+        return self.posterior.without(self.changed) if self.posterior else {}
+
+    @property
+    def point(self) -> str:
+        """Name of the end point."""
+        return self.arm.points[-1].name

@@ -1,0 +1,153 @@
+"""A diagnosis as a value: what each stage has come to, and the verdict."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.assess.remedies import Remedy, Verification
+from ident.assess.task import Task
+from ident.assess.vibration import VibrationAssessment
+from ident.identify.sample import CampaignSample
+from ident.inference.posterior_summary import quantiles
+from ident.vibrate.modal.branches import Branches, branches
+from ident.vibrate.modal.excitation import Excitation, excitation
+from ident.vibrate.modal.resonance import ResonanceCrossing, resonance_crossings
+from ident.vibrate.redesign.sensitivity import Sensitivities
+
+STAGES = ("stiffness", "resonance", "vibration", "sensitivities", "remedies", "verification")
+"""In order; the last two only where the vibration is not accepted."""
+
+Verdict = Literal["accept", "warn", "reject"]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What the measurements tell of the arm, and what is asked of the arm that they tell of.
+
+    Attributes:
+        sampled: the posterior.
+        task: what is asked, of the arm with the medians of draws of the posterior.
+    """
+
+    sampled: CampaignSample
+    task: Task
+
+    @cached_property
+    def quantiles(self) -> Float[np.ndarray, "3 P"]:
+        """Quantiles of 2.5, 50 and 97.5 % of each unknown of the fit over all draws [SI]."""
+        count = len(self.sampled.fitted.problem.parameters.items)
+        return quantiles(self.sampled.sample)[[0, 2, 4], :count]
+
+    @property
+    def short(self) -> bool:
+        """Whether the chains are shorter than they should be."""
+        sample = self.sampled.sample
+        return not all(each.enough(sample.settings.target_ess) for each in sample.diagnosis)
+
+
+@dataclass(frozen=True)
+class ResonanceAssessment:
+    """Natural frequencies along the motion and what excites the arm.
+
+    Attributes:
+        branches: with the draws as sets; None where nothing turns.
+        excitation: by the pulleys; None where nothing turns.
+        crossings: where one is near the other, the most severe first.
+    """
+
+    branches: Branches | None = None
+    excitation: Excitation | None = None
+    crossings: tuple[ResonanceCrossing, ...] = ()
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A diagnosis as far as it has come.
+
+    Attributes:
+        stages: value of each finished stage, by its name in `STAGES` and in that order.
+    """
+
+    stages: Mapping[str, Any] = field(default_factory=dict)
+
+    def then(self, stage: str, value: Any) -> "Diagnosis":
+        """Return the diagnosis with one stage more."""
+        return Diagnosis({**self.stages, stage: value})
+
+    def needs(self, stage: str) -> bool:
+        """Return whether a stage is to be carried out: remedies are sought where the vibration is not accepted."""
+        return stage not in ("remedies", "verification") or not self.vibration.accepted
+
+    @property
+    def identification(self) -> Identification:
+        """How stiff the joints are."""
+        value: Identification = self.stages["stiffness"]
+        return value
+
+    @property
+    def task(self) -> Task:
+        """What is asked."""
+        return self.identification.task
+
+    @property
+    def resonance(self) -> ResonanceAssessment:
+        """Whether the drive meets a natural frequency."""
+        value: ResonanceAssessment = self.stages["resonance"]
+        return value
+
+    @property
+    def vibration(self) -> VibrationAssessment:
+        """How far the arm vibrates."""
+        value: VibrationAssessment = self.stages["vibration"]
+        return value
+
+    @property
+    def sensitivities(self) -> Sensitivities:
+        """Which numbers of the arm matter most."""
+        value: Sensitivities = self.stages["sensitivities"]
+        return value
+
+    @property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """What can be done, the best first; nothing where nothing need be done."""
+        return tuple(self.stages.get("remedies", ()))
+
+    @property
+    def verifications(self) -> tuple[Verification, ...]:
+        """Those of the first remedies, in their order."""
+        return tuple(self.stages.get("verification", ()))
+
+    @property
+    def advised(self) -> Remedy | None:
+        """The remedy that is advised; None where none is needed."""
+        return self.remedies[chosen(self.verifications)] if self.verifications else None
+
+    @property
+    def verified(self) -> Verification | None:
+        """The verification of the remedy that is advised."""
+        return self.verifications[chosen(self.verifications)] if self.verifications else None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Accept the arm as it is, warn where a remedy is needed and holds, reject where none does."""
+        if self.advised is None or self.verified is None:
+            return "accept"
+        return "warn" if self.advised.meets_limit and self.verified.holds else "reject"
+
+
+def assess_resonance(task: Task) -> ResonanceAssessment:
+    """Follow the natural frequencies along the motion, and compare them with what the pulleys excite."""
+    if not task.arm.drives:
+        return ResonanceAssessment()
+    followed = branches(task.arm.replace(dict(task.band_draws)), task.motion, loads=task.loads)
+    excited = excitation(task.arm, task.motion)
+    return ResonanceAssessment(followed, excited, resonance_crossings(followed, excited))
+
+
+def chosen(verifications: Sequence[Verification]) -> int:
+    """Return the place of the remedy to be advised: the one that holds, or else the first."""
+    return len(verifications) - 1 if verifications[-1].holds else 0

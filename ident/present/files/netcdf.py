@@ -1,0 +1,66 @@
+"""Result files as netCDF: arrays that other tools read, and in a group of its own the result to load again."""
+
+import json
+from collections.abc import Callable, Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.codec import encode
+from ident.errors import InputError, Problem
+from ident.files import replace_path
+from ident.present.files.document import EXPECTED, RERUN, fields_of
+from ident.text import one_line, read_bytes
+
+GROUP = "ident"
+"""Group of the result: its fields as JSON, and what of them are large arrays."""
+TREE = "tree"
+
+
+def write_netcdf_result(form: str, fields: Mapping[str, Any], path: Path, write: Callable[[Path], object]) -> None:
+    """Write a result with what other tools read beside it, whole or not at all.
+
+    Args:
+        form: format and version.
+        fields: what `read_netcdf_result` brings back.
+        path: where the file goes.
+        write: writes the file for other tools at the path it is given.
+
+    Raises:
+        InputError: the folder or the file can't be written; what was there before is untouched.
+    """
+    import xarray
+
+    arrays: dict[str, np.ndarray] = {}
+    tree = json.dumps(encode(dict(fields), arrays), allow_nan=False, ensure_ascii=False)
+    arrays[TREE] = np.frombuffer(tree.encode("utf-8", "surrogatepass"), np.uint8)
+    variables = {name: ([f"{name}_{i}" for i in range(part.ndim)], part) for name, part in arrays.items()}
+    data = xarray.Dataset(variables, attrs={"format": form})
+    packed = {name: {"zlib": True, "complevel": 4} for name in arrays}
+
+    def write_both(part: Path) -> None:
+        write(part)
+        data.to_netcdf(part, mode="a", group=GROUP, engine="h5netcdf", encoding=packed)
+
+    replace_path(path, write_both, make_folders=True)
+
+
+def read_netcdf_result(path: str | Path) -> tuple[str, dict[str, Any]]:
+    """Return the format of a result file and the fields of its result.
+
+    Raises:
+        InputError: the file is no result that this version of ident can load.
+    """
+    import xarray
+
+    where, file = one_line(str(path)), BytesIO(read_bytes(path, EXPECTED))
+    try:
+        with xarray.open_dataset(file, group=GROUP, engine="h5netcdf", mask_and_scale=False) as data:
+            arrays = {str(name): part.values for name, part in data.data_vars.items()}
+            form = str(data.attrs["format"])
+        tree = json.loads(arrays[TREE].tobytes().decode("utf-8", "surrogatepass"))
+    except (OSError, ValueError, KeyError, RecursionError):
+        raise InputError(Problem(where, "no result to load", EXPECTED, RERUN)) from None
+    return form, fields_of(tree, where, arrays)

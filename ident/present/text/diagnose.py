@@ -1,0 +1,226 @@
+"""A diagnosis in words: what each stage says and why it goes on, and the verdict."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.assess.diagnosis import Diagnosis
+from ident.assess.remedies import VERIFIED, Remedy, Verification
+from ident.assess.task import CONFIDENT, MOVED, STIFFER
+from ident.present.text.basis import UNDRIVEN
+from ident.present.text.resonance_words import grouped, sources_words
+from ident.present.text.units import MM, is_stiffness
+from ident.present.text.words import cut
+from ident.vibrate.modal.resonance import ResonanceCrossing
+from ident.vibrate.redesign.binomial import BinomialEstimate
+
+SMALL = 0.005
+"""Relative change of a stiffness that is not worth a word."""
+SMALL_MOVE = 0.0005
+"""Change of a mass centre [m] that is not worth a word."""
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """What a stage says.
+
+    Attributes:
+        number: of the stage, from 1.
+        title: what it asks.
+        findings: what it has come to, a sentence or two each.
+        onward: why the next stage follows; may be empty.
+        resumed: whether an earlier run had finished it.
+    """
+
+    number: int
+    title: str
+    findings: tuple[str, ...]
+    onward: str = ""
+    resumed: bool = False
+
+    def __str__(self) -> str:
+        head = f"{self.number}. {self.title}{' (as found before)' if self.resumed else ''}"
+        arrow = [f"   -> {self.onward}"] if self.onward else []
+        return "\n".join([head, *(f"   {line}" for line in self.findings), *arrow])
+
+
+def stage_report(diagnosis: Diagnosis, stage: str, *, resumed: bool = False) -> StageReport:
+    """Return what a finished stage of a diagnosis says."""
+    title, words = _WORDS[stage]
+    findings, onward = words(diagnosis)
+    return StageReport(list(diagnosis.stages).index(stage) + 1, title, tuple(findings), onward, resumed)
+
+
+def diagnose_report(diagnosis: Diagnosis) -> str:
+    """Return what all stages say, and the verdict."""
+    stages = (str(stage_report(diagnosis, stage)) for stage in diagnosis.stages)
+    return "\n".join([*stages, verdict_words(diagnosis)])
+
+
+def verdict_words(diagnosis: Diagnosis) -> str:
+    """Say what a finished diagnosis comes to."""
+    vibration, best, verified = diagnosis.vibration, diagnosis.advised, diagnosis.verified
+    limit, peak = f"{MM * vibration.limit:g} mm", float(vibration.peak.max())
+    now = f"The end vibrates by up to {MM * peak:.3g} mm"
+    if best is None or verified is None:
+        return f"{now}; the limit of {limit} is kept by {binomial_words(vibration.keeps)}."
+    beyond = f"more than {limit}" if peak > vibration.limit else f"within {limit}, but not surely"
+    change = f"{change_words(best)} brings it to {MM * verified.largest:.3g} mm"
+    if diagnosis.verdict == "warn":
+        return f"{now}, {beyond}. {change}; the limit is then kept by {binomial_words(verified.keeps)}."
+    why = _failure(best, len(diagnosis.verifications))
+    return f"{now}, {beyond}, and {why}. {change}, within the limit for {binomial_words(verified.keeps)}."
+
+
+def _failure(best: Remedy, verified: int) -> str:
+    if not best.meets_limit:
+        return "no change tried meets the limit"
+    return f"none of the {verified} remedies verified held" if verified > 1 else "the one remedy verified did not hold"
+
+
+def cautions(diagnosis: Diagnosis) -> Iterator[str]:
+    """Say how far a diagnosis holds where the measurements do not bear it."""
+    sampled = diagnosis.identification.sampled
+    rank, count = sampled.fitted.information.rank, len(sampled.fitted.information.names)
+    if rank < count:
+        filled = "the rest comes from the prior, and so do the probabilities"
+        yield f"Caution: the measurements fix {rank} of {count} directions only; {filled}."
+    for doubt in sampled.fitted.doubts:
+        yield f"Caution: {doubt}. What follows holds only as far as the identified numbers do."
+
+
+def _stiffness(diagnosis: Diagnosis) -> tuple[list[str], str]:
+    fit = diagnosis.identification.sampled.fitted
+    rank, count = fit.information.rank, len(fit.information.names)
+    findings = [
+        f"{len(fit.campaign)} measurements fix {rank} of {count} directions of the unknowns; "
+        f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom."
+    ]
+    findings += [f"Warning: {doubt}." for doubt in fit.doubts]
+    if rank < count:
+        findings.append("The other directions are filled by the prior: what follows holds as far as that does.")
+    return findings, "With these numbers and their spread the natural frequencies along the motion follow."
+
+
+def _resonance(diagnosis: Diagnosis) -> tuple[list[str], str]:
+    resonance, changed = diagnosis.resonance, diagnosis.task.basis.changed
+    changes = [f"Set from here on: {path} = {value:g}." for path, value in changed.items()]
+    if resonance.branches is None:
+        return [*changes, UNDRIVEN], "How far the arm vibrates by its motion alone is simulated."
+    near = [_near(group) for group in grouped(resonance.crossings)[:4]]
+    near = near or ["No pulley comes near a natural frequency along this motion."]
+    onward = "How far the arm really vibrates there depends on how long a pulley stays: simulate it."
+    return [*changes, *near], onward
+
+
+def _near(group: Sequence[ResonanceCrossing]) -> str:
+    first = group[0]
+    plural = "" if len(group) > 1 else "s"
+    how = f"cross{plural and 'es'}" if first.crossings else f"come{plural} near"
+    who = sources_words([crossing.source for crossing in group])
+    return (
+        f"{cut(who, 40)} {how} {first.label} ({first.natural:.2f} Hz) between {first.start:.2f} and {first.end:.2f} s."
+    )
+
+
+def _vibration(diagnosis: Diagnosis) -> tuple[list[str], str]:
+    vibration = diagnosis.vibration
+    peak = vibration.peak
+    findings = [
+        f"By the exact equations the end point vibrates by up to {MM * peak.max():.3g} mm "
+        f"({'xyz'[int(peak.argmax())]}); the limit is {MM * vibration.limit:g} mm.",
+        f"The limit is kept by {binomial_words(vibration.keeps)}.",
+    ]
+    if vibration.accepted:
+        return (
+            findings,
+            "The vibration is small: nothing needs to be changed. What it depends on follows, to keep it so.",
+        )
+    return findings, "That is too much, or too likely to be. Which numbers of the arm matter most?"
+
+
+def _sensitivities(diagnosis: Diagnosis) -> tuple[list[str], str]:
+    sensitivities = diagnosis.sensitivities
+    column = int(np.argmax(sensitivities.amplitude))
+    order = sensitivities.order[:3]
+    *most, last = (sensitivities.paths[i] for i in order)
+    percents = ", ".join(f"{sensitivities.elasticity[i, column]:+.2g}" for i in order)
+    findings = [
+        f"The largest vibration is that in {'xyz'[column]}. It depends most on {', '.join(most)} and {last}: by "
+        f"{percents} % for each percent.",
+        "Drive ratios and masses move a resonance along the path; they are rarely free to choose.",
+    ]
+    return (
+        findings,
+        "Where something must be changed: torsional stiffness first, mass centres second, as in the paper; or speed.",
+    )
+
+
+def _remedies(diagnosis: Diagnosis) -> tuple[list[str], str]:
+    task, count = diagnosis.task, len(diagnosis.remedies)
+    good = sum(remedy.meets_limit for remedy in diagnosis.remedies)
+    moved = f" mass centres of the last joint's bodies by {100 * MOVED:g} % of their length," if task.centres else ""
+    findings = [
+        f"{good} of {count} remedies keep the limit with a probability of {100 * CONFIDENT:g} % or more."
+        if good
+        else f"None of the {count} remedies that were tried keeps the limit with {100 * CONFIDENT:g} %.",
+        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times,{moved} speeds from half to one and a "
+        "half times, not above full speed. These ranges are assumed.",
+    ]
+    onward = "The first of them is simulated by the exact equations, and with draws that it was not chosen by."
+    if good > 1:
+        onward += f" If it does not hold, so is the next, {VERIFIED} at most."
+    return findings, onward
+
+
+def _verification(diagnosis: Diagnosis) -> tuple[list[str], str]:
+    pairs = zip(diagnosis.remedies, diagnosis.verifications, strict=False)
+    findings = [line for remedy, verified in pairs for line in _verified(remedy, verified)]
+    if len(diagnosis.verifications) > 1:
+        findings.append("All were tried with the same draws, which thereby chose among them.")
+    return findings, ""
+
+
+def _verified(remedy: Remedy, verified: Verification) -> Iterator[str]:
+    keeps = "keeps" if verified.largest <= verified.limit else "does NOT keep"
+    yield f"{change_words(remedy)}: {MM * verified.largest:.3g} mm by the exact equations, which {keeps} the limit."
+    wanted = "" if verified.keeps.share >= CONFIDENT else f"; {100 * CONFIDENT:g} % are asked for"
+    yield f"With draws that it was not chosen by, the limit is kept by {binomial_words(verified.keeps)}{wanted}."
+
+
+def binomial_words(estimate: BinomialEstimate) -> str:
+    """Say a probability with its interval."""
+    low, high = estimate.interval
+    return (
+        f"{100 * estimate.share:.3g} % of {estimate.draws} draws of the posterior "
+        f"(95 % interval {100 * low:.3g} to {100 * high:.3g} %)"
+    )
+
+
+def change_words(remedy: Remedy) -> str:
+    """Name a remedy by what it changes."""
+    if remedy.kind == "speed":
+        return f"speed {remedy.percent:.3g} % instead of {remedy.percent_before:.3g} %"
+    return ", ".join(_changes(remedy)) or "nothing"
+
+
+def _changes(remedy: Remedy) -> Iterator[str]:
+    """Name each number that changes by more than is worth a word."""
+    for path, value in remedy.values.items():
+        before = remedy.before[path]
+        if is_stiffness(path) and abs(value / before - 1) > SMALL:
+            yield f"{path} x {value / before:.2f}"
+        elif not is_stiffness(path) and abs(value - before) > SMALL_MOVE:
+            yield f"{path} {MM * (value - before):+.0f} mm"
+
+
+_WORDS: Mapping[str, tuple[str, Callable[[Diagnosis], tuple[list[str], str]]]] = {
+    "stiffness": ("How stiff are the joints?", _stiffness),
+    "resonance": ("Does the drive meet a natural frequency?", _resonance),
+    "vibration": ("How far does the arm vibrate?", _vibration),
+    "sensitivities": ("What matters most?", _sensitivities),
+    "remedies": ("Which change meets the limit?", _remedies),
+    "verification": ("Does it hold?", _verification),
+}
+"""The title of each stage, and what says its findings and why the next one follows."""

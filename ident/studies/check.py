@@ -1,0 +1,95 @@
+"""Say what a campaign can tell about each parameter, before any solving."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.studies.result import Result
+from ident.studies.shared import ProblemOptions, as_file
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.check import CampaignCheck
+    from ident.measure import Campaign
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(ProblemOptions):
+    """Options of `ident.check`: what is unknown, and what is known of it."""
+
+
+@dataclass(frozen=True, repr=False)
+class CheckResult(Result):
+    """What a campaign can tell about an arm.
+
+    Attributes:
+        arm: the arm as its file has it.
+        check: verdicts, directions, the part of each measurement, doubts on labels and data.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    check: "CampaignCheck"
+    options: CheckOptions = field(default_factory=CheckOptions)
+
+    form, suffix = "ident-check/1", ".json"
+
+    @property
+    def name(self) -> str:
+        """The campaign's name and what was done with it."""
+        return f"{self.check.campaign.name}.check"
+
+    @property
+    def verdicts(self) -> Mapping[str, str]:
+        """Verdict by parameter: identifiable, weak, not seen or unknown."""
+        return dict(zip(self.check.problem.parameters.names, self.check.verdicts, strict=True))
+
+    @property
+    def contradictory(self) -> bool:
+        """Whether one kind of measurement contradicts the others."""
+        return self.check.contradictory
+
+    def report(self) -> str:
+        """Return the text that `ident check` prints."""
+        from ident.present.text.check import check_report
+
+        return check_report(self.check)
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter: verdict, and the standard deviation of theta by the data alone.
+
+        Theta is ln(value) for a stiffness; the deviations are those at the arm's values and the largest of all points.
+        """
+        from ident.present.files.check import verdict_rows
+
+        return verdict_rows(self.check)
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.check import check_document
+        from ident.present.files.document import write_result
+
+        write_result(check_document(self.form, self.check, self.arm, self.options.recorded()), self.fields(), path)
+        return (path,)
+
+
+def check(arm: "Arm | ArmFile", campaign: "Campaign", options: CheckOptions | None = None) -> CheckResult:
+    """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
+
+    Args:
+        arm: its stiffnesses are where the model is linearised.
+        campaign: the measurements.
+        options: what is unknown, and what is known of it.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
+            repeats; a campaign that says nothing of any unknown.
+    """
+    from ident.identify.check import check_campaign
+
+    options, arm_file = options or CheckOptions(), as_file(arm)
+    checked = check_campaign(
+        arm_file.arm, campaign, options.unknowns, seed=options.seed, trust_values=options.trust_values
+    )
+    return CheckResult(arm_file, checked, options)

@@ -1,0 +1,274 @@
+"""What to change on an arm so that it vibrates least, and what its vibration depends on most."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies import ranges
+from ident.studies.motion import HeldMotionOptions, basis_of, drawn_groups
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.studies.shared import as_file
+from ident.studies.sweep import MEASURES
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.assess.basis import Basis
+    from ident.assess.design import DesignStudy
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Log
+    from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
+    from ident.vibrate.redesign.constraints import Requirements
+    from ident.vibrate.redesign.evaluator import Evaluator
+    from ident.vibrate.redesign.variable import Variable
+
+OF_THE_SEARCH = ("change", "limit", "min_frequency", "max_deflection", "max_change", "no_curve")
+"""Options that sensitivities alone have no use for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignOptions(HeldMotionOptions):
+    """Options of `ident.design`: what may be changed, what must be kept, over which motion, and how to search."""
+
+    dwell: float = option(1.0, "time [s] that the arm is held at the end")
+    change: dict[str, ranges.Limits] = option(
+        {},
+        "number that may be changed, with bounds in SI, or in multiples of the present value with an x, "
+        "and a weight, how dear it is to change: joint1.k_tors, link1.mass=0.5x:2x, fingers.com.x=1.3:1.8:2; "
+        "several by one common factor: a.k_tors=b.k_tors; may be repeated; default: torsional stiffness of every joint",
+        argument="variables",
+        repeated=True,
+        read=ranges.ranges,
+    )
+    limit: float | None = option(None, "amplitude [mm] that should not be exceeded", above=0.0)
+    min_frequency: float | None = option(
+        None, "first natural frequency [Hz] to keep at both ends of the motion", above=0.0
+    )
+    max_deflection: float | None = option(None, "static deflection [mm] to keep at both ends", above=0.0)
+    max_change: float | None = option(
+        None, "largest change norm: 1 is one number of weight 1 at its farther bound", above=0.0
+    )
+    measure: str = option("peak", "peak or rms over the motion, or residual: peak after arrival", choices=MEASURES)
+    sensitivities: bool = option(False, "only the table of sensitivities")
+    starts: int = option(3, "starts of the search", low=1)
+    no_curve: bool = option(False, "no trade-off of amplitude and change")
+    draws: int = option(16, "draws of the posterior for the search", low=1)
+    fresh: int = option(1000, "other draws, by which the design is verified", low=0)
+    seed: int = option(0, "seed of all that is drawn at random", low=0)
+    elastic_belts: bool = option(False, "belts stretch")
+    rate: float = option(500.0, "samples a second", above=0.0)
+
+    def problems(self) -> list[Problem]:
+        """Refuse ranges that are none, and options of a search where there is none."""
+        problems = [*super().problems(), *ranges.problems("change", self.change, "WEIGHT")]
+        for name in OF_THE_SEARCH if self.sensitivities else ():
+            if getattr(self, name):
+                problems.append(Problem(name, "it beside `sensitivities`", "one of them", "drop one"))
+        return problems
+
+    @property
+    def required(self) -> "Requirements":
+        """What a design must keep [SI]."""
+        from ident.vibrate.redesign.constraints import Requirements
+
+        deflection = inf if self.max_deflection is None else self.max_deflection / 1e3
+        return Requirements(self.min_frequency or 0.0, deflection, inf if self.max_change is None else self.max_change)
+
+
+@dataclass(frozen=True, repr=False)
+class DesignResult(Result):
+    """The change by which an arm vibrates least, or its sensitivities alone.
+
+    Attributes:
+        study: what may be changed, on what, and what came out.
+        text: the arm file with the changed numbers; empty without one.
+        options: what was asked for.
+    """
+
+    study: "DesignStudy"
+    text: str
+    options: DesignOptions
+
+    form, suffix = "ident-design/2", ".json"
+
+    @property
+    def name(self) -> str:
+        """The arm's name, its motion and what was computed."""
+        return f"{self.study.basis.name}.{'design' if self.study.design else 'sensitivities'}"
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The changed numbers by path [SI]; none where only sensitivities were computed."""
+        return self.study.design.best.values if self.study.design else {}
+
+    @property
+    def present(self) -> "Float[np.ndarray, '3']":
+        """Amplitude of the arm as it is, in x, y and z [m]."""
+        return self.study.sensitivities.amplitude
+
+    @property
+    def best(self) -> "Float[np.ndarray, '3'] | None":
+        """Amplitude of the changed arm, in x, y and z [m]; None where only sensitivities were computed."""
+        return self.study.design.best.amplitude if self.study.design else None
+
+    @property
+    def changed_arm(self) -> "Arm":
+        """The arm with the changed numbers."""
+        return self.study.basis.arm.replace(self.values)
+
+    def report(self) -> str:
+        """Return the text that `ident design` prints."""
+        from ident.present.text.design import design_report
+        from ident.present.text.sensitivity import sensitivity_report
+
+        return (design_report if self.study.design else sensitivity_report)(self.study)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the trade-off, "vibration" before and after, and "sensitivities"; or these alone."""
+        from ident.present.figures.design import before_after_figure, trade_off_figure
+        from ident.present.figures.sensitivity import sensitivity_figure
+
+        sensitivities = sensitivity_figure(self.study)
+        if self.study.design is None:
+            return {"": sensitivities}
+        vibration = before_after_figure(self.study)
+        return {"": trade_off_figure(self.study), "vibration": vibration, "sensitivities": sensitivities}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each number [SI]: as it is and at best, and at which bound; or its sensitivities."""
+        from ident.present.files.design import design_rows, sensitivity_rows
+
+        design = self.study.design
+        return design_rows(self.study, design) if design else sensitivity_rows(self.study.sensitivities)
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.design import design_document, write_arm
+        from ident.present.files.document import write_result
+
+        write_result(design_document(self.study, self.options.recorded()), self.fields(), path)
+        if not self.text:
+            return (path,)
+        arm_file, arm = self.study.basis.arm_file, path.with_suffix(".toml")
+        write_arm(self.text, f"by ident design from {arm_file.path}, sha256 {arm_file.sha256}", arm)
+        return path, arm
+
+
+def design(
+    arm: "Arm | ArmFile",
+    options: DesignOptions | None = None,
+    *,
+    path: "Log | str | Path | None" = None,
+    fit: "Values | FitResult | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
+    progress: Progress = silent,
+) -> DesignResult:
+    """Search the change of an arm's numbers, within bounds, by which it vibrates least, and verify it.
+
+    With a posterior and a limit the probability of exceeding the limit is minimised.
+
+    Args:
+        arm: as it is; of an arm from a file, the numbers that are changed must be written there.
+        options: what may be changed, what must be kept, over which motion, and how to search.
+        path: a joint path to follow instead of the stroke: a log, or its file.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws of the arm's numbers: a sample, or its file; chosen draws all serve the search.
+        progress: shows how far it is, over starts, groups of sensitivities and batches of draws.
+
+    Raises:
+        InputError: no such number, bounds that can't be, or a motion that the arm can't carry out.
+        ModelError: no design within the bounds meets the requirements, or the arm collapses.
+    """
+    from ident.assess.design import DesignStudy
+    from ident.vibrate.redesign.design import design
+    from ident.vibrate.redesign.sensitivity import sensitivities
+    from ident.vibrate.redesign.verify import verify
+
+    options, arm_file = options or DesignOptions(), as_file(arm)
+    searched, fresh = drawn_groups(posterior, arm_file.arm, options.draws, options.fresh, options.seed)
+    basis = basis_of(arm_file, options, path=path, fit=fit, posterior=searched)
+    evaluator = _evaluator(basis, options)
+    if options.sensitivities:
+        each = sensitivities(evaluator, progress=progress("sensitivities"))
+        return DesignResult(DesignStudy(basis, evaluator, each), "", options)
+    text = _checked_text(basis, evaluator.variables)
+    evaluator = replace(evaluator, step=evaluator.step_for(evaluator.bounds))  # one for all: they share programs
+    best = design(
+        evaluator,
+        limit=None if options.limit is None else options.limit / 1e3,
+        required=options.required,
+        extents=arm_file.extents,
+        starts=options.starts,
+        curve=not options.no_curve,
+        seed=options.seed,
+        progress=progress("starts"),
+    )
+    each = sensitivities(evaluator, progress=progress("sensitivities"))
+    unseen = fresh.without(options.set) if fresh else None
+    checks = verify(evaluator, best.best, best.limit, unseen, progress("verification"))
+    study = DesignStudy(basis, evaluator, each, best, checks, options.starts)
+    return DesignResult(study, _updated(text, basis, best.best.values) if text else "", options)
+
+
+def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":
+    from ident.vibrate.redesign.evaluator import Evaluator
+    from ident.vibrate.redesign.ranges import Range, variable_of
+
+    def variable(interval: Range) -> "Variable":
+        return variable_of(basis.arm, interval, basis.arm_file.extents)
+
+    variables = () if options.sensitivities else tuple(ranges.each("change", options.change, basis.arm, variable))
+    return Evaluator(
+        basis.arm,
+        basis.motion,
+        variables,
+        options.measure,
+        basis.draws,
+        loads=basis.loads,
+        elastic_belts=options.elastic_belts,
+        rate=options.rate,
+    )
+
+
+def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:
+    """Return the text of the arm file; empty without one.
+
+    Raises:
+        InputError: a number to change follows from others there, as an inertia from a shape, or is left out.
+    """
+    from ident.description.file import update_file
+    from ident.text import decode, one_line, read_bytes
+
+    path, values = basis.arm_file.path, basis.fit or basis.posterior
+    if not path:
+        return ""
+    text = decode(read_bytes(path, "an arm description (TOML)"), one_line(path))
+    names = [name for variable in variables for name in variable.paths]
+    for name in [*names, *(values.values if values else ()), *basis.changed]:
+        try:
+            update_file(text, {name: float(basis.arm.get(name))}, origin="designed")
+        except InputError:
+            got, expected = "a number that is not written in the arm file", "one that is"
+            raise InputError(Problem(name, got, expected, "write it there, or change what it follows from")) from None
+    return text
+
+
+def _updated(text: str, basis: "Basis", designed: Mapping[str, float]) -> str:
+    """Return the text of the arm file with fitted, set and designed numbers, each with its origin."""
+    from ident.description.file import update_file
+    from ident.text import one_line
+
+    values, where = basis.fit or basis.posterior, one_line(basis.arm_file.path)
+    later = {**basis.changed, **designed}
+    taken = {path: x for path, x in values.medians.items() if path not in later} if values else {}
+    text = update_file(text, taken, origin="calibrated", where=where) if taken else text
+    text = update_file(text, basis.changed, origin="assumed", where=where) if basis.changed else text
+    return update_file(text, designed, origin="designed", where=where)

@@ -1,0 +1,185 @@
+"""Find out whether an arm vibrates too far, and which change meets the limit: from a campaign to advice."""
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.assess.effort import Effort
+from ident.errors import InputError
+from ident.studies.diagnose_stages import Job, OnStage, carry_out, discard
+from ident.studies.fit import FitOptions
+from ident.studies.motion import HeldMotionOptions, basis_of
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.studies.shared import as_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.assess.diagnosis import Diagnosis, Verdict
+    from ident.assess.remedies import Remedy
+    from ident.description.file import ArmFile
+    from ident.measure import Campaign, Log
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions(FitOptions, HeldMotionOptions):
+    """Options of `ident.diagnose`: the limit, the motion, and what is unknown of the arm.
+
+    Attributes:
+        effort: how much is computed; no flag of the command.
+    """
+
+    limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
+    dwell: float = option(1.0, "time [s] that the arm is held at the end")
+    effort: Effort = field(default_factory=Effort)
+
+
+@dataclass(frozen=True, repr=False)
+class DiagnoseResult(Result):
+    """A diagnosis of an arm.
+
+    Attributes:
+        diagnosis: the value of each stage, and the verdict that follows from them.
+        options: what was asked for.
+    """
+
+    diagnosis: "Diagnosis"
+    options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
+
+    form, suffix = "ident-diagnose/3", ".nc"
+
+    @property
+    def name(self) -> str:
+        """The campaign's name and what was done with it."""
+        return _name(self.diagnosis.identification.sampled.fitted.campaign)
+
+    @property
+    def verdict(self) -> "Verdict":
+        """`accept` the arm as it is, `warn` where a remedy is needed and holds, `reject` where none does."""
+        return self.diagnosis.verdict
+
+    @property
+    def advised(self) -> "Remedy | None":
+        """The remedy that is advised; None where none is needed."""
+        return self.diagnosis.advised
+
+    @property
+    def advice(self) -> str:
+        """The verdict in words."""
+        from ident.present.text.diagnose import verdict_words
+
+        return verdict_words(self.diagnosis)
+
+    def report(self) -> str:
+        """Return the text that `ident diagnose` prints: all stages, and the verdict."""
+        from ident.present.text.diagnose import diagnose_report
+
+        return diagnose_report(self.diagnosis)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the figures of the page, by the stages' names."""
+        from ident.present.figures.diagnose import diagnose_figures
+
+        return diagnose_figures(self.diagnosis)
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each remedy, the best first [SI]; none where none is needed."""
+        from ident.present.files.diagnose import remedy_rows
+
+        return remedy_rows(self.diagnosis)
+
+    def html(self) -> str:
+        """Return the page: verdict, stages with tables and figures, inputs, assumptions; it opens without a network."""
+        from ident.present.html.diagnose import diagnose_page
+        from ident.present.html.page import render
+
+        return render(diagnose_page(self.diagnosis, self._provenance()))
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.diagnose import diagnose_document, write_posterior
+        from ident.present.files.document import write_json
+        from ident.present.files.netcdf import write_netcdf_result
+        from ident.present.html.diagnose import diagnose_page
+        from ident.present.html.page import write_page
+
+        head, page, document = self._provenance(), path.with_suffix(".html"), path.with_suffix(".json")
+        write_page(diagnose_page(self.diagnosis, head), page)
+        write_json(diagnose_document(self.diagnosis, head), document)
+        posterior = partial(write_posterior, self.diagnosis, head)
+        write_netcdf_result(form=self.form, fields=self.fields(), path=path, write=posterior)
+        return page, document, path
+
+    def _provenance(self) -> dict[str, Any]:
+        from ident.present.files.document import provenance
+
+        campaign = self.diagnosis.identification.sampled.fitted.campaign
+        return provenance(self.form, self.diagnosis.task.basis.arm_file, campaign, self.options.recorded())
+
+
+def diagnose(
+    arm: "Arm | ArmFile",
+    campaign: "Campaign",
+    options: DiagnoseOptions | None = None,
+    *,
+    path: "Log | str | Path | None" = None,
+    folder: str | Path | None = None,
+    restart: bool = False,
+    progress: Progress = silent,
+    on_stage: OnStage = lambda report: None,
+) -> DiagnoseResult:
+    """Diagnose an arm, step by step: posterior, resonance, vibration, sensitivities, remedies and their verification.
+
+    Torsional stiffness is changed first, mass centres second, as in the paper; then the speed.
+
+    Args:
+        arm: its stiffnesses are starting values and centres of the priors.
+        campaign: the measurements.
+        options: the limit, the motion, and what is unknown of the arm.
+        path: a joint path to follow instead of the stroke: a log, or its file.
+        folder: where finished stages are kept, so that a call with the same inputs goes on behind the last of them;
+            `discard` removes it. None to keep nothing.
+        restart: throw away the stages that are kept there.
+        progress: shows how far each stage is.
+        on_stage: is told of each stage when it is finished, or taken over.
+
+    Raises:
+        InputError: inputs or options that do not fit together; a folder that holds the stages of other inputs.
+        ModelError: the model has no answer: no optimum, or an arm that collapses.
+    """
+    from ident.store import Store
+
+    options, folder = options or DiagnoseOptions(), Path(folder) if folder else None
+    job = Job(as_file(arm), campaign, options, _checked_path(as_file(arm), options, path), folder, progress)
+    if restart and folder:
+        discard(folder)
+    fresh = folder is not None and not folder.exists()
+    store = Store(folder, job.identity)
+    try:
+        return DiagnoseResult(carry_out(job, store, on_stage), options)
+    except InputError:
+        if fresh and folder and store.read("stiffness") is None:
+            discard(folder)
+        raise
+
+
+def part_folder(folder: Path, campaign: "Campaign") -> Path:
+    """Return where the command keeps the stages of an unfinished diagnosis whose files go into a folder."""
+    return folder / f"{_name(campaign)}.part"
+
+
+def _name(campaign: "Campaign") -> str:
+    return f"{campaign.name}.diagnose"
+
+
+def _checked_path(arm: "ArmFile", options: DiagnoseOptions, path: "Log | str | Path | None") -> "Log | None":
+    """Check what can be checked before the posterior is sampled, and return the joint path if there is one."""
+    from ident.identify.conditions import loads_of
+    from ident.vibrate.response.simulate import refuse_jumps
+
+    basis = basis_of(arm, options, path=path)
+    refuse_jumps(basis.arm, basis.motion)
+    loads_of(basis.arm, basis.load)
+    return basis.log

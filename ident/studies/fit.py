@@ -1,0 +1,128 @@
+"""Fit the joint stiffnesses to a campaign, and say what the data support."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.studies.shared import ProblemOptions, as_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.fit import CampaignFit
+    from ident.measure import Campaign
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions(ProblemOptions):
+    """Options of `ident.fit`: what is unknown, what is known of it, and how long to search."""
+
+    starts: int = option(16, "starts of the fit, at least", low=1)
+
+
+@dataclass(frozen=True, repr=False)
+class FitResult(Result):
+    """A fit of an arm to a campaign.
+
+    Attributes:
+        arm: the arm as its file has it.
+        fit: fitted values, intervals, residuals and what speaks against them.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    fit: "CampaignFit"
+    options: FitOptions = field(default_factory=FitOptions)
+
+    form, suffix = "ident-fit/2", ".json"
+
+    @property
+    def name(self) -> str:
+        """The campaign's name and what was done with it."""
+        return f"{self.fit.campaign.name}.fit"
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Fitted values by path [SI: N m/rad for a stiffness]; tied numbers each by its own path."""
+        return self.fit.parameters
+
+    @property
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        """95 % intervals by parameter [SI], whether or not the data support them: see `doubts` and `supported`."""
+        names = self.fit.problem.parameters.names
+        return {name: (float(low), float(high)) for name, (low, high) in zip(names, self.fit.interval(), strict=True)}
+
+    @property
+    def supported(self) -> Mapping[str, bool]:
+        """Whether an interval may be quoted for a parameter."""
+        return dict(zip(self.fit.problem.parameters.names, map(bool, self.fit.supported), strict=True))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
+        return self.fit.doubts
+
+    @property
+    def fitted_arm(self) -> "Arm":
+        """The arm with the fitted numbers in place."""
+        return self.fit.fitted_arm
+
+    def report(self) -> str:
+        """Return the text that `ident fit` prints."""
+        from ident.present.text.fit import fit_report
+
+        return fit_report(self.fit)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return one figure: values with intervals, directions, residuals."""
+        from ident.present.figures.fit import fit_figure
+
+        return {"": fit_figure(self.fit)}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter: value, unit, interval [SI] and whether the data support it."""
+        from ident.present.files.fit import parameter_rows
+
+        return parameter_rows(self.fit)
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.document import write_result
+        from ident.present.files.fit import fit_document
+
+        write_result(fit_document(self.form, self.fit, self.arm, self.options.recorded()), self.fields(), path)
+        return (path,)
+
+
+def fit(
+    arm: "Arm | ArmFile", campaign: "Campaign", options: FitOptions | None = None, *, progress: Progress = silent
+) -> FitResult:
+    """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
+
+    Args:
+        arm: its stiffnesses are starting values and centres of the priors.
+        campaign: the measurements.
+        options: what is unknown, what is known of it, and how long to search.
+        progress: shows how far it is, over the starts.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
+        ModelError: no optimum was reached.
+    """
+    from ident.identify.fit import fit_campaign
+
+    options, arm_file = options or FitOptions(), as_file(arm)
+    fitted = fit_campaign(
+        arm_file.arm,
+        campaign,
+        options.unknowns,
+        starts=options.starts,
+        seed=options.seed,
+        trust_values=options.trust_values,
+        progress=progress("starts"),
+    )
+    return FitResult(arm_file, fitted, options)

@@ -1,0 +1,211 @@
+"""What the studies share that move an arm: options of the motion, and the basis that a simulation rests on."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ident.errors import InputError, Problem
+from ident.studies.options import option
+from ident.studies.shared import ArmOptions, as_file
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.assess.basis import Basis
+    from ident.description.file import ArmFile
+    from ident.identify.values import Draws, Values
+    from ident.measure import Log
+    from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
+    from ident.vibrate.motion.motion import Motion
+
+STROKE = (
+    "add a [stroke] with direction, folded, unfolded, speed, acceleration and jerk to the arm file, as in"
+    " data/lcd_arm/arm.toml, or give a joint path (`path`)"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions(ArmOptions):
+    """What the arm carries out, under which load, with which numbers changed."""
+
+    speed: float | None = option(
+        None, "percent of full speed, default 10; with --path of its own speed, default 100", argument="percent"
+    )
+    profile: str | None = option(None, "of the stroke's speed: s-curve (default), trapezoid or cycloid")
+    retract: bool = option(False, "from unfolded to folded")
+    smoothing: float = option(0.0, "noise of that path, rms [deg]")
+
+    @property
+    def hold(self) -> float:
+        """Time that the arm is held at the end [s]."""
+        return 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldMotionOptions(MotionOptions):
+    """The same, and how long the arm is held at the end."""
+
+    dwell: float = option(2.0, "time [s] that the arm is held at the end")
+
+    @property
+    def hold(self) -> float:
+        """Time that the arm is held at the end [s]."""
+        return self.dwell
+
+
+def basis_of(
+    arm: "Arm | ArmFile",
+    options: MotionOptions,
+    *,
+    path: "Log | str | Path | None" = None,
+    fit: "Values | FitResult | str | Path | None" = None,
+    posterior: "Values | None" = None,
+) -> "Basis":
+    """Return what a simulation rests on: the arm with the values that it takes over, and its motion.
+
+    Args:
+        arm: the arm.
+        options: the motion, the load and what is set.
+        path: a joint path to follow instead of the stroke: a log, or its file.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws; the arm takes over their medians, unless it has fitted values.
+
+    Raises:
+        InputError: options that do not go together, values of another arm, or a motion that it can't carry out.
+    """
+    from ident.arm.drive_check import check_drives
+    from ident.assess.basis import Basis
+    from ident.measure import Load, Log, read_log
+
+    arm_file = as_file(arm)
+    fitted = fitted_values(fit, arm_file.arm) if fit is not None else None
+    central = fitted or posterior
+    described = arm_file.arm.replace((central.medians if central else {}) | options.set)
+    check_drives(described)
+    _check(options, path is not None)
+    log = path if isinstance(path, Log) or path is None else read_log(path, [joint.name for joint in described.driven])
+    motion, percent = _motion(described, options, log)
+    name = f"{Path(arm_file.path).stem or arm_file.arm.name}.{_name(options, log, percent)}"
+    load = Load.parse(options.load)
+    basis = Basis(arm_file, described, motion, percent, load, log, fitted, posterior, options.set, name)
+    if posterior and not basis.draws:
+        raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
+    return basis
+
+
+def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm") -> "Values":
+    """Return fitted values, whatever they are in.
+
+    Raises:
+        InputError: a file that holds none, or values of no number of this arm.
+    """
+    from ident.identify.values import Values
+    from ident.present.files.fit import read_fit
+    from ident.studies.fit import FitResult
+
+    if isinstance(fit, Values):
+        return fit
+    return read_fit(FitResult.form, fit, arm) if isinstance(fit, str | Path) else Values.of_fit(fit.fit, arm)
+
+
+def drawn_values(
+    posterior: "Values | SampleResult | str | Path | None", arm: "Arm", count: int, seed: int | None = None
+) -> "Values | None":
+    """Return draws of a posterior, whatever they are in; None for none.
+
+    Args:
+        posterior: a result, its file, or draws that were chosen before, which are taken as they are.
+        arm: whose numbers are looked for.
+        count: draws, at most.
+        seed: of a choice at random; without one the draws are spread evenly over the chains.
+
+    Raises:
+        InputError: a file that holds none, or draws of no number of this arm.
+    """
+    from ident.identify.values import Values
+
+    if posterior is None or isinstance(posterior, Values):
+        return posterior
+    return _draws(posterior).some(arm, count, seed)
+
+
+def drawn_groups(
+    posterior: "Values | SampleResult | str | Path | None", arm: "Arm", count: int, fresh: int, seed: int = 0
+) -> "tuple[Values | None, Values | None]":
+    """Return two groups of draws that have none in common, to search with and to verify with; None for none.
+
+    Args:
+        posterior: a result, its file, or draws that were chosen before: the first group, without a second.
+        arm: whose numbers are looked for.
+        count: draws of the first group, at most.
+        fresh: draws of the second, at most.
+        seed: of the choice.
+
+    Raises:
+        InputError: a file that holds none, or draws of no number of this arm.
+    """
+    from ident.identify.values import Values
+
+    if posterior is None or isinstance(posterior, Values):
+        return posterior, None
+    return _draws(posterior).two_groups(arm, count, fresh, seed)
+
+
+def _draws(posterior: "SampleResult | str | Path") -> "Draws":
+    from ident.identify.values import Draws
+    from ident.present.files.sample import read_posterior
+    from ident.studies.sample import SampleResult
+
+    if isinstance(posterior, str | Path):
+        return read_posterior(SampleResult.form, posterior)
+    return Draws.of_sample(posterior.sample.sample)
+
+
+def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":
+    """Return the stroke, or the path of a log, within the joint limits, and its speed in percent."""
+    from ident.vibrate.motion.limits import beyond_limits
+
+    percent = options.speed if options.speed is not None else 10.0 if log is None else 100.0
+    motion = _stroke(arm, options, percent) if log is None else _replayed(options, log)
+    beyond_limits(arm, motion)
+    return motion, percent
+
+
+def _stroke(arm: "Arm", options: MotionOptions, percent: float) -> "Motion":
+    from ident.vibrate.motion.stroke import stroke
+
+    if arm.stroke is None:
+        raise InputError(Problem(arm.name, "no stroke", "what the arm shall carry out", STROKE))
+    profile = options.profile or "s-curve"
+    return stroke(arm.stroke, percent=percent, profile=profile, retract=options.retract, dwell=options.hold)
+
+
+def _replayed(options: MotionOptions, log: "Log") -> "Motion":
+    from math import radians
+
+    import numpy as np
+
+    from ident.vibrate.motion.replay import replay
+
+    angles = np.stack(list(log.angles.values()))
+    motion = replay(log.time, angles, smoothing=radians(options.smoothing), name=Path(log.path).name)
+    if options.speed is not None:
+        motion = motion.at_speed(options.speed)
+    return motion.dwell(options.hold)
+
+
+def _check(options: MotionOptions, replayed: bool) -> None:
+    """Refuse options that do not go together."""
+    if replayed and (options.profile or options.retract):
+        name = "profile" if options.profile else "retract"
+        raise InputError(Problem(name, "it beside `path`", "one of them", "it shapes the stroke: drop one"))
+    if not replayed and options.smoothing:
+        raise InputError(Problem("smoothing", "it without `path`", "a path to smooth", "drop it, or give `path`"))
+
+
+def _name(options: MotionOptions, log: "Log | None", percent: float) -> str:
+    """Return what a motion's files are called: motion, percent."""
+    if log is not None:
+        return f"{Path(log.path).stem}{'' if options.speed is None else f'-{options.speed:g}'}"
+    form = "" if options.profile in (None, "s-curve") else f"-{options.profile}"
+    return f"{'retract' if options.retract else 'extend'}-{percent:g}{form}"

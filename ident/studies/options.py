@@ -1,0 +1,117 @@
+"""Options of a study as a value: each with its help, unit and range, said once.
+
+What `ident --help` says and what the command line refuses follow from these, and so does what Python refuses.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import Field, dataclass, field, fields, replace
+from typing import Any
+
+from ident.errors import InputError, Problem
+
+INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart")
+"""Inputs of studies that the command line takes as flags, too."""
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What an option is.
+
+    Attributes:
+        help: one clause, with the unit in brackets.
+        low: least value that is allowed.
+        above: value that it must exceed.
+        choices: words that it must be one of.
+        flag: name on the command line; by default the option's own.
+        short: one letter with a dash, as a further name.
+        argument: what the library calls it, where its complaints use another name.
+        repeated: whether the flag may be given several times.
+        read: makes the value out of the flag's text, or of all its texts; the flag's name is for errors.
+        text: the default as it would be written, for what is read from text.
+    """
+
+    help: str
+    low: float | None = None
+    above: float | None = None
+    choices: tuple[str, ...] = ()
+    flag: str = ""
+    short: str = ""
+    argument: str = ""
+    repeated: bool = False
+    text: str = ""
+    read: Callable[[Any, str], Any] | None = None
+
+    def problem(self, value: Any) -> str:
+        """Say what would have been right; empty where the value is."""
+        if self.choices and value not in (*self.choices, None):
+            return f"one of {', '.join(self.choices)}"
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            if self.above is not None and not self.above < value < math.inf:
+                return f"a number above {self.above:g}"
+            if self.low is not None and not self.low <= value < math.inf:
+                return f"a number from {self.low:g}"
+        return ""
+
+
+def option(default: Any, help: str, **more: Any) -> Any:
+    """Return a field of an `Options` class; `more` is as in `Spec`."""
+    spec = {"spec": Spec(help, **more)}
+    if isinstance(default, dict | list):
+        return field(default_factory=lambda: type(default)(default), metadata=spec)
+    return field(default=default, metadata=spec)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of a study; checked when they are made.
+
+    Raises:
+        InputError: a value that is out of its range, with the option's name.
+    """
+
+    def __post_init__(self) -> None:
+        problems = []
+        for each, spec in specs(type(self)):
+            value = getattr(self, each.name)
+            if expected := spec.problem(value):
+                got = f"{value:g}" if isinstance(value, int | float) else f"'{value}'"
+                problems.append(Problem(each.name, got, expected, "correct it"))
+        problems += self.problems()
+        if problems:
+            raise InputError(problems)
+
+    def problems(self) -> list[Problem]:
+        """Return what does not go together; `where` of each is an option's name."""
+        return []
+
+    def recorded(self) -> dict[str, Any]:
+        """Return the options as result files record them."""
+        return {each.name: getattr(self, each.name) for each, _ in specs(type(self))}
+
+
+def specs(kind: type[Options]) -> list[tuple[Field[Any], Spec]]:
+    """Return the options of a class in order, each with what it is."""
+    return [(each, each.metadata["spec"]) for each in fields(kind) if "spec" in each.metadata]
+
+
+def flag_of(each: Field[Any]) -> str:
+    """Return the flag that gives an option on the command line."""
+    spec: Spec = each.metadata["spec"]
+    return spec.flag or f"--{each.name.replace('_', '-')}"
+
+
+def renamed(kind: type[Options], problem: Problem) -> Problem:
+    """Return a complaint that speaks of options, or of `options` in backticks, as one that names the flags."""
+    flags = {each.name: flag_of(each) for each, _ in specs(kind)}
+    flags |= {name: f"--{name}" for name in INPUTS} | {"folder": "--out"}
+    flags |= {spec.argument: flag_of(each) for each, spec in specs(kind) if spec.argument}
+
+    def in_words(text: str) -> str:
+        return re.sub(r"`(\w+)`", lambda match: flags.get(match[1], match[0]), text)
+
+    plain = replace(problem, where=in_words(problem.where), got=in_words(problem.got))
+    plain = replace(plain, expected=in_words(problem.expected), remedy=in_words(problem.remedy))
+    flag = flags.get(problem.column or problem.where)
+    return replace(plain, where=flag, column="") if flag else plain

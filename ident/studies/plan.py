@@ -1,0 +1,167 @@
+"""Rank what to measure next by what it would tell for its cost."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import log1p, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.studies import reading
+from ident.studies.fit import FitOptions, fit
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.studies.shared import as_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.plan import CampaignPlan, PlanSettings
+    from ident.measure import Campaign
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanOptions(FitOptions):
+    """Options of `ident.plan`: what to choose from, for what, and what is unknown."""
+
+    count: int = option(4, "experiments in the batch, at most", low=1, short="-k")
+    criterion: str = option(
+        "d", "what experiments are chosen for: d (information), a (mean variance) or a parameter's name"
+    )
+    target: float = option(
+        0.0, "end the batch when all standard deviations are below this, in percent; 0 for none", low=0.0
+    )
+    step: float = option(30.0, "step of the grid of joint angles [deg]")
+    modes: int = option(4, "frequencies that a hammer test gives, from the lowest", low=1)
+    load: tuple[str, ...] = option(
+        (), "load that can be mounted, as 'glass' or '5 kg @ tip'; may be repeated", repeated=True, read=reading.names
+    )
+    sigma: dict[str, float] = option(
+        {},
+        "standard deviation as a share of the value, as frequency=0.005; default: the campaign's",
+        repeated=True,
+        read=reading.numbers,
+    )
+    cost: dict[str, float] = option(
+        {},
+        "minutes for a part of an experiment, as posture=10; also hammer, labels, dial and load",
+        repeated=True,
+        read=reading.numbers,
+    )
+    draws: int = option(8, "points besides the best estimate over which gains are averaged", low=0)
+
+    @property
+    def settings(self) -> "PlanSettings":
+        """The same as identification takes it, in SI."""
+        from ident.identify.plan import PlanSettings
+        from ident.measure import OWN_WEIGHT, Load
+
+        return PlanSettings(
+            count=self.count,
+            criterion=self.criterion,
+            target=log1p(self.target / 100),
+            step=radians(self.step),
+            modes=self.modes,
+            loads=(OWN_WEIGHT, *(Load.parse(text) for text in self.load)),
+            sigma=self.sigma,
+            costs=self.cost,
+            draws=self.draws,
+            seed=self.seed,
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class PlanResult(Result):
+    """What to measure next on an arm, and what it will give.
+
+    Attributes:
+        arm: the arm as its file has it.
+        plan: the batch, what it was chosen from, and what the standard deviations will become.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    plan: "CampaignPlan"
+    options: PlanOptions = field(default_factory=PlanOptions)
+
+    form, suffix = "ident-plan/2", ".json"
+
+    @property
+    def name(self) -> str:
+        """The campaign's name, or the arm's, and what was done with it."""
+        fitted = self.plan.fit
+        return f"{fitted.campaign.name if fitted else Path(self.arm.path).stem or self.arm.arm.name}.plan"
+
+    @property
+    def campaign(self) -> "Campaign":
+        """The batch as measurements with the values that are expected."""
+        return self.plan.campaign()
+
+    @property
+    def cost(self) -> float:
+        """What the batch costs [min]."""
+        return float(sum(step.cost for step in self.plan.steps))
+
+    @property
+    def sd(self) -> Mapping[str, tuple[float, ...]]:
+        """Standard deviation of each parameter, now and after each experiment: of ln(value) [-] of a positive one."""
+        names = self.plan.parameters.names
+        return {name: tuple(map(float, column)) for name, column in zip(names, self.plan.sd.T, strict=True)}
+
+    def report(self) -> str:
+        """Return the text that `ident plan` prints."""
+        from ident.present.text.plan import plan_report
+
+        return plan_report(self.plan)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return one figure: gain over posture, and what the standard deviations will become."""
+        from ident.present.figures.plan import plan_figure
+
+        return {"": plan_figure(self.plan)}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat."""
+        from ident.present.files.plan import plan_rows
+
+        return plan_rows(self.plan)
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        """Write the plan, and a campaign to fill in unless the batch is empty."""
+        from ident.present.files.document import write_result
+        from ident.present.files.plan import plan_document, write_form
+
+        forms = (path.with_suffix(".csv"),) if self.plan.steps else ()
+        for each in forms:
+            write_form(self.plan, each)
+        document = plan_document(self.form, self.plan, self.arm, self.options.recorded())
+        write_result(document, self.fields(), path)
+        return (path, *forms)
+
+
+def plan(
+    arm: "Arm | ArmFile",
+    campaign: "Campaign | None" = None,
+    options: PlanOptions | None = None,
+    *,
+    progress: Progress = silent,
+) -> PlanResult:
+    """Choose what to measure next on an arm, by what it would tell for its cost.
+
+    Args:
+        arm: its joint limits say which postures can be held.
+        campaign: what is measured already; None for nothing, so that the priors alone are known.
+        options: what to choose from, for what, and what is unknown.
+        progress: shows how far it is, over the starts of the fit.
+
+    Raises:
+        InputError: arm, campaign and options do not fit together.
+        ModelError: the campaign can't be fitted, or the arm stands in no posture.
+    """
+    from ident.identify.plan import plan_campaign
+
+    options, arm_file = options or PlanOptions(), as_file(arm)
+    settings = options.settings
+    fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign else None
+    return PlanResult(arm_file, plan_campaign(arm_file.arm, fitted, options.unknowns, settings), options)

@@ -1,0 +1,120 @@
+"""Check the intervals of a fit: move each parameter, fit all others again, and see how the cost rises."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.studies import reading
+from ident.studies.fit import FitOptions
+from ident.studies.fit import fit as fit_study
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.studies.shared import as_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.fit import CampaignFit
+    from ident.inference.profile import Profile
+    from ident.measure import Campaign
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileOptions(FitOptions):
+    """Options of `ident.profile`: those of the fit, which parameters are profiled, and how far."""
+
+    parameter: tuple[str, ...] = option(
+        (), "parameter to profile, default: all; may be repeated", repeated=True, read=reading.names
+    )
+    reach: float = option(1000.0, "factor on the fitted value beyond which a profile is called open", above=1.0)
+
+
+@dataclass(frozen=True, repr=False)
+class ProfileResult(Result):
+    """Profile likelihoods of a fit.
+
+    Attributes:
+        arm: the arm as its file has it.
+        fit: the fit whose intervals are checked.
+        profiles: the least cost as a function of each parameter.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    fit: "CampaignFit"
+    profiles: "tuple[Profile, ...]"
+    options: ProfileOptions = field(default_factory=ProfileOptions)
+
+    form, suffix = "ident-profile/2", ".json"
+
+    @property
+    def name(self) -> str:
+        """The campaign's name and what was done with it."""
+        return f"{self.fit.campaign.name}.profile"
+
+    @property
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        """95 % intervals by parameter [SI]; where a side is open, infinity, or zero for a positive number."""
+        ends = {each.name: each.values([each.widest.low, each.widest.high]) for each in self.profiles}
+        return {name: (float(low), float(high)) for name, (low, high) in ends.items()}
+
+    @property
+    def linear(self) -> Mapping[str, bool]:
+        """Whether a parameter's interval agrees with that of the fit, the linear one."""
+        return {each.name: each.linear for each in self.profiles}
+
+    def report(self) -> str:
+        """Return the text that `ident profile` prints."""
+        from ident.present.text.profile import profile_report
+
+        return profile_report(self.fit, self.profiles)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return one figure: a panel for each parameter."""
+        from ident.present.figures.profile import profile_figure
+
+        return {"": profile_figure(self.fit, self.profiles)}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter: fitted value, unit, and the ends [SI] of both intervals."""
+        from ident.present.files.profile import profile_rows
+
+        return profile_rows(self.profiles)
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.document import write_result
+        from ident.present.files.profile import profile_document
+
+        document = profile_document(self.form, self.fit, self.profiles, self.arm, self.options.recorded())
+        write_result(document, self.fields(), path)
+        return (path,)
+
+
+def profile(
+    arm: "Arm | ArmFile", campaign: "Campaign", options: ProfileOptions | None = None, *, progress: Progress = silent
+) -> ProfileResult:
+    """Fit an arm to a campaign, and profile the likelihood of its parameters, priors included.
+
+    With `no_prior` the profiles show what the data alone support.
+
+    Args:
+        arm: its stiffnesses are starting values and centres of the priors.
+        campaign: the measurements.
+        options: those of the fit; which parameters, and how far.
+        progress: shows how far it is, over the starts and then over the sides of the profiles.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
+        ModelError: no optimum was reached.
+    """
+    from ident.identify.build_problem import build_problem
+    from ident.inference import profile as likelihood
+
+    options, arm_file = options or ProfileOptions(), as_file(arm)
+    likelihood.check(build_problem(arm_file.arm, campaign, options.unknowns).parameters, options.parameter)
+    fit = fit_study(arm_file, campaign, options, progress=progress).fit
+    profiles = likelihood.profile(fit, options.parameter, reach=options.reach, progress=progress("profiles"))
+    return ProfileResult(arm_file, fit, profiles, options)

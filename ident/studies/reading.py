@@ -1,0 +1,116 @@
+"""How the texts of options are read: numbers, names, and pairs of both."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ident.errors import InputError, Problem
+from ident.inference.priors import Prior
+
+
+def number(text: str, flag: str) -> float:
+    """Read a finite number.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.inf
+    if not math.isfinite(value):
+        raise InputError(Problem(flag, f"'{text}'", "a finite number", "correct it, see --help"))
+    return value
+
+
+def names(texts: Sequence[str], flag: str) -> tuple[str, ...]:
+    """Read names, one a text."""
+    return tuple(texts)
+
+
+def words(text: str, flag: str) -> tuple[str, ...]:
+    """Read words with commas between, in small letters."""
+    return tuple(part.strip().lower() for part in text.split(","))
+
+
+def several(text: str, flag: str) -> tuple[float, ...]:
+    """Read numbers with commas between."""
+    return tuple(number(part, f"{flag} {text}") for part in text.split(","))
+
+
+def ties(texts: Sequence[str], flag: str) -> tuple[tuple[str, ...], ...]:
+    """Read groups of names with = between."""
+    return tuple(_tied(text, flag) for text in texts)
+
+
+def numbers(texts: Sequence[str], flag: str) -> dict[str, float]:
+    """Read NAME=NUMBER, each name once."""
+    pairs = [(text, *named(text, f"{flag} {text}")) for text in texts]
+    return once(flag, [(name, number(value, f"{flag} {text}")) for text, name, value in pairs])
+
+
+def widths(texts: Sequence[str], flag: str) -> dict[str, float]:
+    """Read NAME:WIDTH, or NAME alone for an infinite width, each name once."""
+    parts = [(text, *text.partition(":")[::2]) for text in texts]
+    return once(flag, [(name, number(width, f"{flag} {text}") if width else math.inf) for text, name, width in parts])
+
+
+def named(text: str, where: str) -> tuple[str, str]:
+    """Split NAME=VALUE.
+
+    Raises:
+        InputError: there is no name, no = or no value.
+    """
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise InputError(Problem(where, "no NAME=VALUE", "a name, = and what it is given", "correct it, see --help"))
+    return name, value
+
+
+def once(flag: str, pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Return pairs as a mapping.
+
+    Raises:
+        InputError: a name stands twice.
+    """
+    mapping = dict(pairs)
+    if len(mapping) < len(pairs):
+        every = [name for name, _ in pairs]
+        twice = next(name for name in every if every.count(name) > 1)
+        raise InputError(Problem(flag, f"{twice} twice", "each once", "keep one of them"))
+    return mapping
+
+
+def band(text: str, flag: str) -> tuple[float, float]:
+    """Read a band of frequencies LOW:HIGH [Hz]."""
+    parts = [number(part, f"{flag} {text}") for part in text.split(":")]
+    if len(parts) != 2 or not 0 <= parts[0] < parts[1]:
+        raise InputError(Problem(f"{flag} {text}", "no band", "LOW:HIGH in Hz, 0 <= LOW < HIGH", "as 4:8"))
+    return parts[0], parts[1]
+
+
+def whole_numbers(text: str, flag: str) -> tuple[int, ...]:
+    """Read whole numbers from 1 with commas between."""
+    values = several(text, flag)
+    if any(value != int(value) or value < 1 for value in values):
+        raise InputError(Problem(f"{flag} {text}", f"'{text}'", "whole numbers from 1", "as 1,2"))
+    return tuple(int(value) for value in values)
+
+
+def priors(texts: Sequence[str], flag: str) -> dict[str, Prior]:
+    """Read NAME=PRIOR, each name once."""
+    pairs = once(flag, [named(text, f"{flag} {text}") for text in texts])
+    return {name: Prior.parse(form) for name, form in pairs.items()}
+
+
+def postures(texts: Sequence[str], flag: str) -> tuple[tuple[float, ...], ...]:
+    """Read joint angles with commas between, one posture a text."""
+    return tuple(several(text, flag) for text in texts)
+
+
+def _tied(text: str, flag: str) -> tuple[str, ...]:
+    paths = tuple(text.split("="))
+    if len(paths) < 2:
+        remedy = "as a.k_tors=b.k_tors"
+        raise InputError(Problem(f"{flag} {text}", "one parameter", "two or more with = between", remedy))
+    return paths

@@ -1,0 +1,140 @@
+"""Compare the pulleys' frequencies with the arm's natural frequencies along a motion."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import Problem
+from ident.studies import reading
+from ident.studies.motion import MotionOptions, basis_of, drawn_values
+from ident.studies.options import option
+from ident.studies.result import Result
+from ident.studies.shared import as_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.assess.basis import Basis
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Log
+    from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
+    from ident.vibrate.modal.branches import Branches
+    from ident.vibrate.modal.excitation import Excitation
+    from ident.vibrate.modal.resonance import ResonanceCrossing
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResonanceOptions(MotionOptions):
+    """Options of `ident.resonance`: the motion, which modes are followed, and what counts as near."""
+
+    draws: int = option(200, "draws of the posterior", low=1)
+    seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
+    count: int = option(3, "lowest natural frequencies that are followed", low=1)
+    orders: tuple[int, ...] | None = option(
+        None,
+        "multiples of the pulleys' frequencies, as 1,2; default: 1, and 2 with a transmission error",
+        read=reading.whole_numbers,
+    )
+    margin: float = option(10.0, "percent of a natural frequency that count as near", above=0.0)
+
+    def problems(self) -> list[Problem]:
+        """Refuse a margin that reaches down to zero."""
+        wide = Problem("margin", f"{self.margin:g}", "a number below 100", "10 is 10 % of the frequency")
+        return [*super().problems(), *([wide] if self.margin >= 100 else [])]
+
+
+@dataclass(frozen=True, repr=False)
+class ResonanceResult(Result):
+    """A Campbell diagram: natural frequencies along a motion against the frequencies at which pulleys turn.
+
+    Attributes:
+        basis: arm and motion, and where their numbers come from.
+        branches: natural frequencies of the arm held along the motion.
+        excitation: frequencies of the pulleys at the same times.
+        crossings: where both are near, the most severe first.
+        options: what was asked for.
+    """
+
+    basis: "Basis"
+    branches: "Branches"
+    excitation: "Excitation"
+    crossings: "tuple[ResonanceCrossing, ...]"
+    options: ResonanceOptions = field(default_factory=ResonanceOptions)
+
+    form, suffix = "ident-resonance/2", ".json"
+
+    @property
+    def name(self) -> str:
+        """The arm's name, the motion's, and what was done."""
+        return f"{self.basis.name}.resonance"
+
+    @property
+    def title(self) -> str:
+        """Which arm makes which motion."""
+        return f"{self.basis.arm_file.arm.name}, {self.basis.motion.name}"
+
+    def report(self) -> str:
+        """Return the text that `ident resonance` prints."""
+        from ident.present.text.resonance import resonance_report
+
+        margin = self.options.margin / 100
+        return resonance_report(self.branches, self.excitation, self.crossings, title=self.title, margin=margin)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return one figure: the Campbell diagram over time, resonance crossings numbered as in the report."""
+        from ident.present.figures.resonance import resonance_figure
+
+        return {"": resonance_figure(self.branches, self.excitation, self.crossings, title=self.title)}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], how far it builds up."""
+        from ident.present.files.resonance import crossing_rows
+
+        return crossing_rows(self.crossings)
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.document import write_result
+        from ident.present.files.resonance import resonance_document
+
+        recorded = self.options.recorded()
+        document = resonance_document(self.basis, self.branches, self.excitation, self.crossings, recorded)
+        write_result(document, self.fields(), path)
+        return (path,)
+
+
+def resonance(
+    arm: "Arm | ArmFile",
+    options: ResonanceOptions | None = None,
+    *,
+    path: "Log | str | Path | None" = None,
+    fit: "Values | FitResult | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
+) -> ResonanceResult:
+    """Compare the pulleys' frequencies with the arm's natural frequencies along a motion (the paper's Figure 4).
+
+    Args:
+        arm: the arm.
+        options: motion and load, which modes are followed, and what counts as near.
+        path: a joint path to follow instead of the stroke: a log, or its file.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
+            unless it has fitted values.
+
+    Raises:
+        InputError: options that do not go together, a file that does not fit the arm, an arm without drives.
+        ModelError: the arm has no stable equilibrium at some posture.
+    """
+    from ident.vibrate.modal.branches import branches
+    from ident.vibrate.modal.excitation import excitation
+    from ident.vibrate.modal.resonance import resonance_crossings
+
+    options, arm_file = options or ResonanceOptions(), as_file(arm)
+    drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
+    basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
+    followed = branches(basis.arm.replace(basis.draws), basis.motion, count=options.count, loads=basis.loads)
+    turning = excitation(basis.arm, basis.motion, orders=options.orders)
+    crossings = resonance_crossings(followed, turning, margin=options.margin / 100)
+    return ResonanceResult(basis, followed, turning, crossings, options)

@@ -1,0 +1,101 @@
+"""What every study returns: a frozen result with its report, figures, table and files."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Progress(Protocol):
+    """Shows how far long work is."""
+
+    def __call__(self, description: str, total: int | None = None) -> "Wrap":
+        """Return what shows a bar over an iterable of numbers, under a description."""
+        ...
+
+
+class Wrap(Protocol):
+    """Passes numbers on, one for each step of the work."""
+
+    def __call__(self, numbers: Iterable[int], /) -> Iterator[int]:
+        """Return the same numbers."""
+        ...
+
+
+def silent(description: str, total: int | None = None) -> Wrap:
+    """Show nothing."""
+    return iter
+
+
+@dataclass(frozen=True, repr=False)
+class Result:
+    """What a study has computed, on what inputs, by which options.
+
+    `print(result)` prints what the command prints; `ident.load` brings a saved result back as it was.
+    """
+
+    form: ClassVar[str]
+    """Format and version of its file."""
+    suffix: ClassVar[str]
+    """End of its file's name."""
+
+    def __str__(self) -> str:
+        return self.report()
+
+    def __repr__(self) -> str:
+        return f"<ident {type(self).__name__} {self.name}: print it for the report>"
+
+    @property
+    def name(self) -> str:
+        """What its files are called, without their ends."""
+        raise NotImplementedError
+
+    def report(self) -> str:
+        """Return the text that the command prints."""
+        raise NotImplementedError
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return matplotlib figures by the word that tells their files apart; the first has none."""
+        return {}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return the main numbers as rows, which `pandas.DataFrame` takes."""
+        raise NotImplementedError
+
+    def save(self, path: str | Path) -> tuple[Path, ...]:
+        """Write the result's files, each whole or not at all, and return their paths.
+
+        Args:
+            path: the main file, ending as its format demands, or a folder, in which the files get the result's name.
+
+        Raises:
+            InputError: the folder or a file can't be written.
+        """
+        path = Path(path)
+        if not path.name.endswith(self.suffix):
+            path = path / f"{self.name}{self.suffix}"
+        return self._write(path)
+
+    def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the figures as PNG into a folder, under the result's name, and return their paths.
+
+        Raises:
+            InputError: the folder or a file can't be written.
+        """
+        from ident.present.files.png import save
+
+        written = []
+        for word, figure in self.figures().items():
+            written.append(Path(folder) / f"{self.name}{'.' * bool(word)}{word}.png")
+            save(figure, written[-1])
+        return tuple(written)
+
+    def fields(self) -> Mapping[str, Any]:
+        """Return what `ident.load` makes the result of again."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        raise NotImplementedError

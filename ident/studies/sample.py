@@ -1,0 +1,167 @@
+"""Sample the posterior of a campaign: how sure each stiffness is, and which combinations are known."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.studies import reading
+from ident.studies.fit import FitOptions, fit
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+
+if TYPE_CHECKING:
+    import arviz
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.sample import CampaignSample
+    from ident.measure import Campaign
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleOptions(FitOptions):
+    """Options of `ident.sample`: what is unknown, what is known of it, and how long to sample."""
+
+    noise: tuple[str, ...] = option(
+        (),
+        "kind of measurement whose sigma is known up to a factor only, as frequency; may be repeated",
+        repeated=True,
+        read=reading.names,
+    )
+    weights: bool = option(False, "weigh several optima against each other, by nested sampling")
+    ess: float = option(2000.0, "effective samples of each unknown at which to stop", low=100.0)
+    steps: int = option(20000, "steps at which to stop in any case", low=500, argument="max_steps")
+    ensembles: int = option(4, "independent ensembles about each optimum", low=4)
+    walkers: int | None = option(None, "walkers in each ensemble; default: four to twelve times the unknowns")
+
+
+@dataclass(frozen=True, repr=False)
+class SampleResult(Result):
+    """A sampled posterior of an arm's campaign.
+
+    Attributes:
+        arm: the arm as its file has it.
+        sample: the draws, the fit that they started from, the data that they predict, and how far to trust them.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    sample: "CampaignSample"
+    options: SampleOptions = field(default_factory=SampleOptions)
+
+    form, suffix = "ident-sample/2", ".nc"
+
+    @property
+    def name(self) -> str:
+        """The campaign's name and what was done with it."""
+        return f"{self.sample.fitted.campaign.name}.sample"
+
+    @property
+    def enough(self) -> bool:
+        """Whether the chains are long enough, and agree."""
+        return all(each.enough(self.options.ess) for each in self.sample.sample.diagnosis)
+
+    @property
+    def medians(self) -> Mapping[str, float]:
+        """Median by parameter [SI: N m/rad for a stiffness], about the best optimum."""
+        return {row["parameter"]: row["median"] for row in self.table() if row["optimum"] == self._best}
+
+    @property
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        """95 % intervals by parameter [SI], about the best optimum."""
+        rows = (row for row in self.table() if row["optimum"] == self._best)
+        return {row["parameter"]: (row["low_95"], row["high_95"]) for row in rows}
+
+    @property
+    def inference_data(self) -> "arviz.InferenceData":
+        """The draws as ArviZ has them, all SI: each walker a chain, burn-in left out."""
+        from ident.present.files.document import plain, provenance
+        from ident.present.files.sample import inference_data
+
+        head = provenance(self.form, self.arm, self.sample.fitted.campaign, self.options.recorded())
+        return inference_data(self.sample, head | {"trust": plain(self.sample.trust)})
+
+    def report(self) -> str:
+        """Return the text that `ident sample` prints."""
+        from ident.present.text.sample import sample_report
+
+        return sample_report(self.sample)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return figures of the posterior, of pairs of parameters and of the chains: `posterior`, `corner`, `trace`."""
+        from ident.present.figures.sample import sample_figures
+
+        return sample_figures(self.sample)
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat."""
+        from ident.present.files.sample import parameter_rows
+
+        return parameter_rows(self.sample)
+
+    @property
+    def _best(self) -> int:
+        return self.sample.sample.basins[0] + 1
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.netcdf import write_netcdf_result
+
+        def write(part: Path) -> None:
+            self.inference_data.to_netcdf(str(part), engine="h5netcdf")
+
+        write_netcdf_result(self.form, self.fields(), path, write)
+        return (path,)
+
+
+def sample(
+    arm: "Arm | ArmFile",
+    campaign: "Campaign",
+    options: SampleOptions | None = None,
+    *,
+    folder: str | Path | None = None,
+    restart: bool = False,
+    progress: Progress = silent,
+) -> SampleResult:
+    """Sample the posterior of a campaign by emcee, until the effective sample size is reached.
+
+    Interrupted and called again with the same folder and inputs it goes on, and the chain is the same to the bit; with
+    more `steps`, or more `ess`, it only becomes longer.
+
+    Args:
+        arm: its stiffnesses are starting values and centres of the priors.
+        campaign: the measurements.
+        options: what is unknown, what is known of it, and how long to sample.
+        folder: where checkpoints go, and stay; None for none.
+        restart: throw away what is in the folder.
+        progress: shows how far it is, over the starts of the fit and the blocks of steps.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together; implausible values; data and prior
+            that leave a parameter open or exclude each other; checkpoints of another run.
+        ModelError: no optimum was reached, or the model has no answer about one.
+    """
+    from ident.identify.sample import sample_campaign
+    from ident.inference.ensembles import BLOCK
+    from ident.inference.sample import Settings
+    from ident.store import Store
+
+    options, folder = options or SampleOptions(), Path(folder) if folder is not None else None
+    fitted = fit(arm, campaign, options, progress=progress)
+    if restart and folder is not None:
+        Store.discard(folder)
+    sampled = sample_campaign(
+        fitted.fit,
+        settings=Settings(options.ensembles, options.walkers, options.ess, options.steps, options.seed),
+        noise=options.noise,
+        weights=options.weights,
+        folder=folder,
+        provenance={
+            "campaign": campaign.sha256,
+            "arm file": fitted.arm.sha256,
+            "number of starts": str(options.starts),
+        },
+        progress=progress("blocks of steps", options.steps // BLOCK),
+    )
+    return SampleResult(fitted.arm, sampled, options)

@@ -1,0 +1,230 @@
+"""Simulate how the end point vibrates while the arm carries out a motion."""
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies import reading
+from ident.studies.motion import HeldMotionOptions, basis_of, drawn_values
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.studies.shared import as_file
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.assess.basis import Basis
+    from ident.assess.simulation import Simulation
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Log, Trace
+    from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
+    from ident.vibrate.response.study import Draws, SimulatedMotion
+    from ident.vibrate.signal.compare import Comparison
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(HeldMotionOptions):
+    """Options of `ident.simulate`: the motion, how it is simulated, and what is reported of the vibration."""
+
+    draws: int = option(200, "draws of the posterior", low=1)
+    seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
+    elastic_belts: bool = option(False, "belts stretch")
+    method: str | None = option(None, "fast, exact or both (default; with --posterior: fast)")
+    rate: float = option(500.0, "samples a second")
+    band: tuple[float, float] = option(
+        (4.0, 8.0),
+        "band LOW:HIGH [Hz] in which the strongest frequency is compared",
+        read=reading.band,
+        text="4:8",
+    )
+    tolerance: float = option(0.1, "of the settling time [mm]", above=0.0)
+    at: float | None = option(None, "time [s] from which on a further peak is reported, as 4")
+    limit: float | None = option(None, "peak [mm] that should not be exceeded", above=0.0)
+
+
+@dataclass(frozen=True, repr=False)
+class SimulateResult(Result):
+    """A simulated motion of an arm.
+
+    Attributes:
+        simulation: basis, response, draws, and the trace that it was compared with.
+        options: what was asked for.
+    """
+
+    simulation: "Simulation"
+    options: SimulateOptions = field(default_factory=SimulateOptions)
+
+    form, suffix = "ident-simulate/2", ".nc"
+
+    @property
+    def name(self) -> str:
+        """The arm's name, the motion's, and what was done."""
+        return f"{self.simulation.basis.name}.simulate"
+
+    @property
+    def arm(self) -> "Arm":
+        """The arm as it was simulated."""
+        return self.simulation.arm
+
+    @property
+    def time(self) -> 'Float[np.ndarray, "T"]':
+        """Times [s]."""
+        return self.simulation.time
+
+    @property
+    def vibration(self) -> 'Float[np.ndarray, "3 T"]':
+        """Displacement of the end point less the quasi-static deflection, in x, y and z of the base frame [m]."""
+        return self.simulation.vibration
+
+    @property
+    def peak(self) -> 'Float[np.ndarray, "3"]':
+        """Largest magnitude of the vibration in x, y and z [m]."""
+        return self.simulation.sizes.peak
+
+    @property
+    def draws(self) -> "Draws | None":
+        """The vibration by the draws of a posterior; None without one."""
+        return self.simulation.draws
+
+    @property
+    def interrupted(self) -> float | None:
+        """Time [s] that the exact method came to before the user interrupted it; None where nobody did."""
+        return self.simulation.study.interrupted
+
+    def report(self) -> str:
+        """Return the text that `ident simulate` prints."""
+        from ident.present.text.simulate import simulate_report
+
+        return simulate_report(self.simulation)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return two figures: vibration of the end point; joints, belts and pulleys (`drives`)."""
+        from ident.present.figures.simulate import drives_figure, simulate_figure
+
+        return {"": simulate_figure(self.simulation), "drives": drives_figure(self.simulation)}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each direction: peak and its time, rms, residual, settling time [m, s]."""
+        from ident.present.files.simulate import size_rows
+
+        return size_rows(self.simulation)
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.document import write_json
+        from ident.present.files.netcdf import write_netcdf_result
+        from ident.present.files.simulate import simulate_document, write_csv, write_netcdf
+
+        recorded = self.options.recorded()
+        csv, document = path.with_suffix(".csv"), path.with_suffix(".json")
+        write_csv(self.simulation, recorded, csv)
+        write_netcdf_result(self.form, self.fields(), path, lambda part: write_netcdf(self.simulation, recorded, part))
+        write_json(simulate_document(self.simulation, recorded), document)
+        return csv, path, document
+
+
+def simulate(
+    arm: "Arm | ArmFile",
+    options: SimulateOptions | None = None,
+    *,
+    path: "Log | str | Path | None" = None,
+    fit: "Values | FitResult | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
+    trace: "Trace | str | Path | None" = None,
+    progress: Progress = silent,
+) -> SimulateResult:
+    """Simulate how the end point vibrates while the arm carries out a motion.
+
+    Interrupted (Ctrl-C) during the exact method it returns what there is, and says so in `interrupted`.
+
+    Args:
+        arm: the arm.
+        options: motion, load, method, and what is reported of the vibration.
+        path: a joint path to follow instead of the stroke: a log, or its file.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
+            unless it has fitted values.
+        trace: measured vibration to compare with, on the clock of the motion, or its file.
+        progress: shows how far it is, over the time of the exact method and over the draws.
+
+    Raises:
+        InputError: options that do not go together, a file that does not fit the arm, a motion that it can't make.
+        ModelError: the arm collapses.
+    """
+    from ident.assess.simulation import Simulation
+    from ident.vibrate.response.study import simulate_motion
+
+    options, arm_file = options or SimulateOptions(), as_file(arm)
+    drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
+    basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
+    measured = _trace(trace)
+    _check_time(options.at, basis)
+    study = simulate_motion(
+        basis.arm,
+        basis.motion,
+        loads=basis.loads,
+        method=options.method or ("fast" if drawn else "both"),
+        elastic_belts=options.elastic_belts,
+        rate=options.rate,
+        progress=progress("exact method"),
+    )
+    simulation = Simulation(
+        basis,
+        study,
+        options.tolerance / 1e3,
+        options.at,
+        None if options.limit is None else options.limit / 1e3,
+        _draws(basis, options, progress) if study.interrupted is None else None,
+        measured,
+        _compared(study, measured, options.band) if measured else None,
+    )
+    return SimulateResult(simulation, options)
+
+
+def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Draws | None":
+    """Simulate the motion for the draws of the posterior, if there is one."""
+    from ident.vibrate.response.study import draw, measures
+
+    if not basis.draws:
+        return None
+    return draw(
+        basis.arm,
+        basis.motion,
+        basis.draws,
+        loads=basis.loads,
+        elastic_belts=options.elastic_belts,
+        rate=options.rate,
+        measure=partial(measures, tolerance=options.tolerance / 1e3, at=options.at),
+        progress=progress("draws"),
+    )
+
+
+def _compared(study: "SimulatedMotion", measured: "Trace", band: tuple[float, float]) -> "dict[str, Comparison] | None":
+    """Compare with a trace; what an interruption has left may be too short for it."""
+    from ident.vibrate.response.study import against
+
+    try:
+        return against(study.response, measured.time, measured.values, measured.kind, band)
+    except InputError:
+        if study.interrupted is None:
+            raise
+        return None
+
+
+def _trace(trace: "Trace | str | Path | None") -> "Trace | None":
+    from ident.measure import read_trace
+
+    return read_trace(trace) if isinstance(trace, str | Path) else trace
+
+
+def _check_time(at: float | None, basis: "Basis") -> None:
+    first, last = float(basis.motion.breaks[0]), float(basis.motion.breaks[-1])
+    if at is not None and not first <= at <= last:
+        remedy = "hold the arm longer (`dwell`)" if at > last else "correct it"
+        raise InputError(Problem("at", f"{at:g} s", f"a time from {first:g} to {last:.4g} s", remedy))

@@ -1,0 +1,219 @@
+"""Show at which frequencies a trace vibrates, and how much."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies import reading
+from ident.studies.options import Options, option
+from ident.studies.result import Result
+from ident.studies.shared import as_file
+from ident.studies.simulate import SimulateResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.assess.spectra import Spectra
+    from ident.description.file import ArmFile
+    from ident.identify.modal_analysis import ModalAnalysis
+    from ident.measure import Pulley, Trace
+
+MODES = 6
+"""Natural frequencies of an arm that are marked."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpectrumOptions(Options):
+    """Options of `ident.spectrum`: what of the trace counts, how it is analysed, and at which posture an arm is."""
+
+    direction: tuple[str, ...] | None = option(None, "as x,z; default: all that the file has", read=reading.words)
+    window: str = option("hann", "hann, boxcar, hamming, blackmanharris or flattop")
+    segments: int = option(1, "segments to average over: steadier, but wider peaks")
+    upto: float = option(20.0, "highest frequency [Hz]", above=0.0)
+    start: float | None = option(None, "time [s] from which on the trace counts", flag="--from")
+    end: float | None = option(None, "time [s] up to which the trace counts", flag="--to")
+    posture: tuple[float, ...] | None = option(
+        None, "of that arm, in degrees, as 30,-60,30", short="-q", read=reading.several
+    )
+    load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
+    spectrogram: bool = option(False, "amplitudes over time and frequency")
+    segment: float | None = option(
+        None,
+        "duration [s] of the spectrogram's segments; default: 1, at most a quarter of all",
+        above=0.0,
+        argument="segment_seconds",
+    )
+    decibel: bool = option(False, "colours of the spectrogram in dB")
+    orders: tuple[float, ...] = option(
+        (),
+        "multiples of the pulleys' turning, as 1,2: tracked where the file has their angles",
+        read=reading.several,
+    )
+    revolutions: int = option(
+        4,
+        "of a block over which an order is tracked: more tell orders better, times worse",
+        low=1,
+        argument="angle",
+    )
+
+
+@dataclass(frozen=True, repr=False)
+class SpectrumResult(Result):
+    """The spectra of a trace, or of two.
+
+    Attributes:
+        spectra: traces, spectra, spectrograms, orders, and the modes of an arm.
+        arm: the arm as its file has it; None if none was named.
+        options: what was asked for.
+    """
+
+    spectra: "Spectra"
+    arm: "ArmFile | None" = None
+    options: SpectrumOptions = field(default_factory=SpectrumOptions)
+
+    form, suffix = "ident-spectrum/2", ".json"
+
+    @property
+    def name(self) -> str:
+        """The trace's name and what was done with it."""
+        return f"{self.spectra.name.removesuffix('.simulate')}.spectrum"
+
+    def report(self) -> str:
+        """Return the text that `ident spectrum` prints."""
+        from ident.present.text.spectrum import spectrum_report
+
+        return spectrum_report(self.spectra)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the spectra, the pulleys' orders (`orders`) and spectrograms by direction, as far as asked for."""
+        from ident.present.figures.orders import orders_figure
+        from ident.present.figures.spectrum import spectra_figure, spectrogram_figures
+
+        orders = {"orders": orders_figure(self.spectra)} if self.spectra.tracks else {}
+        spectrograms = spectrogram_figures(self.spectra, decibel=self.options.decibel)
+        return {"": spectra_figure(self.spectra), **orders, **spectrograms}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each of the strongest peaks: frequency [Hz], amplitude [SI], and the mode near it."""
+        from ident.present.files.spectrum import peak_rows
+
+        return peak_rows(self.spectra)
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.document import write_result
+        from ident.present.files.spectrum import spectrum_document
+
+        write_result(spectrum_document(self.spectra, self.arm, self.options.recorded()), self.fields(), path)
+        return (path,)
+
+
+def spectrum(
+    trace: "Trace | SimulateResult | str | Path",
+    options: SpectrumOptions | None = None,
+    *,
+    arm: "Arm | ArmFile | str | Path | None" = None,
+    against: "Trace | SimulateResult | str | Path | None" = None,
+    pulleys: "Mapping[str, Pulley] | None" = None,
+) -> SpectrumResult:
+    """Show at which frequencies a trace vibrates, and how much.
+
+    Args:
+        trace: a trace, its file, or a simulated motion, whose vibration is the trace then.
+        options: what of it counts, and how it is analysed.
+        arm: marks its natural frequencies.
+        against: another trace, drawn over the first, as a measured one.
+        pulleys: how pulleys turn at the times of the trace, by name; by default as its file or the simulation has it.
+
+    Raises:
+        InputError: a trace that is too short, or has not what is asked for; options that do not go together.
+        ModelError: the arm has no stable equilibrium at the posture.
+    """
+    from ident.assess.spectra import (
+        Spectra,
+        amplitude_spectra,
+        common_directions,
+        comparable,
+        distinct,
+        order_tracks,
+        spectrograms,
+    )
+
+    options = options or SpectrumOptions()
+    arm_file = _arm(arm, options)
+    given, turning = _traces(trace, against, pulleys, options)
+    directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
+    first, turning = next(iter(traces.values())), distinct(turning)
+    orders, window = options.orders, options.window
+    spectra = Spectra(
+        directions,
+        traces,
+        amplitude_spectra(traces, directions, window=window, segments=options.segments),
+        options.upto,
+        turning,
+        _modes(arm_file, options),
+        order_tracks(first, directions, turning, orders, options.revolutions) if orders else {},
+        orders,
+        spectrograms(first, directions, window=window, seconds=options.segment) if options.spectrogram else {},
+        remark,
+    )
+    return SpectrumResult(spectra, arm_file, options)
+
+
+def _traces(
+    trace: "Trace | SimulateResult | str | Path",
+    against: "Trace | SimulateResult | str | Path | None",
+    pulleys: "Mapping[str, Pulley] | None",
+    options: SpectrumOptions,
+) -> "tuple[dict[str, Trace], Mapping[str, Pulley]]":
+    """Return what of the traces counts, by name, and the pulleys beside the first."""
+    from ident.assess.spectra import cut
+
+    name, first, beside = _read(trace)
+    turning = beside if pulleys is None else pulleys
+    if options.orders and not any(pulley.angle is not None for pulley in turning.values()):
+        expected, remedy = "a column as 'drive1.angle [rad]'", "give a file of ident simulate, or drop `orders`"
+        raise InputError(Problem(first.path or name, "no pulley's angle", expected, remedy))
+    first, turning = cut(first, turning, options.start, options.end)
+    if against is None:
+        return {name: first}, turning
+    other, second, _ = _read(against)
+    second, _ = cut(second, {}, options.start, options.end)
+    return {name: first, other if other != name else second.path or f"{other} (2)": second}, turning
+
+
+def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Mapping[str, Pulley]]":
+    """Return a trace with its name and the pulleys beside it."""
+    from ident.measure import Pulley, Trace, read_pulleys, read_trace
+
+    if isinstance(trace, Trace):
+        return Path(trace.path).stem or "trace", trace, {}
+    if isinstance(trace, SimulateResult):
+        values = dict(zip("xyz", trace.vibration, strict=True))
+        turning = {name: Pulley(frequency, angle) for name, (angle, frequency) in trace.simulation.pulleys.items()}
+        return trace.name, Trace("", "", trace.time, "displacement", values), turning
+    measured = read_trace(trace)
+    return Path(trace).stem, measured, read_pulleys(trace, measured)
+
+
+def _arm(arm: "Arm | ArmFile | str | Path | None", options: SpectrumOptions) -> "ArmFile | None":
+    from ident.description.file import read_arm
+
+    if arm is not None:
+        return read_arm(arm) if isinstance(arm, str | Path) else as_file(arm)
+    if options.posture:
+        raise InputError(Problem("posture", "it without `arm`", "an arm", "name the arm's file (`arm`)"))
+    return None
+
+
+def _modes(arm_file: "ArmFile | None", options: SpectrumOptions) -> "ModalAnalysis | None":
+    from ident.identify.modal_analysis import modal_analysis
+    from ident.measure import Load
+
+    if arm_file is None:
+        return None
+    held = tuple(map(radians, options.posture or (0.0,) * len(arm_file.arm.driven)))
+    return modal_analysis(arm_file.arm, held, Load.parse(options.load), MODES)

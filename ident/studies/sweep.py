@@ -1,0 +1,187 @@
+"""Vary numbers of an arm, or its speed: how the vibration over a motion depends on them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies import ranges
+from ident.studies.motion import HeldMotionOptions, basis_of, drawn_values
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.studies.shared import as_file
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.assess.basis import Basis
+    from ident.assess.sweep import SweepStudy
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Log
+    from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
+    from ident.vibrate.redesign.sweep import Axis, Sweep
+
+MEASURES = ("peak", "rms", "residual")
+"""How large a vibration is; see `ident.vibrate.response.amplitude`."""
+MOST_NAMED = 3
+"""Parameters that the names of files tell one by one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(HeldMotionOptions):
+    """Options of `ident.sweep`: what is varied, over which motion, and how its vibration is measured."""
+
+    vary: dict[str, ranges.Limits] = option(
+        {},
+        "number to vary, with bounds in SI, or in multiples of the present value with an x behind, and a count: "
+        "joint1.k_tors, bracket.com.x=0:0.29, speed=4:20:17 (percent), link1.mass=0.5x:2x; several by one common "
+        "factor: a.k_tors=b.k_tors=0.5x:2x; may be repeated; default: torsional stiffness of every joint",
+        argument="axes",
+        repeated=True,
+        read=ranges.ranges,
+    )
+    grid: bool = option(False, "both of two parameters together, as a map")
+    measure: str = option("peak", "peak or rms over the motion, or residual: peak after arrival", choices=MEASURES)
+    limit: float | None = option(None, "amplitude [mm] that should not be exceeded", above=0.0)
+    draws: int = option(50, "draws of the posterior", low=1)
+    seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
+    elastic_belts: bool = option(False, "belts stretch")
+    rate: float = option(500.0, "samples a second", above=0.0)
+
+    def problems(self) -> list[Problem]:
+        """Refuse ranges that are none, and what is no map."""
+        problems = [*super().problems(), *ranges.problems("vary", self.vary, "COUNT")]
+        if self.grid and len(self.vary) != 2:
+            got = f"{len(self.vary)} parameter{'s' * (len(self.vary) != 1)}"
+            problems.append(Problem("grid", got, "two", "name two numbers (`vary`), or drop `grid`"))
+        return problems
+
+
+@dataclass(frozen=True, repr=False)
+class SweepResult(Result):
+    """How the vibration depends on numbers of an arm.
+
+    Attributes:
+        study: what was varied, of what, and the amplitudes.
+        options: what was asked for.
+    """
+
+    study: "SweepStudy"
+    options: SweepOptions
+
+    form, suffix = "ident-sweep/2", ".json"
+
+    @property
+    def name(self) -> str:
+        """The arm's name, its motion and what was varied."""
+        axes = [axis for sweep in self.study.sweeps for axis in sweep.axes]
+        names = [axis.paths[0] + "-etc" * (len(axis.paths) > 1) for axis in axes]
+        if not self.study.is_map and len(names) > MOST_NAMED:
+            names = [names[0], f"{len(names) - 1}-more"]
+        return f"{self.study.basis.name}.{('-by-' if self.study.is_map else '+').join(names)}.sweep"
+
+    @property
+    def present(self) -> "Float[np.ndarray, '3']":
+        """Amplitude of the arm as it is, in x, y and z [m]."""
+        return self.study.present
+
+    @property
+    def sweeps(self) -> "Mapping[str, Sweep]":
+        """Amplitudes by what is varied: `sweeps["speed"].amplitude` (3, K) [m] at `.axes[0].values` (K,) [SI or %]."""
+        return {" by ".join(axis.name for axis in sweep.axes): sweep for sweep in self.study.sweeps}
+
+    def report(self) -> str:
+        """Return the text that `ident sweep` prints."""
+        from ident.present.text.sweep import sweep_report
+
+        return sweep_report(self.study)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return one figure: amplitudes against each parameter, or a map of two."""
+        from ident.present.figures.sweep import sweep_figure
+
+        return {"": sweep_figure(self.study)}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each amplitude and direction: value in SI, the speed in %; amplitude and 5 to 95 % in mm."""
+        from ident.present.files.sweep import sweep_rows
+
+        return sweep_rows(self.study)
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        from ident.present.files.document import write_result
+        from ident.present.files.sweep import sweep_document, write_csv
+
+        document, table = sweep_document(self.study, self.options.recorded()), path.with_suffix(".csv")
+        write_csv(self.study, document, table)
+        write_result(document, self.fields(), path)
+        return table, path
+
+
+def sweep(
+    arm: "Arm | ArmFile",
+    options: SweepOptions | None = None,
+    *,
+    path: "Log | str | Path | None" = None,
+    fit: "Values | FitResult | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
+    progress: Progress = silent,
+) -> SweepResult:
+    """Simulate a motion with other numbers of the arm, each alone, or two together; by the fast method.
+
+    Args:
+        arm: as it is.
+        options: what is varied, over which motion, and how its vibration is measured.
+        path: a joint path to follow instead of the stroke: a log, or its file.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws of the arm's numbers, which give bands: a sample, or its file.
+        progress: shows how far it is, over batches of simulations.
+
+    Raises:
+        InputError: no such number, a range that can't be, or a motion that the arm can't carry out.
+        ModelError: the arm has no stable equilibrium at some value, which is named.
+    """
+    from ident.assess.sweep import SweepStudy
+    from ident.vibrate.redesign.evaluator import Evaluator
+    from ident.vibrate.redesign.sweep import sweep, sweeps
+
+    options, arm_file = options or SweepOptions(), as_file(arm)
+    drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
+    basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
+    evaluator = Evaluator(
+        basis.arm,
+        basis.motion,
+        (),
+        options.measure,
+        basis.draws,
+        loads=basis.loads,
+        elastic_belts=options.elastic_belts,
+        rate=options.rate,
+    )
+    axes, shown = _axes(basis, options), progress("simulations")
+    swept = (sweep(evaluator, axes, shown),) if options.grid else sweeps(evaluator, axes, shown)
+    limit = None if options.limit is None else options.limit / 1e3
+    return SweepResult(SweepStudy(basis, swept, options.rate, options.elastic_belts, limit), options)
+
+
+def _axes(basis: "Basis", options: SweepOptions) -> "list[Axis]":
+    from ident.vibrate.redesign.ranges import COUNT, MAP_COUNT, MOST_ON_MAP, Range, axis_of
+
+    usual = MAP_COUNT if options.grid else COUNT
+
+    def axis(interval: Range) -> "Axis":
+        return axis_of(basis.arm, interval, basis.percent, basis.arm_file.extents, usual)
+
+    axes = ranges.each("vary", options.vary, basis.arm, axis)
+    if options.grid:
+        first, second = (len(axis.values) for axis in axes)
+        if first * second > MOST_ON_MAP:
+            got, expected = f"{first} x {second} = {first * second} points", f"at most {MOST_ON_MAP}"
+            raise InputError(Problem("grid", got, expected, "give smaller counts (`vary` PATH=LOW:HIGH:COUNT)"))
+    return axes

@@ -1,0 +1,36 @@
+"""`ident check` from the command line."""
+
+from pathlib import Path
+
+from commands import files
+
+HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,point,value,unit,relative_sigma"
+DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
+
+
+def test_check_prints_a_verdict_for_each_parameter_and_writes_nothing(run, tmp_path):
+    code, out, err = run("check", DATA / "table1.csv")
+    assert (code, err) == (0, "")
+    assert "0 of 6 identifiable" in out
+    assert out.count(" weak ") == 6
+    assert "torsion of joint2 against torsion of joint1: any trade-off fits equally well" in out
+    assert "CONTRADICTION" in out
+    assert files(tmp_path) == []
+
+
+def test_check_refuses_what_says_nothing_and_what_contradicts_itself(run, tmp_path):
+    path, arm = tmp_path / "c.csv", f"--arm={DATA / 'arm.toml'}"
+    row = "deflection,0,0,0,,tip,26.3,mm,2%"
+    path.write_text(f"{HEADER}\n{row}\n")
+    code, out, err = run("check", path, arm, *(f"--fix=joint{j}.k_bend" for j in (1, 2, 3)))
+    assert (code, out) == (2, "")
+    assert err.startswith(f"ident: {path}: got no measurement that depends on any of the unknowns")
+    path.write_text(f"{HEADER}\n{row}\n{row.replace('26.3', '29.3')}\n")
+    for command in ("check", "fit"):
+        code, out, more = run(command, path, arm)
+        assert (code, out) == (2, "")
+        assert more.startswith(f"ident: {path}:3, value: got 0.0293 (SI), 3.8 sd from row 2")
+        assert more.endswith("(--trust-values)\n")
+        assert len(err.splitlines()) == len(more.splitlines()) == 1
+    assert files(tmp_path) == ["c.csv"]
+    assert "CONTRADICTION: rows 2 and 3" in run("check", path, arm, "--trust-values")[1]

@@ -1,0 +1,75 @@
+"""`ident fit` from the command line."""
+
+import json
+from pathlib import Path
+
+import pytest
+from commands import files
+
+import ident
+from ident import __version__
+
+DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
+
+
+def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path):
+    code, out, _ = run("fit", DATA / "table1.csv")
+    assert code == 0
+    assert "What the data fix: 3 of 6 directions" in out
+    assert "CONTRADICTION" in out
+    assert files(tmp_path) == ["out/table1.fit.json", "out/table1.fit.png"]
+    result = json.loads((tmp_path / "out/table1.fit.json").read_text())
+    assert result["format"] == "ident-fit/2"
+    assert result["rank"] == 3
+    assert len(result["inputs"]["campaign"]["sha256"]) == 64
+    assert result["software"]["ident"] == __version__
+    assert result["parameters"][0]["sd_by_data_alone"] is None, "infinite is null in JSON"
+
+
+def test_options_reach_the_fit(run, tmp_path):
+    code, out, _ = run(
+        "fit",
+        DATA / "campaign.csv",
+        "--fix=joint1.k_bend",
+        "--tie=joint2.k_tors=joint3.k_tors",
+        "--starts=1",
+        "--no-figure",
+        "--no-prior",
+        "--out=results",
+    )
+    assert code == 0
+    assert files(tmp_path) == ["results/campaign.fit.json"]
+    result = json.loads((tmp_path / "results/campaign.fit.json").read_text())
+    names = [p["name"] for p in result["parameters"]]
+    assert names == ["joint2.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors"]
+    assert result["parameters"][3]["paths"] == ["joint2.k_tors", "joint3.k_tors"]
+    assert result["options"]["fix"] == ["joint1.k_bend"]
+    assert "prior: none" in out
+    assert str(ident.load("results/campaign.fit.json")) == out.partition("wrote ")[0].removesuffix("\n")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--fix=joint1.kbend"], "did you mean"),
+        (["--tie=joint1.k_bend=joint9.k_bend"], "joint9.k_bend"),
+        (["--free=link2.mass:heavy"], "'heavy'"),
+        (["--free=link7.mass"], "link7.mass"),
+        (["--prior-sd=-1"], "--prior-sd: got -1, expected a number above 0"),
+        (["--arm=nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_bad_options_are_named(run, tmp_path, options, words):
+    code, out, err = run("fit", DATA / "table1.csv", *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == []
+
+
+def test_a_result_that_cannot_be_written_leaves_the_old_one(run, tmp_path):
+    (tmp_path / "out").write_text("a file, where a folder should be")
+    code, _, err = run("fit", DATA / "table1.csv", "--starts=1")
+    assert code == 2
+    assert "--out" in err
+    assert files(tmp_path) == ["out"]

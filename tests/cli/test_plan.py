@@ -1,0 +1,71 @@
+"""`ident plan` through the command line."""
+
+import json
+
+import pytest
+from arms import DATA
+from commands import files
+
+DATA = DATA / "lcd_arm"
+
+
+PLANNED = ["out/table1.plan.csv", "out/table1.plan.json", "out/table1.plan.png"]
+
+
+def test_plan_says_what_to_measure_next(run, tmp_path):
+    options = ["--step=90", "--load=glass", "--count=2", "--draws=1", "--starts=2"]
+    code, out, _ = run("plan", DATA / "table1.csv", *options)
+    assert code == 0
+    assert "The batch of 2" in out
+    assert "in doubt" in out
+    assert files(tmp_path) == PLANNED
+    document = json.loads((tmp_path / "out/table1.plan.json").read_text())
+    assert document["options"]["load"] == ["glass"]
+    assert len(document["batch"]) == 2
+    form = tmp_path / "out/table1.plan.csv"
+    filled = form.read_text().replace(",,Hz", ",4.2,Hz")
+    assert filled != form.read_text()
+    form.write_text(filled)
+    code, _, err = run("plan", DATA / "table1.csv", *options)
+    assert code == 2
+    assert "a form that has been filled in" in err
+    assert form.read_text() == filled
+
+
+def test_plan_starts_from_nothing_and_ends_at_a_target(run, tmp_path):
+    options = ["--step=90", "--draws=0", "--target=5", "--criterion=a", "--no-figure", "--cost=dial=0"]
+    code, out, _ = run("plan", "--arm", DATA / "arm.toml", "--count=9", *options)
+    assert code == 0
+    assert "the prior alone" in out
+    assert "The batch of 2" in out
+    assert files(tmp_path) == ["out/arm.plan.csv", "out/arm.plan.json"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--criterion=joint1.kbend"], "did you mean joint1.k_bend"),
+        (["--criterion=e"], "d, a, or a parameter's name"),
+        (["--step=0"], "a step above 0"),
+        (["--step=nan"], "a step above 0"),
+        (["--target=-1"], "--target"),
+        (["--load=glas"], "glass"),
+        (["--sigma=frequency"], "--sigma frequency"),
+        (["--sigma=frequency=-1"], "above 0"),
+        (["--cost=hammer=cheap"], "'cheap'"),
+        (["--cost=hamer=3"], "did you mean hammer"),
+        (["--arm=nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_bad_plans_are_one_line_and_nothing_is_written(run, tmp_path, options, words):
+    code, out, err = run("plan", DATA / "table1.csv", "--draws=0", "--starts=1", *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == []
+
+
+def test_a_plan_needs_an_arm(run, tmp_path):
+    code, out, err = run("plan")
+    assert (code, out) == (2, "")
+    assert err == "ident: got neither campaign nor arm, expected one of them; as ident plan --arm arm.toml\n"

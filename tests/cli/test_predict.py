@@ -1,0 +1,36 @@
+"""`ident predict` from the command line."""
+
+from pathlib import Path
+
+import pytest
+from commands import files
+
+DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
+
+
+def test_predict_prints_modes_and_deflection(run, tmp_path):
+    code, out, _ = run("predict", DATA / "arm.toml", "--posture=0,0,0")
+    assert code == 0
+    assert files(tmp_path) == []
+    for text in ("4.12", "lateral torsion 1", "4.80", "vertical bending 1", "26.3"):
+        assert text in out
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--posture=0,0"], "--posture: got 2 joint angles, expected 3"),
+        (["--posture=a,b,c"], "--posture a,b,c: got 'a'"),
+        (["--load=glas"], "--load: got 'glas'"),
+        (["--set=link2.mas=3"], "link2.mas"),
+        (["--set=link2.mass"], "--set link2.mass: got no NAME=VALUE"),
+        (["--set=link2.mass=-3"], "--set: got link2.mass=-3, expected a value >= 0"),
+    ],
+)
+def test_bad_predictions_are_named(run, tmp_path, options, words):
+    code, out, err = run("predict", DATA / "arm.toml", *options)
+    assert (code, out) == (2, "")
+    assert err.startswith("ident: ")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == []

@@ -1,0 +1,103 @@
+"""`ident sample` through the command line."""
+
+import json
+
+import pytest
+from arms import DATA
+from commands import files
+
+from ident.cli import running
+
+DATA = DATA / "lcd_arm"
+
+
+def test_sample_goes_on_where_it_was_and_writes_draws_and_figures(run, tmp_path):
+    import arviz
+
+    options = ("--starts=1", "--discrepancy=frequency:0.1", "--discrepancy=deflection:0.1", "--fix=joint1.k_bend")
+    code, out, err = run("sample", DATA / "table1.csv", *options, "--steps=500", "--no-figure")
+    assert code == 0, err
+    assert "TOO SHORT" in out
+    assert "the same command with more --steps goes on from there" in out
+    first = arviz.from_netcdf(tmp_path / "out/table1.sample.nc")
+    code, out, _ = run("sample", DATA / "table1.csv", *options, "--steps=600", "--ess=100")
+    assert code == 0
+    assert "discrepancy.deflection" in out
+    assert {"out/table1.sample.corner.png", "out/table1.sample.posterior.png", "out/table1.sample.trace.png"} <= set(
+        files(tmp_path)
+    )
+    data = arviz.from_netcdf(tmp_path / "out/table1.sample.nc")
+    assert json.loads(data.attrs["format"]) == "ident-sample/2"
+    assert len(json.loads(data.attrs["inputs"])["campaign"]["sha256"]) == 64
+    assert data.observed_data["data"].values.tolist() == pytest.approx([4.38, 4.38, 0.022])
+    assert set(data.sample_stats["ensemble"].values) == {0, 1, 2, 3}
+    draws = data.posterior["joint2.k_tors"]
+    assert draws.sizes["draw"] > first.posterior.sizes["draw"]
+
+
+def test_an_interrupted_run_says_how_it_goes_on(run, tmp_path, monkeypatch):
+    def interrupted(description, total=None):
+        def stop(numbers):
+            for number in numbers:
+                if description == "blocks of steps" and number == 2:
+                    raise KeyboardInterrupt
+                yield number
+
+        return stop
+
+    monkeypatch.setattr(running, "progress", interrupted)
+    code, out, err = run("sample", DATA / "table1.csv", "--starts=1", "--fix=joint1.k_bend", "--no-figure")
+    assert (code, out) == (130, "")
+    assert err == "stopped; kept out/table1.sample.part: the same command goes on from there\n"
+    assert len(list((tmp_path / "out/table1.sample.part").glob("block*"))) == 2
+
+
+def test_long_enough_a_chain_leaves_no_checkpoints(run, tmp_path):
+    options = ("--starts=1", "--fix=joint1.k_bend", "--ess=100", "--ensembles=4", "--no-figure")
+    code, out, _ = run("sample", DATA / "campaign.csv", *options)
+    assert code == 0
+    assert "TOO SHORT" not in out
+    assert files(tmp_path) == ["out/campaign.sample.nc"]
+
+
+def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
+    short = ("--starts=1", "--steps=500", "--no-figure", "--fix=joint1.k_bend", "--discrepancy=deflection:0.1")
+    assert run("sample", DATA / "table1.csv", *short)[0] == 0
+    before = {path: (tmp_path / path).read_bytes() for path in files(tmp_path)}
+    code, out, err = run("sample", DATA / "table1.csv", *short, "--seed=1")
+    assert (code, out) == (2, "")
+    assert "a run with another seed" in err
+    assert "(--restart)" in err
+    assert "(--out)" in err
+    assert len(err.splitlines()) == 1
+    assert {path: (tmp_path / path).read_bytes() for path in files(tmp_path)} == before
+    assert run("sample", DATA / "table1.csv", *short, "--seed=1", "--restart")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--prior=joint1.k_tors=cataloge:1:2"], "log-uniform:LOW:HIGH"),
+        (["--prior=joint1.k_tor=log-uniform:1e5:2e5"], "did you mean joint1.k_tors"),
+        (["--prior=joint1.k_tors"], "a name, = and what it is given"),
+        (["--discrepancy=deflection:0.1", "--discrepancy=deflection:0.2"], "deflection twice"),
+        (["--noise=frequenzy"], "did you mean frequency"),
+        (["--discrepancy=deflection:-1"], "width > 0"),
+        (["--no-prior"], "nor a prior that bound"),
+        (["--walkers=6"], "at least 12 for 6 unknowns"),
+    ],
+)
+def test_bad_options_of_sample_are_named(run, tmp_path, options, words):
+    code, out, err = run("sample", DATA / "table1.csv", "--starts=1", *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == []
+
+
+def test_a_prior_that_excludes_the_data_is_named(run, tmp_path):
+    code, out, err = run("sample", DATA / "campaign.csv", "--starts=1", "--prior=joint3.k_bend=log-uniform:2e5:3e5")
+    assert (code, out) == (2, "")
+    assert "a prior of joint3.k_bend that excludes the data" in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == []

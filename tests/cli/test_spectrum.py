@@ -1,0 +1,67 @@
+"""`ident spectrum`: real runs, the files that they leave, and bad input."""
+
+import re
+
+import numpy as np
+import pytest
+from commands import ARM, files
+
+SHORT = ("--speed=200", "--dwell=0.5")
+NAME = "arm.extend-200"
+
+
+def test_spectrum_tells_peaks_modes_and_orders(run, tmp_path):
+    assert run("simulate", ARM, *SHORT, "--method=fast", "--no-figure")[0] == 0
+    path = f"out/{NAME}.simulate.csv"
+    options = ("--orders=1,2", "--revolutions=8", "--spectrogram", f"--arm={ARM}", "--direction=x,z", "--upto=100")
+    code, out, err = run("spectrum", path, *options, "--out=pictures")
+    assert (code, err) == (0, "")
+    for words in ("Hann window", "vertical bending 1", "Orders of drive1 and drive3", "Orders of drive2"):
+        assert words in out
+    pictures = [f"pictures/{NAME}.spectrum{end}.png" for end in ("", ".orders", ".x", ".z")]
+    written = [*pictures, f"pictures/{NAME}.spectrum.json"]
+    assert [name for name in files(tmp_path) if name.startswith("pictures")] == sorted(written)
+
+
+def sine(path, header, amplitude, frequency):
+    time = np.arange(1000) / 100
+    rows = np.column_stack([time, amplitude * np.sin(2 * np.pi * frequency * time)])
+    np.savetxt(path, rows, header=header, comments="", delimiter=",")
+
+
+def test_spectrum_measures_a_sine_and_sets_acceleration_beside_displacement(run, tmp_path):
+    sine(tmp_path / "a.csv", "time [s],x [mm]", 0.4, 5.0)
+    sine(tmp_path / "b.csv", "time [s],x [m/s^2]", 0.7, 7.0)
+    code, out, err = run("spectrum", "a.csv", "--no-figure")
+    assert (code, err) == (0, "")
+    assert re.search(r"^  x +5\.000 +0\.4000$", out, re.M)
+    code, out, err = run("spectrum", "a.csv", "--against=b.csv")
+    assert (code, err) == (0, "")
+    assert "a: a displacement, differentiated twice" in out
+    assert re.search(rf"^  x +5\.000 +{0.4e-3 * (10 * np.pi) ** 2:.4f}", out, re.M)
+    assert re.search(r"^  x +7\.000 +0\.7000$", out, re.M)
+    assert files(tmp_path) == ["a.csv", "b.csv", "out/a.spectrum.json", "out/a.spectrum.png"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--direction=y"], "--direction: got 'y'"),
+        (["--window=han"], "did you mean hann"),
+        (["--segments=0"], "--segments"),
+        (["--upto=0"], "--upto"),
+        (["--orders=1,2"], "no pulley's angle"),
+        (["--orders=one"], "'one'"),
+        (["--spectrogram", "--segment=9"], "--segment: got 9 s"),
+        (["--against=none.csv"], "none.csv: got no such file"),
+        (["--posture=0,0,0"], "--posture"),
+        (["--from=8", "--to=3"], "--from: got 0 samples up to --to, expected a span within 0 to 9.99 s"),
+    ],
+)
+def test_bad_spectra_are_one_line_and_nothing_is_written(run, tmp_path, options, words):
+    sine(tmp_path / "a.csv", "time [s],x [mm]", 0.4, 5.0)
+    code, out, err = run("spectrum", "a.csv", *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == ["a.csv"]

@@ -1,0 +1,55 @@
+"""`ident.check` from Python."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+from results import assert_comes_back, assert_plain
+
+import ident
+from ident.studies.check import CheckOptions, check
+
+
+@pytest.fixture(scope="module")
+def result():
+    return check(ident.read_arm(DATA / "lcd_arm" / "arm.toml"), ident.read_campaign(DATA / "lcd_arm" / "table1.csv"))
+
+
+def test_it_gives_a_verdict_for_each_parameter(result):
+    assert result.name == "table1.check"
+    assert set(result.verdicts.values()) == {"weak"}
+    assert list(result.verdicts) == list(result.check.problem.parameters.names)
+    assert result.contradictory
+
+
+def test_it_comes_back_as_it_was(result, tmp_path):
+    loaded = assert_comes_back(result, tmp_path)
+    np.testing.assert_array_equal(loaded.check.leverage.leverage, result.check.leverage.leverage)
+
+
+def test_its_table_has_a_row_for_each_parameter(result):
+    rows = result.table()
+    assert_plain(rows)
+    assert {row["parameter"]: row["verdict"] for row in rows} == result.verdicts
+    assert all(row["data_sd"] == np.inf for row in rows)
+
+
+def test_a_model_without_answer_has_a_table_too(tmp_path):
+    soft = lcd_arm().replace({f"joint{j}.k_bend": 10.0 for j in (1, 2, 3)})
+    unknown = check(soft, ident.read_campaign(DATA / "lcd_arm" / "table1.csv"))
+    assert set(unknown.verdicts.values()) == {"unknown"}
+    assert all(np.isnan(row["data_sd"]) for row in unknown.table())
+    assert_comes_back(unknown, tmp_path)
+
+
+def test_a_remedy_names_the_option_as_python_does(result):
+    one = result.check.campaign.measurements[2]
+    campaign = ident.Campaign(measurements=(one, replace(one, value=10 * one.value)))
+    with pytest.raises(ident.InputError, match=r"\(`trust_values`\)"):
+        check(result.arm, campaign)
+
+
+def test_an_unknown_parameter_is_refused(result):
+    with pytest.raises(ident.InputError, match=r"did you mean joint1\.k_bend"):
+        check(result.arm, result.check.campaign, CheckOptions(fix=("joint1.kbend",)))

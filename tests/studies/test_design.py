@@ -1,0 +1,139 @@
+"""`ident.design` from Python: what it changes, what it returns, and the files that bring it back."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+from commands import log, posterior
+from results import assert_comes_back, assert_plain
+
+from ident.assess.design import unchanged
+from ident.description.file import parse_arm, read_arm
+from ident.errors import InputError
+from ident.studies.design import DesignOptions, design
+from ident.studies.motion import drawn_groups, drawn_values
+from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.sensitivity import sensitivities
+
+FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
+SHORT = {"dwell": 0.2, "rate": 100.0}
+K1, K2 = "joint1.k_tors", "joint2.k_tors"
+CHANGE = {K1: ("0.5x", "2x"), K2: (2e5, 4e5, 2.0)}
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    """A joint path of half a second: the motion of the tests of the command, whose programs these share."""
+    path = tmp_path_factory.mktemp("path") / "teach.csv"
+    log(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(path):
+    options = DesignOptions(change=CHANGE, set={"link2.mass": 36.0}, limit=1e3, starts=1, no_curve=True, **SHORT)
+    return design(FILE, options, path=path)
+
+
+@pytest.fixture(scope="module")
+def alone(path):
+    return design(FILE, DesignOptions(sensitivities=True, **SHORT), path=path)
+
+
+def test_the_best_is_within_the_bounds_and_vibrates_less(result):
+    present = float(lcd_arm().get(K1))
+    assert list(result.values) == [K1, K2]
+    assert 0.5 * present <= result.values[K1] * (1 + 1e-9)
+    assert 2e5 * (1 - 1e-9) <= result.values[K2] <= 4e5 * (1 + 1e-9)
+    assert result.best.max() < result.present.max()
+    assert [float(result.changed_arm.get(path)) for path in (K1, "link2.mass")] == [result.values[K1], 36.0]
+    study = result.study
+    assert (study.limit, study.starts, study.draws) == (1.0, 1, 0)
+    assert study.evaluator.variables[1].weight == 2.0
+    assert unchanged(study.design.minimum_change)
+    assert "Minimum change that keeps 1000 mm: none is needed" in result.report()
+    rows = result.table()
+    assert [(row["number"], row["best"]) for row in rows] == list(result.values.items())
+    assert [row["present"] for row in rows] == [row["minimum_change"] for row in rows]
+
+
+def test_its_arm_file_has_the_changed_numbers(result, tmp_path):
+    path, arm = result.save(tmp_path)
+    assert (path.name, arm.name) == ("arm.teach.design.json", "arm.teach.design.toml")
+    written = read_arm(arm)
+    assert {path: float(written.arm.get(path)) for path in result.values} == pytest.approx(result.values)
+    assert (written.origins[K1], written.origins["link2.mass"]) == ("designed", "assumed")
+    assert tomllib.loads(result.text)["name"] == lcd_arm().name
+    assert f"# by ident design from {FILE.path}, sha256 {FILE.sha256}" == arm.read_text().splitlines()[0]
+
+
+@pytest.mark.parametrize("name", ["result", "alone"])
+def test_it_comes_back_as_it_was(name, request, tmp_path):
+    result = request.getfixturevalue(name)
+    loaded = assert_comes_back(result, tmp_path)
+    assert_plain(loaded.table())
+    figures = [path.name for path in loaded.save_figures(tmp_path)]
+    assert figures == [f"{result.name}.{'.'.join(filter(None, (word, 'png')))}" for word in result.figures()]
+
+
+def test_sensitivities_alone_are_those_of_the_library(alone):
+    basis = alone.study.basis
+    direct = sensitivities(Evaluator(lcd_arm(), basis.motion, (), loads=basis.loads, rate=100.0))
+    assert alone.name == "arm.teach.sensitivities"
+    assert (alone.best, dict(alone.values), alone.text) == (None, {}, "")
+    first, *_ = alone.table()
+    strongest = direct.order[0]
+    assert first["number"] == direct.paths[strongest]
+    np.testing.assert_allclose([first[way] for way in "xyz"], direct.elasticity[strongest], rtol=1e-6)
+
+
+def test_an_arm_of_python_has_no_file_to_write(path, tmp_path):
+    arm = parse_arm((DATA / "lcd_arm" / "arm.toml").read_text())
+    progress = []
+
+    def shown(description, total=None):
+        return lambda numbers: (progress.append(description) or number for number in numbers)
+
+    options = DesignOptions(change={K1: ()}, starts=1, no_curve=True, **SHORT)
+    result = design(arm, options, path=path, progress=shown)
+    assert result.text == ""
+    (written,) = result.save(tmp_path)
+    assert written.name == f"{arm.name}.teach.design.json"
+    assert set(progress) == {"starts", "sensitivities"}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"change": {K1: (1.0,)}}, rf"`change` {K1}=1: got '1', expected LOW:HIGH or LOW:HIGH:WEIGHT"),
+        ({"sensitivities": True, "max_change": 1.0}, "max_change: got it beside `sensitivities`"),
+        ({"max_change": 0.0}, "max_change: got 0"),
+        ({"min_frequency": -1.0}, "min_frequency: got -1"),
+        ({"fresh": -1}, "fresh: got -1, expected a number from 0"),
+    ],
+)
+def test_options_are_checked_when_they_are_made(options, words):
+    with pytest.raises(InputError, match=words) as refusal:
+        DesignOptions(**options)
+    assert len(refusal.value.problems) == 1
+
+
+def test_a_number_that_the_file_does_not_have_is_refused_before_the_search():
+    with pytest.raises(InputError, match=r"link1\.inertia\.xx: got a number that is not written in the arm file"):
+        design(FILE, DesignOptions(change={"link1.inertia.xx": ("0.5x", "2x")}, **SHORT))
+
+
+def test_two_groups_of_draws_have_none_in_common(tmp_path):
+    path, arm = tmp_path / "draws.nc", lcd_arm()
+    values = posterior(path, draws=50)[K1].ravel()
+    few, others = drawn_groups(path, arm, 16, 30, seed=1)
+    np.testing.assert_array_equal(few.values[K1], drawn_values(path, arm, 16).values[K1])
+    one, two = few.values[K1], others.values[K1]
+    assert (len(one), len(two), len(np.intersect1d(one, two))) == (16, 30, 0)
+    assert np.isin(np.concatenate([one, two]), values).all()
+    again = drawn_groups(path, arm, 16, 30, seed=1)[1].values[K1]
+    np.testing.assert_array_equal(two, again)
+    _, rest = drawn_groups(path, arm, 16, 1000)
+    assert len(rest.values[K1]) == 84, "what is left"
+    assert drawn_groups(path, arm, 100, 1000)[1] is None

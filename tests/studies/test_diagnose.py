@@ -1,0 +1,186 @@
+"""`ident.diagnose` from Python: its stages, that it comes back, and that an interrupted one goes on."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import DATA
+from commands import files
+from diagnose_small import CAMPAIGN, OPTIONS, SMALL, small_diagnosis
+from results import assert_plain
+
+import ident
+from ident.assess.diagnosis import STAGES, Diagnosis, ResonanceAssessment
+from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard
+from ident.vibrate.redesign.binomial import BinomialEstimate
+
+pytestmark = pytest.mark.timeout(900)
+ARM = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
+MEASURED = ident.read_campaign(CAMPAIGN)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return small_diagnosis()
+
+
+def with_stage(result, stage, value):
+    return DiagnoseResult(result.diagnosis.then(stage, value), result.options)
+
+
+def accepted(result):
+    """The same arm where the limit is far away: no remedy is sought."""
+    vibration = replace(result.diagnosis.vibration, limit=1.0, keeps=BinomialEstimate(10, 10))
+    stages = {**result.diagnosis.stages, "vibration": vibration}
+    return DiagnoseResult(Diagnosis({stage: stages[stage] for stage in STAGES[:4]}), result.options)
+
+
+def test_each_stage_is_a_value(result):
+    diagnosis = result.diagnosis
+    assert tuple(diagnosis.stages) == STAGES
+    draws = diagnosis.task.basis.draws
+    assert {len(values) for values in draws.values()} == {SMALL.draws}
+    assert diagnosis.task.basis.arm.get("joint1.k_tors") == pytest.approx(float(np.median(draws["joint1.k_tors"])))
+    assert {len(values) for values in diagnosis.task.fresh_draws.values()} == {20}
+    assert diagnosis.resonance.branches.batch_size == SMALL.band_draws
+    assert diagnosis.vibration.draws.shape == (3, SMALL.assessment_draws)
+    assert diagnosis.verifications[0].keeps.draws == 20
+    assert result.verdict == diagnosis.verdict != "accept"
+    assert result.advised in diagnosis.remedies
+
+
+def test_the_report_has_every_stage_and_the_verdict(result):
+    report = str(result)
+    assert [line[0] for line in report.splitlines() if not line.startswith(" ")][:6] == list("123456")
+    assert report.splitlines()[-1] == result.advice
+    assert "before" not in report.splitlines()[0]
+
+
+def test_it_comes_back_as_it_was(result, tmp_path):
+    paths = result.save(tmp_path)
+    assert files(tmp_path) == [f"campaign.diagnose.{end}" for end in ("html", "json", "nc")]
+    loaded = ident.load(tmp_path / "campaign.diagnose.nc")
+    assert isinstance(loaded, DiagnoseResult)
+    assert loaded.report() == result.report()
+    assert loaded.options == result.options
+    np.testing.assert_equal(loaded.table(), result.table())
+    assert list(loaded.figures()) == list(result.figures())
+    page, document, posterior = loaded.save(tmp_path / "again.nc")
+    assert [path.name for path in (page, document, posterior)] == [f"again.{end}" for end in ("html", "json", "nc")]
+    first, second = (json.loads(path.read_text()) | {"created": ""} for path in (paths[1], document))
+    assert first == second
+    created = [json.loads(path.read_text())["created"] for path in (paths[1], document)]
+    assert page.read_text().replace(created[1], created[0]) == paths[0].read_text()
+    assert ident.load(posterior).report() == result.report()
+
+
+def test_its_posterior_is_one_for_other_studies(result, tmp_path):
+    from ident.studies.motion import drawn_values
+
+    result.save(tmp_path)
+    drawn = drawn_values(tmp_path / "campaign.diagnose.nc", ARM.arm, SMALL.draws, result.options.seed)
+    used = result.diagnosis.task.basis.draws
+    assert set(drawn.values) == set(used)
+    for path, values in drawn.values.items():
+        np.testing.assert_array_equal(np.sort(values), np.sort(used[path]))
+
+
+def test_its_table_has_a_row_for_each_remedy(result):
+    rows = result.table()
+    assert [row["rank"] for row in rows] == list(range(1, len(result.diagnosis.remedies) + 1))
+    assert [row["meets_limit"] for row in rows] == [remedy.meets_limit for remedy in result.diagnosis.remedies]
+    assert rows[0]["verified"] == result.diagnosis.verifications[0].holds
+    assert_plain([{**row, "verified": ""} for row in rows])
+
+
+def test_its_page_has_every_stage(result):
+    page = result.html()
+    assert page.startswith("<!DOCTYPE html>")
+    assert [f'id="stage-{i}"' in page for i in range(1, 8)] == [True] * 6 + [False]
+    assert page.count("<figure>") == len(result.figures()) == 5
+    assert result.advice in page
+
+
+def test_a_limit_that_is_kept_needs_no_remedy(result):
+    fine = accepted(result)
+    assert fine.verdict == "accept"
+    assert fine.advised is None
+    assert fine.table() == []
+    assert "the limit of 1000 mm is kept by 100 % of 10 draws" in fine.advice
+    assert "nothing needs to be changed" in fine.report()
+    assert 'class="verdict accept"' in fine.html()
+    assert "verification" not in fine.figures()
+
+
+def test_where_nothing_turns_there_is_no_chart_of_resonance(result):
+    undriven = with_stage(result, "resonance", ResonanceAssessment())
+    assert "resonance" not in undriven.figures()
+    assert "no turning mass does" in undriven.report()
+    assert undriven.html().count("<figure>") == 4
+
+
+def test_an_interrupted_one_goes_on_and_comes_to_the_same(result, tmp_path):
+    """Interrupted behind the third stage; the chains are the same to the bit, and so is all that follows."""
+    reports = []
+
+    def stop_behind_three(report):
+        reports.append(report)
+        if report.number == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=stop_behind_three)
+    resumed = diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=reports.append)
+    assert [(report.number, report.resumed) for report in reports] == [
+        *((number, False) for number in (1, 2, 3)),
+        *((number, True) for number in (1, 2, 3)),
+        *((number, False) for number in (4, 5, 6)),
+    ]
+    assert resumed.report() == result.report()
+    np.testing.assert_equal(resumed.table(), result.table())
+    for one, other in zip(resumed.diagnosis.remedies, result.diagnosis.remedies, strict=True):
+        assert one.values == other.values
+    discard(tmp_path / "part")
+    assert not (tmp_path / "part").exists()
+
+
+def test_stages_of_other_inputs_are_refused_and_can_be_thrown_away(tmp_path, monkeypatch):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ident.identify.sample.sample_campaign", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part")
+    other = replace(OPTIONS, limit=7.0)
+    with pytest.raises(ident.InputError, match=r"another set of options.*`restart`"):
+        diagnose(ARM, MEASURED, other, folder=tmp_path / "part")
+    fewer = replace(MEASURED, measurements=MEASURED.measurements[1:])
+    with pytest.raises(ident.InputError, match="another campaign"):
+        diagnose(ARM, fewer, OPTIONS, folder=tmp_path / "part")
+    stiffer = replace(ARM, arm=ARM.arm.replace({"joint1.k_bend": 1e6}))
+    with pytest.raises(ident.InputError, match="another arm file"):
+        diagnose(stiffer, MEASURED, OPTIONS, folder=tmp_path / "part")
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(ARM, MEASURED, other, folder=tmp_path / "part", restart=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"limit": 0.0}, "limit: got 0"),
+        ({"limit": float("inf")}, "limit: got inf"),
+        ({"starts": 0}, "starts: got 0"),
+        ({"set": {"link2.mass": -1.0}}, "set: got link2.mass=-1"),
+    ],
+)
+def test_options_are_checked_when_they_are_made(options, words):
+    with pytest.raises(ident.InputError, match=words):
+        DiagnoseOptions(**options)
+
+
+def test_what_does_not_fit_is_refused_before_anything_is_computed(tmp_path):
+    for options in (DiagnoseOptions(smoothing=1.0), DiagnoseOptions(load="glas"), DiagnoseOptions(fix=("joint1.k",))):
+        with pytest.raises(ident.InputError):
+            diagnose(ARM, MEASURED, options, folder=tmp_path / "part")
+        assert not (tmp_path / "part").exists()

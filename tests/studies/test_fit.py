@@ -1,0 +1,90 @@
+"""`ident.fit` from Python: what it gives, that it comes back, and what it refuses."""
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+from results import assert_comes_back, assert_plain
+
+import ident
+from ident.identify.fit import fit_campaign
+from ident.studies.fit import FitOptions, fit
+
+
+@pytest.fixture(scope="module")
+def table_1():
+    return ident.read_campaign(DATA / "lcd_arm" / "table1.csv")
+
+
+@pytest.fixture(scope="module")
+def result(table_1):
+    return fit(ident.read_arm(DATA / "lcd_arm" / "arm.toml"), table_1, FitOptions(starts=1, fix=("joint1.k_bend",)))
+
+
+def test_it_is_the_fit_of_the_campaign(result, table_1):
+    direct = fit_campaign(lcd_arm(), table_1, result.options.unknowns, starts=1)
+    assert result.name == "table1.fit"
+    assert result.parameters == direct.parameters
+    assert result.doubts == direct.doubts != ()
+    assert not any(result.supported.values())
+    np.testing.assert_array_equal(list(result.intervals.values()), direct.interval())
+    for path, value in result.parameters.items():
+        assert float(result.fitted_arm.get(path)) == value
+    assert float(result.fitted_arm.get("joint1.k_bend")) == float(lcd_arm().get("joint1.k_bend"))
+
+
+def test_it_comes_back_as_it_was(result, tmp_path):
+    loaded = assert_comes_back(result, tmp_path)
+    np.testing.assert_array_equal(loaded.fit.information.covariance, result.fit.information.covariance)
+    assert loaded.fit.campaign == result.fit.campaign
+    assert loaded.arm.sha256 == result.arm.sha256
+    assert loaded.fit.chi_squared == result.fit.chi_squared
+
+
+def test_its_table_has_a_row_for_each_parameter(result):
+    rows = result.table()
+    assert_plain(rows)
+    assert {row["parameter"]: row["value"] for row in rows} == result.parameters
+    assert {row["parameter"]: (row["low_95"], row["high_95"]) for row in rows} == result.intervals
+
+
+def test_an_arm_that_was_made_in_python_will_do(table_1, result, tmp_path):
+    other = fit(lcd_arm(), table_1, result.options)
+    assert other.report() == result.report()
+    assert other.arm.path == ""
+    assert_comes_back(other, tmp_path)
+
+
+def test_progress_is_told_of_every_start(table_1):
+    shown = []
+
+    def progress(description, total=None):
+        return lambda numbers: (shown.append((description, number)) or number for number in numbers)
+
+    fit(lcd_arm(), table_1, FitOptions(starts=1), progress=progress)
+    assert shown == [("starts", 1)]
+
+
+def test_a_damaged_file_is_refused_in_one_line(result, tmp_path):
+    (path,) = result.save(tmp_path)
+    text = path.read_text()
+    damaged = {
+        '"format": "ident-fit/2"': '"format": "ident-fit/1"',
+        "identify.fit:CampaignFit": "identify.fit:CampaignFits",
+        '"optima"': '"optimums"',
+        '"result"': '"results"',
+    }
+    for old, new in damaged.items():
+        assert old in text
+        path.write_text(text.replace(old, new))
+        with pytest.raises(ident.InputError, match="run the command again") as refusal:
+            ident.load(path)
+        assert len(str(refusal.value).splitlines()) == 1
+    path.write_text(text[: len(text) // 2])
+    with pytest.raises(ident.InputError, match="other contents"):
+        ident.load(path)
+
+
+def test_options_are_checked_when_they_are_made():
+    for options, words in (({"starts": 0}, "starts"), ({"prior_sd": -1.0}, "prior_sd"), ({"seed": -1}, "seed")):
+        with pytest.raises(ident.InputError, match=f"{words}: got {next(iter(options.values())):g}"):
+            FitOptions(**options)

@@ -1,0 +1,65 @@
+"""`ident.predict` from Python."""
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+from results import assert_comes_back, assert_plain
+
+import ident
+from ident.identify.modal_analysis import modal_analysis
+from ident.studies.predict import PredictOptions, predict
+
+ARM = DATA / "lcd_arm" / "arm.toml"
+
+
+@pytest.fixture(scope="module")
+def result():
+    options = PredictOptions(posture=((0, 0, 0), (30.0, -60.0, 30.0)), load="glass", modes=4, set={"link2.mass": 40.0})
+    return predict(ident.read_arm(ARM), options)
+
+
+def test_it_analyses_every_posture(result):
+    arm = lcd_arm().replace({"link2.mass": 40.0})
+    direct = modal_analysis(arm, tuple(np.radians([30.0, -60.0, 30.0])), ident.Load.parse("glass"), 4)
+    np.testing.assert_array_equal(result.frequencies[1], direct.modes.frequency)
+    np.testing.assert_array_equal(result.deflections[1]["tip"], direct.deflection["tip"])
+    assert result.name == "arm.predict"
+    assert result.report().count("load: glass") == 2
+
+
+def test_without_options_all_angles_are_zero():
+    (analysis,) = predict(lcd_arm()).analyses
+    assert analysis.posture == (0.0, 0.0, 0.0)
+    assert len(analysis.labels) == 6
+
+
+def test_it_comes_back_as_it_was(result, tmp_path):
+    loaded = assert_comes_back(result, tmp_path)
+    np.testing.assert_array_equal(loaded.analyses[1].modes.shape, result.analyses[1].modes.shape)
+    assert float(loaded.analyses[0].arm.get("link2.mass")) == 40.0
+
+
+def test_its_table_has_a_row_for_each_mode(result):
+    rows = result.table()
+    assert_plain(rows)
+    assert [row["mode"] for row in rows] == [1, 2, 3, 4] * 2
+    assert [row["frequency"] for row in rows] == np.concatenate(result.frequencies).tolist()
+    assert rows[4]["joint2"] == pytest.approx(-60.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"modes": 0}, "modes: got 0, expected a number from 1"),
+        ({"set": {"link2.mass": -3.0}}, "set: got link2.mass=-3, expected a value >= 0"),
+        ({"set": {"joint1.k_bend": -3.0}}, "set: got joint1.k_bend=-3"),
+        ({"posture": (30.0, -60.0, 30.0)}, "as \\(\\(30, -60, 30\\),\\)"),
+    ],
+)
+def test_bad_options_are_refused(options, words):
+    with pytest.raises(ident.InputError, match=words):
+        PredictOptions(**options)
+
+
+def test_what_may_be_negative_may_be_set():
+    assert PredictOptions(set={"link2.com.x": -0.1}).set == {"link2.com.x": -0.1}

@@ -1,0 +1,97 @@
+"""`ident.resonance` from Python: what it returns, its inputs as values or files, and the file that brings it back."""
+
+import json
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+from commands import posterior
+
+from ident import InputError, load, read_arm
+from ident.studies.motion import drawn_values
+from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
+from ident.vibrate.modal.branches import branches
+from ident.vibrate.motion.stroke import stroke
+
+FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return resonance(FILE)
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    path = tmp_path_factory.mktemp("draws") / "draws.nc"
+    posterior(path)
+    return resonance(FILE, ResonanceOptions(draws=4, margin=5.0), posterior=path)
+
+
+def test_the_result_has_the_numbers_of_the_library(plain):
+    direct = branches(lcd_arm(), stroke(lcd_arm().stroke, percent=10))
+    np.testing.assert_array_equal(plain.branches.frequency, direct.frequency)
+    assert plain.name == "arm.extend-10.resonance"
+    rows = plain.table()
+    assert len(rows) == len(plain.crossings)
+    assert [row["time"] for row in rows] == [crossing.time for crossing in plain.crossings]
+    first = rows[0]
+    assert (first["number"], first["drive"], first["label"]) == (1, "drive2", "vertical bending 1")
+    assert first["time"] == pytest.approx(2.06, abs=5e-3)
+    groups = max(row["number"] for row in rows)
+    meet = len({row["number"] for row in rows if row["distance"] == 0})
+    assert f"{groups} resonance crossings: {meet} meet, {groups - meet} come near." in plain.report()
+
+
+@pytest.mark.parametrize("case", ["plain", "drawn"])
+def test_a_saved_result_comes_back_as_it_was(request, tmp_path, case):
+    result = request.getfixturevalue(case)
+    (path,) = result.save(tmp_path)
+    assert path == tmp_path / "arm.extend-10.resonance.json"
+    loaded = load(path)
+    assert isinstance(loaded, ResonanceResult)
+    assert loaded.report() == result.report()
+    assert loaded.table() == result.table()
+    assert loaded.options == result.options
+    one, other = (figure.axes[0] for figure in (result.figures()[""], loaded.figures()[""]))
+    assert len(one.lines) == len(other.lines)
+    for line, same in zip(one.lines, other.lines, strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), same.get_xydata())
+    (again,) = loaded.save(tmp_path / "again.json")
+    first, second = (json.loads(file.read_text()) | {"created": ""} for file in (path, again))
+    assert first == second
+
+
+def test_draws_may_be_a_value_or_a_file(drawn, tmp_path):
+    posterior(tmp_path / "draws.nc")
+    values = drawn_values(tmp_path / "draws.nc", lcd_arm(), 4)
+    again = resonance(FILE, drawn.options, posterior=values)
+    np.testing.assert_array_equal(again.branches.frequency, drawn.branches.frequency)
+    assert "% of 4 draws" in again.report()
+    assert all(0 < row["probability"] <= 1 for row in again.table())
+
+
+def test_the_options_reach_the_library():
+    result = resonance(FILE, ResonanceOptions(count=1, orders=(2,), margin=3.0, speed=20.0))
+    assert {source.order for source in result.excitation.sources} == {2}
+    assert result.excitation.frequency.max() == pytest.approx(32.0, rel=1e-3)
+    assert min(crossing.margin for crossing in result.crossings) == pytest.approx(0.03)
+    assert len(result.branches.labels) < 3
+    assert "within 3 % of the natural frequency" in result.report()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"margin": 0.0}, "margin: got 0, expected a number above 0"),
+        ({"margin": 100.0}, "margin: got 100, expected a number below 100"),
+        ({"count": 0}, "count: got 0, expected a number from 1"),
+        ({"orders": (0,)}, "orders: got 0, expected whole numbers from 1"),
+        ({"profile": "scurve"}, "did you mean s-curve"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_in_one_line(options, words):
+    with pytest.raises(InputError) as error:
+        resonance(FILE, ResonanceOptions(**options))
+    assert words in str(error.value)
+    assert len(str(error.value).splitlines()) == 1

@@ -1,0 +1,185 @@
+"""`ident.sample` from Python: what it gives, that it goes on and comes back, and what it refuses."""
+
+import json
+import math
+import warnings
+
+import arviz
+import h5netcdf
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+from results import assert_comes_back, assert_plain
+
+import ident
+from ident.identify.sample import sample_campaign
+from ident.inference.sample import Settings
+from ident.studies.fit import FitOptions, fit
+from ident.studies.motion import drawn_groups, drawn_values, fitted_values
+from ident.studies.sample import SampleOptions, SampleResult, sample
+
+FIT = {"starts": 1, "fix": ("joint1.k_bend",), "discrepancy": {"deflection": 0.1}}
+SHORT = FIT | {"steps": 500}
+
+
+@pytest.fixture(scope="module")
+def table_1():
+    return ident.read_campaign(DATA / "lcd_arm" / "table1.csv")
+
+
+@pytest.fixture(scope="module")
+def arm_file():
+    return ident.read_arm(DATA / "lcd_arm" / "arm.toml")
+
+
+@pytest.fixture(scope="module")
+def result(arm_file, table_1):
+    return sample(arm_file, table_1, SampleOptions(**SHORT))
+
+
+@pytest.fixture(scope="module")
+def file(result, tmp_path_factory):
+    return result.save(tmp_path_factory.mktemp("sample"))[0]
+
+
+def test_it_is_the_posterior_of_the_fit(result, table_1):
+    fitted = fit(lcd_arm(), table_1, FitOptions(**FIT))
+    direct = sample_campaign(fitted.fit, settings=Settings(max_steps=500))
+    np.testing.assert_array_equal(result.sample.sample.theta, direct.sample.theta)
+    assert result.name == "table1.sample"
+    assert not result.enough, "so short a chain is none to trust"
+    draws = np.exp(direct.sample.draws())
+    for name, own in zip(direct.sample.posterior.parameters.names, draws.T, strict=True):
+        assert result.medians[name] == pytest.approx(np.median(own), rel=1e-12)
+        assert result.intervals[name] == pytest.approx(tuple(np.quantile(own, (0.025, 0.975))), rel=1e-12)
+
+
+def test_it_comes_back_as_it_was(result, tmp_path):
+    loaded = assert_comes_back(result, tmp_path)
+    assert isinstance(loaded, SampleResult)
+    np.testing.assert_array_equal(loaded.sample.sample.theta, result.sample.sample.theta)
+    np.testing.assert_array_equal(loaded.sample.sample.log_density, result.sample.sample.log_density)
+    assert loaded.arm.sha256 == result.arm.sha256
+    assert list(loaded.figures()) == ["posterior", "corner", "trace"]
+
+
+def test_its_file_is_arviz_inference_data(result, file):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        data = arviz.from_netcdf(file)
+    own = result.inference_data
+    assert json.loads(data.attrs["format"]) == SampleResult.form
+    for group in own.groups():
+        for name, variable in own[group].data_vars.items():
+            np.testing.assert_array_equal(data[group][name].values, variable.values)
+    assert float(arviz.summary(data.posterior, round_to="none")["ess_bulk"].min()) > 50
+
+
+def test_what_is_among_its_variables_is_not_written_twice(result, file):
+    with h5netcdf.File(file) as opened:
+        sizes = [math.prod(variable.shape) for variable in opened["ident"].variables.values()]
+    assert result.sample.sample.theta.size in sizes
+    assert result.sample.posterior_predictive.simulated.size not in sizes
+
+
+def test_its_table_has_a_row_for_each_unknown(result):
+    rows = result.table()
+    assert_plain(rows)
+    assert [row["parameter"] for row in rows] == list(result.sample.sample.posterior.parameters.names)
+    for row in rows:
+        assert row["low_95"] < row["low_50"] < row["median"] < row["high_50"] < row["high_95"]
+
+
+def test_a_longer_run_goes_on_in_its_folder(result, arm_file, table_1, tmp_path):
+    folder = tmp_path / "part"
+    blocks = []
+
+    def progress(description, total=None):
+        def stop(numbers):
+            for number in numbers:
+                if description == "blocks of steps":
+                    blocks.append(number)
+                    if number == 4:
+                        raise KeyboardInterrupt
+                yield number
+
+        return stop
+
+    with pytest.raises(KeyboardInterrupt):
+        sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder, progress=progress)
+    assert len(list(folder.glob("block*"))) == 4
+    whole = sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder)
+    np.testing.assert_array_equal(whole.sample.sample.theta, result.sample.sample.theta)
+    assert len(list(folder.glob("block*"))) == 10, "they stay where they are"
+    with pytest.raises(ident.InputError, match="another seed"):
+        sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder)
+    anew = sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder, restart=True)
+    assert not np.array_equal(anew.sample.sample.theta, whole.sample.sample.theta)
+
+
+def test_draws_of_a_result_and_of_its_file_are_the_same(result, file):
+    of_file, of_result = (drawn_values(source, lcd_arm(), 40, seed=2) for source in (file, result))
+    assert of_file.values.keys() == of_result.values.keys()
+    assert (of_result.path, of_file.path) == ("", str(file))
+    assert "discrepancy.deflection" in of_result.left_out
+    for path, values in of_result.values.items():
+        np.testing.assert_array_equal(of_file.values[path], values)
+    for one, two in zip(*(drawn_groups(source, lcd_arm(), 20, 30) for source in (file, result)), strict=True):
+        np.testing.assert_array_equal(one.values["joint2.k_tors"], two.values["joint2.k_tors"])
+    assert drawn_values(of_file, lcd_arm(), 3) is of_file
+    assert drawn_groups(of_file, lcd_arm(), 3, 4) == (of_file, None)
+    assert drawn_values(None, lcd_arm(), 3) is None
+
+
+def test_values_of_a_fit_and_of_its_file_are_the_same(arm_file, table_1, tmp_path):
+    fitted = fit(arm_file, table_1, FitOptions(**FIT))
+    path = fitted.save(tmp_path)[0]
+    of_file, of_result = fitted_values(path, lcd_arm()), fitted_values(fitted, lcd_arm())
+    assert of_file.medians == of_result.medians
+    assert of_file.left_out == of_result.left_out == ("discrepancy.deflection",)
+    text = path.read_text()
+    for own, words in (("ident-fit/1", "run the command again"), ("ident-check/2", "the file that ident fit wrote")):
+        path.write_text(text.replace("ident-fit/2", own))
+        with pytest.raises(ident.InputError, match=f"the format '{own}'.*{words}") as refusal:
+            fitted_values(path, lcd_arm())
+        assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_a_posterior_of_an_older_version_is_refused_in_one_line(result, tmp_path):
+    path, data = tmp_path / "old.sample.nc", result.inference_data
+    data.attrs["format"] = '"ident-sample/1"'
+    data.to_netcdf(str(path), engine="h5netcdf")
+    for read in (ident.load, lambda path: drawn_values(path, lcd_arm(), 10)):
+        with pytest.raises(ident.InputError, match=r"ident-sample/1.*run the command again") as refusal:
+            read(path)
+        assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_a_damaged_file_is_refused_in_one_line(file, tmp_path):
+    damaged = tmp_path / "campaign.sample.nc"
+    whole = file.read_bytes()
+    for content in (b"", whole[:1000], whole[: len(whole) // 2], b"{}"):
+        damaged.write_bytes(content)
+        with pytest.raises(ident.InputError, match="other contents") as refusal:
+            ident.load(damaged)
+        assert len(str(refusal.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"ess": 10.0}, "ess: got 10, expected a number from 100"),
+        ({"steps": 100}, "steps: got 100, expected a number from 500"),
+        ({"ensembles": 2}, "ensembles: got 2, expected a number from 4"),
+    ],
+)
+def test_options_are_checked_when_they_are_made(options, words):
+    with pytest.raises(ident.InputError, match=words):
+        SampleOptions(**options)
+
+
+def test_the_library_names_options_in_backticks(table_1):
+    with pytest.raises(ident.InputError, match=r"got 6 walkers, .* correct `walkers`"):
+        sample(lcd_arm(), table_1, SampleOptions(starts=1, walkers=6))
+    with pytest.raises(ident.InputError, match=r"nor a prior that bound .* \(`prior`\), or fix it \(`fix`\)"):
+        sample(lcd_arm(), table_1, SampleOptions(starts=1, no_prior=True))

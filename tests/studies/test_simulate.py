@@ -1,0 +1,175 @@
+"""`ident.simulate` from Python: its inputs as values or files, what it returns, and the file that brings it back."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+from arms import DATA, lcd_arm
+from commands import posterior
+
+from ident import InputError, load, read_arm, read_log, read_trace
+from ident.present.files.netcdf import read_netcdf_result
+from ident.studies.motion import drawn_values
+from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
+from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.response.simulate import simulate as response
+
+FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
+SHORT = {"speed": 200.0, "dwell": 0.5, "rate": 100.0}
+FAST = SimulateOptions(**SHORT, method="fast", at=0.7)
+
+
+@pytest.fixture(scope="module")
+def fast():
+    return simulate(FILE, FAST)
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    path = tmp_path_factory.mktemp("draws") / "draws.nc"
+    posterior(path)
+    return simulate(FILE, SimulateOptions(**SHORT, draws=5, limit=20.0), posterior=path)
+
+
+def interrupting(description, total=None):
+    def wrap(numbers):
+        for count, number in enumerate(numbers):
+            if count == 1:
+                raise KeyboardInterrupt
+            yield number
+
+    return wrap
+
+
+def test_the_result_has_the_response_in_si(fast):
+    direct = response(lcd_arm(), stroke(lcd_arm().stroke, percent=200, dwell=0.5), rate=100)
+    np.testing.assert_allclose(fast.vibration, direct.vibration, atol=1e-15)
+    np.testing.assert_array_equal(fast.time, direct.time)
+    np.testing.assert_allclose(fast.peak, np.abs(direct.vibration).max(1))
+    assert fast.interrupted is fast.draws is None
+    assert fast.name == "arm.extend-200.simulate"
+    rows = fast.table()
+    assert [row["direction"] for row in rows] == ["x", "y", "z"]
+    assert [row["peak"] for row in rows] == pytest.approx(fast.peak)
+    late = np.abs(fast.vibration[:, fast.time >= 0.7 - 1e-9]).max(1)
+    assert [row["late_peak"] for row in rows] == pytest.approx(late)
+
+
+def test_an_arm_of_python_is_simulated_like_that_of_its_file(fast):
+    bare = simulate(lcd_arm(), FAST)
+    np.testing.assert_array_equal(bare.vibration, fast.vibration)
+    assert bare.name == f"{lcd_arm().name}.extend-200.simulate"
+
+
+@pytest.mark.parametrize("case", ["fast", "drawn"])
+def test_a_saved_result_comes_back_as_it_was(request, tmp_path, case):
+    result = request.getfixturevalue(case)
+    paths = result.save(tmp_path)
+    assert [path.name for path in paths] == [f"{result.name}.{end}" for end in ("csv", "nc", "json")]
+    loaded = load(tmp_path / f"{result.name}.nc")
+    assert isinstance(loaded, SimulateResult)
+    assert loaded.report() == result.report()
+    assert json.dumps(loaded.table()) == json.dumps(result.table())
+    assert loaded.options == result.options
+    assert loaded.arm.get("joint1.k_tors") == result.arm.get("joint1.k_tors")
+    assert [axes.get_ylabel() for axes in loaded.figures()["drives"].axes] == [
+        axes.get_ylabel() for axes in result.figures()["drives"].axes
+    ]
+    again = tmp_path / "again" / "other.nc"
+    assert loaded.save(again) == tuple(again.with_suffix(end) for end in (".csv", ".nc", ".json"))
+    first, second = (json.loads(path.read_text()) | {"created": ""} for path in (paths[2], again.with_suffix(".json")))
+    assert first == second
+    assert paths[0].read_text().splitlines()[1:] == again.with_suffix(".csv").read_text().splitlines()[1:]
+    with (
+        xarray.open_dataset(paths[1], engine="h5netcdf") as one,
+        xarray.open_dataset(again, engine="h5netcdf") as other,
+    ):
+        xarray.testing.assert_equal(one, other)
+
+
+def test_the_summary_says_which_file_to_load(fast, tmp_path):
+    fast.save(tmp_path)
+    with pytest.raises(InputError, match=r"no result to load .*load arm.extend-200.simulate.nc beside it"):
+        load(tmp_path / f"{fast.name}.json")
+
+
+@pytest.mark.parametrize("damage", ["cut", "group", "tree"])
+def test_a_file_that_holds_no_result_is_refused(fast, tmp_path, damage):
+    path = fast.save(tmp_path)[1]
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:5000])
+    else:
+        data = xarray.Dataset({"tree": ("n", np.frombuffer(b'{"value": 1}', np.uint8))}, attrs={"format": "ident-x/1"})
+        data.to_netcdf(path, mode="w", engine="h5netcdf", group="ident" if damage == "tree" else None)
+    with pytest.raises(InputError, match="expected a result file of ident"):
+        read_netcdf_result(path)
+
+
+def test_draws_may_be_a_value_or_a_file(drawn, tmp_path):
+    posterior(tmp_path / "draws.nc")
+    values = drawn_values(tmp_path / "draws.nc", lcd_arm(), 5)
+    again = simulate(FILE, drawn.options, posterior=values)
+    np.testing.assert_array_equal(again.draws.vibration, drawn.draws.vibration)
+    assert "5 to 95 % of 5 draws" in again.report()
+    assert [row["peak_q95"] for row in again.table()] == pytest.approx(
+        np.quantile(drawn.draws.sizes.peak, 0.95, axis=1)
+    )
+
+
+def test_path_and_trace_may_be_values_or_files(fast, tmp_path):
+    csv = fast.save(tmp_path)[0]
+    trace = read_trace(csv)
+    options = SimulateOptions(**SHORT, method="fast", band=(2.0, 20.0))
+    for given in (trace, csv, str(csv)):
+        compared = simulate(FILE, options, trace=given).simulation.comparisons
+        assert [comparison.peak_ratio for comparison in compared.values()] == pytest.approx([1, 1, 1], rel=1e-6)
+    time = np.linspace(0, 1, 21)
+    rows = np.column_stack([time, *(n * 20 * (10 * time**3 - 15 * time**4 + 6 * time**5) for n in (1, -2, 1))])
+    header = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]"
+    np.savetxt(tmp_path / "teach.csv", rows, header=header, comments="", delimiter=",")
+    log = read_log(tmp_path / "teach.csv", ["joint1", "joint2", "joint3"])
+    options = SimulateOptions(dwell=0.2, rate=100.0, method="fast")
+    one, other = (simulate(FILE, options, path=path) for path in (log, tmp_path / "teach.csv"))
+    np.testing.assert_array_equal(one.vibration, other.vibration)
+    assert one.name == other.name == "arm.teach.simulate"
+
+
+def test_an_interruption_leaves_a_result_that_can_be_saved(tmp_path):
+    options = SimulateOptions(speed=200.0, dwell=0.5, method="exact")
+    result = simulate(FILE, options, progress=interrupting)
+    assert result.interrupted == pytest.approx(0.5)
+    assert result.time[-1] == pytest.approx(0.5)
+    result.save(tmp_path)
+    loaded = load(tmp_path / f"{result.name}.nc")
+    assert loaded.interrupted == result.interrupted
+    assert loaded.report() == result.report()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"tolerance": 0.0}, "tolerance: got 0, expected a number above 0"),
+        ({"limit": float("inf")}, "limit: got inf, expected a number above 0"),
+        ({"draws": 0}, "draws: got 0, expected a number from 1"),
+        ({"set": {"link2.mass": -3.0}}, "set: got link2.mass=-3, expected a value >= 0"),
+        (
+            {"at": 99.0, "method": "fast"},
+            "at: got 99 s, expected a time from 0 to 2.483 s; hold the arm longer (`dwell`)",
+        ),
+        ({"method": "exakt"}, "method: got 'exakt'"),
+        ({"smoothing": 0.1}, "smoothing: got it without `path`"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_in_one_line(options, words):
+    with pytest.raises(InputError) as error:
+        simulate(FILE, SimulateOptions(speed=200.0, **options))
+    assert words in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_the_options_are_recorded(fast, tmp_path):
+    document = json.loads(Path(fast.save(tmp_path)[2]).read_text())
+    assert document["format"] == "ident-simulate/2"
+    assert document["options"] | {"at": 0.7, "speed": 200.0, "band": [4.0, 8.0]} == document["options"]

@@ -1,0 +1,133 @@
+"""`ident.spectrum` from Python: traces as values, files or simulated motions, and the file of a result."""
+
+import json
+
+import numpy as np
+import pytest
+from arms import DATA
+
+from ident import InputError, load, read_arm, read_trace
+from ident.measure import Pulley, Trace, read_pulleys
+from ident.studies.simulate import SimulateOptions, simulate
+from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
+
+ARM = DATA / "lcd_arm" / "arm.toml"
+TIME = np.arange(1000) / 100
+
+
+def sine(amplitude, frequency, kind="displacement", name="a.csv"):
+    values = amplitude * np.sin(2 * np.pi * frequency * TIME)
+    return Trace(name, "0" * 64, TIME, kind, {"x": values, "z": values / 2})
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return simulate(read_arm(ARM), SimulateOptions(speed=200.0, dwell=0.5, method="fast"))
+
+
+FULL = SpectrumOptions(orders=(1.0, 2.0), revolutions=8, spectrogram=True, decibel=True, direction=("x", "z"), upto=100)
+
+
+@pytest.fixture(scope="module")
+def full(motion):
+    return spectrum(motion, FULL, arm=ARM)
+
+
+def test_a_sine_stands_in_the_table_in_si():
+    rows = spectrum(sine(4e-4, 5.0)).table()
+    assert [(row["trace"], row["direction"], row["mode"]) for row in rows] == [("a", "x", None), ("a", "z", None)]
+    assert [row["frequency"] for row in rows] == pytest.approx([5.0, 5.0], abs=1e-3)
+    assert [row["amplitude"] for row in rows] == pytest.approx([4e-4, 2e-4], rel=1e-3)
+
+
+def test_only_what_lies_between_two_times_counts():
+    values = np.where(TIME < 5, np.sin(2 * np.pi * 5 * TIME), np.sin(2 * np.pi * 8 * TIME))
+    trace = Trace("a.csv", "", TIME, "displacement", {"y": values})
+    late = spectrum(trace, SpectrumOptions(start=5.5, end=9.0))
+    assert [row["frequency"] for row in late.table()] == pytest.approx([8.0], abs=0.02)
+    kept = late.spectra.traces["a"].time
+    assert (kept[0], kept[-1]) == pytest.approx((5.5, 9.0))
+
+
+def test_a_simulated_motion_is_analysed_as_its_file_is(motion, full, tmp_path):
+    csv = motion.save(tmp_path)[0]
+    from_file = spectrum(csv, FULL, arm=read_arm(ARM))
+    assert from_file.report() == full.report()
+    assert from_file.name == full.name == "arm.extend-200.spectrum"
+    trace = read_trace(csv)
+    given = spectrum(trace, FULL, arm=ARM, pulleys=read_pulleys(csv, trace))
+    assert given.report() == full.report()
+    assert set(full.figures()) == {"", "orders", "x", "z"}
+    assert "Orders of drive1 and drive3" in full.report()
+
+
+def test_an_order_is_tracked_where_a_pulley_turns():
+    angle = 2 * np.pi * 3.0 * TIME
+    trace = Trace("", "", TIME, "displacement", {"y": 0.01 * np.cos(2 * angle)})
+    result = spectrum(trace, SpectrumOptions(orders=(1.0, 2.0)), pulleys={"p": Pulley(np.full(1000, 3.0), angle)})
+    amplitude = result.spectra.tracks["p"].amplitude[:, :, 0]
+    np.testing.assert_allclose(amplitude[1], 0.01, rtol=5e-3)
+    assert np.abs(amplitude[0]).max() < 1e-4
+
+
+def test_acceleration_beside_displacement_is_compared_as_acceleration():
+    result = spectrum(sine(4e-4, 5.0), against=sine(0.7, 7.0, "acceleration"))
+    assert list(result.spectra.traces) == ["a", "a.csv"]
+    assert result.spectra.kind == "acceleration"
+    amplitudes = {row["trace"]: row["amplitude"] for row in result.table() if row["direction"] == "x"}
+    assert amplitudes == pytest.approx({"a": 4e-4 * (10 * np.pi) ** 2, "a.csv": 0.7}, rel=2e-3)
+
+
+def test_modes_of_an_arm_are_marked():
+    arm = read_arm(ARM)
+    options = SpectrumOptions(posture=(0.0, 0.0, 0.0), load="glass")
+    result = spectrum(sine(1e-3, 4.1), options, arm=arm)
+    marks = result.spectra.marks
+    assert len(marks) == 6
+    assert result.table()[0]["mode"] == min(marks, key=lambda label: abs(marks[label] - 4.1))
+    assert "at (0, 0, 0) deg, glass" in result.report()
+
+
+@pytest.mark.parametrize("case", ["full", "bare"])
+def test_a_saved_result_comes_back_as_it_was(full, tmp_path, case):
+    result = full if case == "full" else spectrum(sine(4e-4, 5.0))
+    (path,) = result.save(tmp_path)
+    loaded = load(path)
+    assert isinstance(loaded, SpectrumResult)
+    assert loaded.report() == result.report()
+    assert loaded.table() == result.table()
+    assert loaded.options == result.options
+    assert list(loaded.figures()) == list(result.figures())
+    for word, figure in loaded.figures().items():
+        for axes, same in zip(figure.axes, result.figures()[word].axes, strict=True):
+            for line, original in zip(axes.lines, same.lines, strict=True):
+                np.testing.assert_array_equal(line.get_xydata(), original.get_xydata())
+    (again,) = loaded.save(tmp_path / "again.json")
+    first, second = (json.loads(file.read_text()) | {"created": ""} for file in (path, again))
+    assert first == second
+    assert (first["inputs"]["arm"] is None) is (case == "bare")
+    assert first["peaks"] == result.table()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"upto": 0.0}, "upto: got 0, expected a number above 0"),
+        ({"direction": ("y",)}, "direction: got 'y', expected some of x, z"),
+        ({"orders": (1.0,)}, "a.csv: got no pulley's angle"),
+        ({"posture": (0.0,)}, "posture: got it without `arm`"),
+        ({"start": 8.0, "end": 3.0}, "start: got 0 samples up to `end`, expected a span within 0 to 9.99 s"),
+        ({"window": "han"}, "did you mean hann"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_in_one_line(options, words):
+    with pytest.raises(InputError) as error:
+        spectrum(sine(4e-4, 5.0), SpectrumOptions(**options))
+    assert words in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_traces_without_a_direction_in_common_are_refused():
+    other = Trace("b.csv", "", TIME, "displacement", {"y": np.sin(TIME)})
+    with pytest.raises(InputError, match="against: got a trace of other directions"):
+        spectrum(sine(4e-4, 5.0), against=other)

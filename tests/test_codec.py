@@ -1,0 +1,209 @@
+"""Values as plain data: every kind comes back as it was, foreign ones are refused, and so are hostile documents."""
+
+import json
+import math
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arms import lcd_arm
+
+from ident.codec import CodecError, decode, encode
+from ident.errors import Problem
+from ident.inference.constrained_fit import Point
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.priors import Prior
+from ident.inference.profile_path import Ending
+from ident.measure import Load
+
+
+def through_json(value, arrays=None):
+    """Write a value as strict JSON and read it again."""
+    return decode(json.loads(json.dumps(encode(value, arrays), allow_nan=False)), arrays)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        *(None, True, False, 0, -7, 2**70, 0.1, -0.0, 5e-324, math.inf, -math.inf, "", "größe", "float"),
+        *([], [1, [2.0, "x"]], (), (1,), ((1, 2), [3]), frozenset(), frozenset({"a", "b"})),
+        *({}, {"a": 1}, {"map": {"tuple": [1]}}, {1: "x", (1, 2): "y", None: "z", 0.5: ()}),
+        *(slice(None), slice(1, None, 2), Path("out/a.json")),
+        *(Ending.OPEN, Ending.MODEL, {Ending.OPEN: 1}),
+        Prior(1.0, 2.0, 0.5),
+        Load.parse("glass + 5 kg @ tip + 20 N -z @ tip"),
+        Problem("a", "b", "c", "d"),
+    ],
+    ids=repr,
+)
+def test_plain_values_come_back(value):
+    again = through_json(value)
+    assert again == value
+    assert repr(again) == repr(value), "of the same type, to the sign of a zero"
+
+
+def test_nan_comes_back():
+    assert math.isnan(through_json([math.nan])[0])
+
+
+ARRAYS = [
+    np.array(1.5),
+    np.arange(6).reshape(2, 3),
+    np.arange(6.0).reshape(2, 3).T,
+    np.array([math.nan, -math.inf, -0.0, 5e-324]),
+    np.zeros((0, 3)),
+    np.array([True, False]),
+    np.array([1 + 2j]),
+    np.array([1, 2], ">i4"),
+    np.array(["a", "größe"]),
+    np.arange(3, dtype=np.float32),
+]
+
+
+@pytest.mark.parametrize("array", ARRAYS, ids=str)
+def test_arrays_come_back_to_the_last_bit(array):
+    again = through_json(array)
+    assert type(again) is np.ndarray
+    assert again.dtype == array.dtype.newbyteorder("=")
+    assert again.shape == array.shape
+    assert again.tobytes() == array.astype(again.dtype).tobytes()
+
+
+@pytest.mark.parametrize("scalar", [np.float64(0.1), np.float64(math.inf), np.int32(3), np.bool_(True), np.str_("a")])
+def test_scalars_of_numpy_come_back_as_such(scalar):
+    again = through_json(scalar)
+    assert type(again) is type(scalar)
+    assert again == scalar
+
+
+def test_arrays_of_jax_come_back_as_such():
+    array = jnp.array([0.1, math.nan])
+    again = through_json(array)
+    assert isinstance(again, type(array))
+    assert again.dtype == array.dtype
+    assert np.asarray(again).tobytes() == np.asarray(array).tobytes()
+
+
+def test_large_arrays_are_kept_apart_where_there_is_a_place_for_them():
+    large, small = np.linspace(0, 1, 1000), np.arange(3.0)
+    arrays = {}
+    document = encode([large, small, jnp.asarray(large), large > 0.5], arrays)
+    assert len(arrays) == 2, "those of 8000 bytes; the one of 1000 bytes is small"
+    assert len(json.dumps(document)) < 3000
+    first, second, third, fourth = decode(document, arrays)
+    np.testing.assert_array_equal(first, large)
+    np.testing.assert_array_equal(second, small)
+    np.testing.assert_array_equal(third, large)
+    np.testing.assert_array_equal(fourth, large > 0.5)
+
+
+def test_named_tuples_and_nested_modules_come_back():
+    point = through_json(Point(np.array([1.0]), 0.5, True, np.array([0.0])))
+    assert type(point) is Point
+    assert point[1:3] == (0.5, True)
+    arm = lcd_arm()
+    again = through_json(arm)
+    assert type(again) is type(arm)
+    assert again.paths() == arm.paths()
+    assert all(float(again.get(path)) == float(arm.get(path)) for path in arm.paths())
+
+
+def test_an_object_that_is_held_twice_comes_back_as_one():
+    item = Parameter(("a",), True, 1.0, 1.0)
+    value = {"items": Parameters((item, item)), "first": item, "other": Parameter(("a",), True, 1.0, 1.0)}
+    document = encode(value)
+    assert sum("Parameter" in each["class"] for each in document["objects"]) == 3
+    again = through_json(value)
+    assert again["items"].items[0] is again["items"].items[1] is again["first"]
+    assert again["other"] is not again["first"]
+
+
+def test_of_two_equal_loads_each_keeps_its_place():
+    first, second = through_json([Load(("glass",)), Load(("glass",))])
+    assert first == second
+
+
+class Foreign:
+    pass
+
+
+def test_what_is_not_ours_is_refused():
+    for value in (
+        lambda: 1,
+        print,
+        Foreign(),
+        Foreign,
+        object(),
+        1j,
+        b"bytes",
+        {1, 2},
+        iter([]),
+        np.array([Foreign()]),
+    ):
+        with pytest.raises(CodecError):
+            encode({"a": [value]})
+
+
+def array_of(**changes):
+    return {**encode(np.zeros(2))["value"], **changes}
+
+
+HOSTILE = {
+    "no document": 3,
+    "a list": [],
+    "empty": {},
+    "no objects": {"value": 1},
+    "an empty tag": {"value": {}, "objects": []},
+    "an unknown tag": {"value": {"pickle": "x"}, "objects": []},
+    "no such object": {"value": {"object": 0}, "objects": []},
+    "a place that is none": {"value": {"object": "a"}, "objects": [1]},
+    "an object of itself": {
+        "value": {"object": 0},
+        "objects": [{"class": "inference.parameters:Parameters", "fields": {"items": {"object": 0}}}],
+    },
+    "too deep": {"value": json.loads("[" * 900 + "]" * 900), "objects": []},
+    "a map with lists as keys": {"value": {"map": [[[1], 2]]}, "objects": []},
+    "half a pair": {"value": {"map": [[1]]}, "objects": []},
+    "a number that is none": {"value": {"float": "x"}, "objects": []},
+    "a path that is none": {"value": {"path": 3}, "objects": []},
+    "no base64": {"value": array_of(numpy="§"), "objects": []},
+    "objects in an array": {"value": array_of(dtype="O"), "objects": []},
+    "a type that is none": {"value": array_of(dtype="(1,"), "objects": []},
+    "another shape": {"value": array_of(shape=[3]), "objects": []},
+    "a huge shape": {"value": array_of(shape=[10**30]), "objects": []},
+    "an array that is not there": {"value": {"numpy": "a0"}, "objects": []},
+    "text for jax": {"value": {"jax": array_of()["numpy"], "dtype": "<U2", "shape": [2]}, "objects": []},
+    "a member that is none": {"value": {"enum": "inference.profile_path:Ending", "member": "X"}, "objects": []},
+    "members of no enumeration": {"value": {"enum": "measure.load:Load", "member": "X"}, "objects": []},
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_hostile_document_is_refused(case):
+    with pytest.raises(CodecError):
+        decode(HOSTILE[case])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("os:system", "subprocess:Popen", "builtins:eval", ":eval", "", "errors", "errors:", "errors:nowhere"),
+        *("codec:Path", "codec:importlib", "codec:importlib.import_module", "codec:encode", ".os:system", "..os:x"),
+        *("__main__:main", "cli.app:app", "errors:Problem.__init__", "errors:__builtins__", "errors:IdentError"),
+    ],
+)
+def test_only_classes_of_values_that_are_ours_are_made(name):
+    document = {"value": {"object": 0}, "objects": [{"class": name, "fields": {}}]}
+    with pytest.raises(CodecError):
+        decode(document)
+
+
+def test_other_fields_are_those_of_another_version():
+    document = encode(Prior(1.0, 2.0, 0.5))
+    document["objects"][0]["fields"]["more"] = 1
+    with pytest.raises(CodecError, match="another version"):
+        decode(document)
+    del document["objects"][0]["fields"]["more"], document["objects"][0]["fields"]["sd"]
+    with pytest.raises(CodecError, match="another version"):
+        decode(document)

@@ -1,0 +1,126 @@
+"""The manual: its examples run, its pictures are there, and it is built without a warning and without a network."""
+
+import os
+import re
+import subprocess
+import sys
+from contextlib import redirect_stdout
+from io import StringIO
+
+import pytest
+from examples import DOCS, ROOT, examples, pages
+from numbers_in_text import same_text
+
+from ident.cli.app import app
+
+PAGES = [page for page in pages() if examples(page)]
+PICTURES = DOCS / "pictures"
+LARGEST = 120_000
+STRICTLY = ("-W", "--keep-going", "-n", "-q")
+FROM_ELSEWHERE = re.compile(r"<(?:link|script|img|iframe|source)\b[^>]*(?:src|href)=\"(?:https?:)?//[^\"]*")
+SETUP = ("python3 -m venv", "pip install", "python -m pytest")
+"""How commands of an installation begin; `.ci/run` has them."""
+REDUCED = {
+    "sample": ("--ess=100", "--steps=500", "--starts=1", "--no-figure"),
+    "simulate": ("--method=fast", "--no-figure"),
+    "sweep": ("--no-figure", "--dwell=0.1"),
+    "design": ("--starts=1", "--no-curve", "--no-figure", "--speed=60", "--dwell=0.1", "--change=joint1.k_tors"),
+}
+"""What is added to a command that takes long: the way through it is tested, its numbers are elsewhere."""
+REDUCED_OPTIONS = {"SampleOptions(": "ess=100, steps=500, starts=1, "}
+"""The same for Python."""
+
+
+@pytest.fixture
+def folder(run, tmp_path):
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_examples_run(page, run, folder):
+    names = {"__name__": "__main__"}
+    for example in examples(page):
+        if example.shown_only:
+            continue
+        if example.language == "python":
+            with redirect_stdout(StringIO()):
+                exec(compile(reduced(example.text), f"{page}:{example.line}", "exec"), names)
+        for words in example.commands if example.language == "sh" else ():
+            check(page, words, run)
+
+
+def reduced(text):
+    for options, more in REDUCED_OPTIONS.items():
+        text = text.replace(options, options + more)
+    return text
+
+
+def check(page, words, run):
+    """Run a command, and compare its answer with the one that its page shows."""
+    if words[0] != "ident":
+        assert " ".join(words).startswith(SETUP), words
+        return
+    code, out, err = run(*words[1:], *REDUCED.get(words[1], ()))
+    assert code == 0, err
+    shown = PICTURES / f"{words[1]}.txt"
+    first = next(each for example in examples(page) for each in example.commands if each[:2] == words[:2])
+    if page.stem == words[1] and words == first and words[1] not in REDUCED:
+        assert same_text(out, shown.read_text(encoding="utf-8"))
+
+
+def test_what_is_only_shown_says_why():
+    comments = sum(page.read_text(encoding="utf-8").count("shown only") for page in PAGES)
+    assert comments == sum(example.shown_only for page in PAGES for example in examples(page))
+
+
+def test_every_command_has_a_page_with_its_help_and_options():
+    names = {path.stem for path in (DOCS / "commands").glob("*.md")} - {"index"}
+    assert names == {command.name for command in app.registered_commands}
+    for name in names:
+        text = (DOCS / "commands" / f"{name}.md").read_text(encoding="utf-8")
+        assert f"```{{command-help}} {name}\n" in text
+        assert f"```{{options}} {name}\n" in text
+
+
+def test_pictures_are_small_and_shown():
+    shown = {name for page in pages() for name in re.findall(r"pictures/([\w.]+)", page.read_text(encoding="utf-8"))}
+    assert shown == {path.name for path in PICTURES.iterdir()}
+    assert all(path.stat().st_size < LARGEST for path in PICTURES.iterdir())
+
+
+@pytest.fixture(scope="module")
+def manual(tmp_path_factory):
+    """The manual as HTML, built anew."""
+    out = tmp_path_factory.mktemp("manual")
+    command = [sys.executable, "-m", "sphinx", *STRICTLY, "-d", out / "tree", DOCS, out / "html"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    return out / "html"
+
+
+def test_the_manual_needs_no_network(manual):
+    written = list(manual.rglob("*.html"))
+    assert len(written) > 30
+    for page in written:
+        text = page.read_text(encoding="utf-8")
+        assert not FROM_ELSEWHERE.findall(text), page
+    for style in manual.rglob("*.css"):
+        assert not re.findall(r"url\([\"']?(?:https?:)?//|@import", style.read_text(encoding="utf-8")), style
+
+
+def test_the_manual_in_a_browser(manual, browser_page):
+    for page in sorted(manual.rglob("*.html")):
+        with browser_page(page, 1300, 900) as opened:
+            assert not opened.complaints, page
+            assert not opened.broken_images, page
+            assert all(address.startswith("file:") for address in opened.requests), page
+            assert opened.overhang <= 0, page
+
+
+def test_the_texts_are_compared():
+    assert same_text("a 1.00 mm,  b", "a 1.01 mm, b")
+    assert not same_text("a 1.00 mm", "a 1.1 mm")
+    assert not same_text("a 1 mm", "b 1 mm")
+    assert not same_text("joint1.k_bend", "joint2.k_bend")

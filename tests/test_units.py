@@ -1,0 +1,77 @@
+"""Units: factors against textbook numbers, and the refusals."""
+
+import math
+import time
+
+import pytest
+
+from ident.errors import InputError
+from ident.units import NMM_PER_DEG, registry, si_factor, to_si
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "quantity", "expected"),
+    [
+        (3.0, "Hz", "frequency", 3.0),
+        (3.0, "kHz", "frequency", 3000.0),
+        (2 * math.pi, "rad/s", "frequency", 1.0),
+        (60.0, "rpm", "frequency", 1.0),
+        (360.0, "deg/s", "frequency", 1.0),
+        (180.0, "deg", "angle", math.pi),
+        (180.0, "°", "angle", math.pi),
+        (1.0, "turn", "angle", 2 * math.pi),
+        (5.0, "mrad", "angle", 0.005),
+        (2.0, "mm", "length", 0.002),
+        (2.0, "µm", "length", 2e-6),
+        (1.0, "in", "length", 0.0254),
+        (500.0, "g", "mass", 0.5),
+        (2.0, "kN", "force", 2000.0),
+        (1.5, "%", "damping_ratio", 0.015),
+        (1.5, "percent", "damping_ratio", 0.015),
+        (0.015, "1", "damping_ratio", 0.015),
+        (0.015, "-", "damping_ratio", 0.015),
+        (0.015, "", "damping_ratio", 0.015),
+    ],
+)
+def test_to_si(value, unit, quantity, expected):
+    assert to_si(value, unit, quantity) == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("unit", "quantity"),
+    [
+        ("mmm", "length"),
+        ("kg", "length"),
+        ("mm", "angle"),
+        ("1", "angle"),
+        ("%", "angle"),
+        ("sr", "angle"),
+        ("", "length"),
+        ("deg", "length"),
+        ("hz", "frequency"),
+        ("Hz*Hz", "frequency"),
+        ("kg", "force"),
+        ("mm", "damping_ratio"),
+        ("2 mm", "length"),
+        ("9**9**9", "length"),
+        ("mm**(9**9**9)", "length"),
+        ("__import__('os')", "length"),
+        ("m" * 1000, "length"),
+    ],
+)
+def test_wrong_units_are_refused_at_once(unit, quantity):
+    start = time.perf_counter()
+    registry()
+    with pytest.raises(InputError, match=r"^got .*, expected .*; correct the unit$"):
+        si_factor(unit, quantity)
+    assert time.perf_counter() - start < 10
+
+
+@pytest.mark.parametrize("unit", ["1/s", "Bq", "1 / s", "s**-1", "1/min"])
+def test_a_frequency_per_time_is_ambiguous(unit):
+    with pytest.raises(InputError, match=r"ambiguous.*write Hz .*or rad/s"):
+        si_factor(unit, "frequency")
+
+
+def test_stiffness_in_newton_millimetres_per_degree():
+    assert pytest.approx(0.0572957795130823, rel=1e-14) == NMM_PER_DEG
