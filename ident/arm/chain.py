@@ -15,7 +15,7 @@ from ident.errors import ModelError
 
 
 class Loads(eqx.Module):
-    """What hangs on the arm besides its own weight.
+    """A load case: what the arm carries besides its own weight.
 
     Attributes:
         payload: (n_payloads, *batch) [-] how much of each payload is there, 0 or 1.
@@ -35,7 +35,7 @@ def no_loads(arm: Arm, batch: tuple[int, ...] = ()) -> Loads:
 
 
 class Chain(eqx.Module):
-    """An arm whose pins are held: body j is everything between bushing j and bushing j + 1.
+    """An arm at a posture, its pins fixed: body j is everything between bushing j and bushing j + 1.
 
     At zero elastic rotation every body's axes are parallel to the base frame, so that `phi` `(3, N, *batch)`, the
     bushings' rotation vectors, has its components along the base axes too. `frame` turns them into the shafts'.
@@ -75,7 +75,7 @@ class Chain(eqx.Module):
 
 
 def at_posture(arm: Arm, posture: Float[Array, "driven *#batch"], loads: Loads | None = None) -> Chain:
-    """Hold the arm's pins at a posture [rad] under its own weight and the given loads.
+    """Fix the arm's pins at a posture [rad] under its own weight and the given loads.
 
     Numbers of the arm may carry batch dimensions too (see `Arm.replace`), no more than the posture, against which they
     broadcast.
@@ -143,7 +143,7 @@ def _bushings(arm: Arm, frame: Array) -> tuple[Array, Array, Array]:
 def _moments(arm: Arm, before: Array, after: Array, loads: Loads) -> tuple[Array, Array, Array]:
     """Return mass, first and second moment about the bushing of all that moves with each joint.
 
-    A mass hung on a point is a body of 1 kg, a share of which is there, as of a payload.
+    A mass at a point is a body of 1 kg, a share of which is there, as of a payload.
     """
     rank, names = before.ndim - 3, [joint.name for joint in arm.joints]
     n = len(names)

@@ -1,4 +1,4 @@
-"""The arm as the equations of motion need it: moments of mass, bushings, drives and belts, gathered once."""
+"""The multibody model of an arm: moments of mass, bushings, drives and belts, as the equations of motion need them."""
 
 import equinox as eqx
 import jax
@@ -91,7 +91,7 @@ class Multibody(eqx.Module):
         carrier: joint that carries each named point.
         driven: joints that have a pin.
         elastic: whether the belts stretch, so that the pins that they drive deviate from the command.
-        inexact: whether some drive has a kinematic error.
+        transmission_error: whether some drive has a kinematic error.
     """
 
     axis: Float[Array, "3 N *#batch"]
@@ -108,7 +108,7 @@ class Multibody(eqx.Module):
     carrier: tuple[int, ...] = eqx.field(static=True)
     driven: tuple[int, ...] = eqx.field(static=True)
     elastic: bool = eqx.field(static=True)
-    inexact: bool = eqx.field(static=True)
+    transmission_error: bool = eqx.field(static=True)
 
     @property
     def joints(self) -> int:
@@ -116,14 +116,14 @@ class Multibody(eqx.Module):
         return self.offset.shape[1]
 
     @property
-    def loose(self) -> tuple[int, ...]:
-        """Joints whose pins deviate from the command, since an elastic belt drives them."""
+    def belt_driven(self) -> tuple[int, ...]:
+        """Joints that an elastic belt drives, so that their pins deviate from the command."""
         return tuple(driven for _, driven in self.belts.ends) if self.elastic else ()
 
     @property
     def size(self) -> int:
         """Number n of coordinates: three of each bushing, one of each elastic belt."""
-        return 3 * self.joints + len(self.loose)
+        return 3 * self.joints + len(self.belt_driven)
 
 
 def has_transmission_error(arm: Arm) -> bool:
@@ -132,16 +132,21 @@ def has_transmission_error(arm: Arm) -> bool:
 
 
 def multibody(
-    arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belts: bool = False, inexact: bool | None = None
+    arm: Arm,
+    loads: Loads | None = None,
+    *,
+    rank: int = 0,
+    elastic_belts: bool = False,
+    transmission_error: bool | None = None,
 ) -> Multibody:
     """Gather an arm under a load.
 
     Args:
-        arm: the arm; its numbers may be arrays `(*sets)` (see `Arm.replace`).
+        arm: the arm; its numbers may be arrays `(*batch)` (see `Arm.replace`).
         loads: the load case; its own weight when None.
-        rank: number of batch axes of the times and states that will be asked for, in which those sets come last.
+        rank: number of batch axes of times and states; those of the arm's numbers come last among them.
         elastic_belts: whether belts stretch.
-        inexact: whether some drive may have a kinematic error; asked of the arm's numbers when None.
+        transmission_error: whether some drive may have a kinematic error; by the arm's numbers when None.
 
     Raises:
         ModelError: the arm has more batch axes than `rank`.
@@ -168,12 +173,12 @@ def multibody(
         carrier=tuple(names.index(point.joint) for point in arm.points),
         driven=tuple(n for n, joint in enumerate(arm.joints) if joint.driven),
         elastic=elastic_belts and bool(arm.belts),
-        inexact=has_transmission_error(arm) if inexact is None else inexact,
+        transmission_error=has_transmission_error(arm) if transmission_error is None else transmission_error,
     )
 
 
 def balanced(multibody: Multibody) -> Multibody:
-    """Return the machine with all turning masses on their axes and without kinematic error: nothing shakes it."""
+    """Return the model with all turning masses on their axes and without kinematic error: nothing excites it."""
     drives = multibody.drives
     none = (jnp.zeros_like(drives.imbalance), jnp.zeros_like(drives.error))
     return eqx.tree_at(lambda m: (m.drives.imbalance, m.drives.error), multibody, none)
@@ -219,10 +224,10 @@ def _moments(groups: list[list[tuple[Array | float, Body]]], rank: int) -> Momen
 
 def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
     by_joint = {drive.joint: drive for drive in arm.drives}
-    resting = dict.fromkeys(names_of("Drive"), 0.0) | {"ratio": 1.0}
+    absent = dict.fromkeys(names_of("Drive"), 0.0) | {"ratio": 1.0}
     columns = {
         field: stack(
-            [getattr(by_joint[j.name], field) if j.name in by_joint else resting[field] for j in arm.joints], 0, rank
+            [getattr(by_joint[j.name], field) if j.name in by_joint else absent[field] for j in arm.joints], 0, rank
         )
         for field in names_of("Drive")
     }

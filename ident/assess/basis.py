@@ -23,7 +23,7 @@ class Basis:
     Attributes:
         arm_file: the arm as its file has it.
         arm: the arm as it is simulated: with fitted values, or medians of the draws, and what was set.
-        motion: what the motors are told.
+        motion: commanded joint angles.
         percent: [%] of full speed, or of a path's own.
         load: the load case.
         log: the joint path, if one is replayed.

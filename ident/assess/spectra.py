@@ -18,13 +18,13 @@ from ident.vibrate.signal.spectrum import Peak, Spectrum, amplitude_spectrum, pe
 
 Pulleys = Mapping[str, Pulley]
 PEAKS = 5
-"""Peaks of each direction that are told."""
+"""Peaks of each direction that are reported."""
 SLOW = 3.0
 """Bins from zero up to which a peak may be a drift or the slow part of a motion."""
 STANDING = 1e-3
 """Share of its fastest turning below which a pulley counts as standing."""
 SMALL = 0.02
-"""Share of the largest peak below which a peak is not told."""
+"""Share of the largest peak below which a peak is not reported."""
 NEAR = 0.05
 """Distance of a mode from a peak, relative to the frequency, up to which it is named; or a bin, if that is more."""
 LONGEST, LEAST_SEGMENTS = 1.0, 4
@@ -92,8 +92,8 @@ class Spectra:
     def strongest(self, name: str, direction: str) -> tuple[Peak, ...]:
         """Return the strongest peaks of a trace in a direction, the largest first; none that is a slow drift."""
         spectrum = self.spectra[name].column(self.directions.index(direction))
-        found = peaks(spectrum, PEAKS, (SLOW * spectrum.resolution, self.upto))
-        return tuple(peak for peak in found if peak.amplitude >= SMALL * found[0].amplitude)
+        largest = peaks(spectrum, PEAKS, (SLOW * spectrum.resolution, self.upto))
+        return tuple(peak for peak in largest if peak.amplitude >= SMALL * largest[0].amplitude)
 
     def mode_near(self, name: str, frequency: float) -> str | None:
         """Return the label of the mode nearest to a peak [Hz] of a trace, if it is near."""

@@ -76,8 +76,8 @@ def _parameter(each: Field[Any], spec: Spec) -> inspect.Parameter:
     names = [flag_of(each), *([spec.short] if spec.short else [])]
     kind, default = each.type, each.default
     if spec.read:
-        kind, default = (list[str] if spec.repeated else str) | None, None
-    flag = typer.Option(*names, help=spec.help, show_default=spec.text or not spec.read)
+        kind, default = (list[str] if spec.repeated else str) | None, spec.text or None
+    flag = typer.Option(*names, help=spec.help, show_default=bool(spec.text) or not spec.read)
     return inspect.Parameter(
         each.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, flag]
     )

@@ -1,6 +1,7 @@
 """Simulate how the end point vibrates while the arm carries out a motion."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions(HeldMotionOptions):
-    """Options of `ident.simulate`: the motion, how it is simulated, and what is told of the vibration."""
+    """Options of `ident.simulate`: the motion, how it is simulated, and what is reported of the vibration."""
 
     draws: int = option(200, "draws of the posterior", low=1)
     seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
@@ -44,7 +45,7 @@ class SimulateOptions(HeldMotionOptions):
         text="4:8",
     )
     tolerance: float = option(0.1, "of the settling time [mm]", above=0.0)
-    at: float | None = option(None, "time [s] from which on a further peak is told, as 4")
+    at: float | None = option(None, "time [s] from which on a further peak is reported, as 4")
     limit: float | None = option(None, "peak [mm] that should not be exceeded", above=0.0)
 
 
@@ -144,7 +145,7 @@ def simulate(
 
     Args:
         arm: the arm.
-        options: motion, load, method, and what is told of the vibration.
+        options: motion, load, method, and what is reported of the vibration.
         path: a joint path to follow instead of the stroke: a log, or its file.
         fit: fitted values that the arm takes over: a result, or its file.
         posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
@@ -188,7 +189,7 @@ def simulate(
 
 def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Draws | None":
     """Simulate the motion for the draws of the posterior, if there is one."""
-    from ident.vibrate.response.study import draw
+    from ident.vibrate.response.study import draw, measures
 
     if not basis.draws:
         return None
@@ -199,8 +200,7 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
         loads=basis.loads,
         elastic_belts=options.elastic_belts,
         rate=options.rate,
-        tolerance=options.tolerance / 1e3,
-        at=options.at,
+        measure=partial(measures, tolerance=options.tolerance / 1e3, at=options.at),
         progress=progress("draws"),
     )
 

@@ -8,7 +8,7 @@ from arms import DATA, lcd_arm
 from commands import posterior
 
 from ident import InputError, load, read_arm
-from ident.identify.values import read_draws
+from ident.studies.motion import drawn_values
 from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
 from ident.vibrate.modal.branches import branches
 from ident.vibrate.motion.stroke import stroke
@@ -64,7 +64,7 @@ def test_a_saved_result_comes_back_as_it_was(request, tmp_path, case):
 
 def test_draws_may_be_a_value_or_a_file(drawn, tmp_path):
     posterior(tmp_path / "draws.nc")
-    values = read_draws(tmp_path / "draws.nc", lcd_arm(), 4)
+    values = drawn_values(tmp_path / "draws.nc", lcd_arm(), 4)
     again = resonance(FILE, drawn.options, posterior=values)
     np.testing.assert_array_equal(again.branches.frequency, drawn.branches.frequency)
     assert "% of 4 draws" in again.report()

@@ -10,8 +10,8 @@ from arms import DATA, lcd_arm
 from commands import posterior
 
 from ident import InputError, load, read_arm, read_log, read_trace
-from ident.identify.values import read_draws
 from ident.present.files.netcdf import read_netcdf_result
+from ident.studies.motion import drawn_values
 from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.simulate import simulate as response
@@ -109,7 +109,7 @@ def test_a_file_that_holds_no_result_is_refused(fast, tmp_path, damage):
 
 def test_draws_may_be_a_value_or_a_file(drawn, tmp_path):
     posterior(tmp_path / "draws.nc")
-    values = read_draws(tmp_path / "draws.nc", lcd_arm(), 5)
+    values = drawn_values(tmp_path / "draws.nc", lcd_arm(), 5)
     again = simulate(FILE, drawn.options, posterior=values)
     np.testing.assert_array_equal(again.draws.vibration, drawn.draws.vibration)
     assert "5 to 95 % of 5 draws" in again.report()

@@ -15,6 +15,7 @@ from ident.present.files.document import plain
 from ident.present.text.units import MM
 from ident.text import one_line
 from ident.vibrate.response.study import DIRECTIONS, Sizes
+from ident.vibrate.signal.compare import Comparison
 
 if TYPE_CHECKING:
     import xarray
@@ -161,7 +162,10 @@ def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
         values[:, : len(other.time)] = np.asarray(other.vibration)[:, : values.shape[1]]
         yield f"vibration_{other.method}", _variable(moved, values, "m", f"the same by the {other.method} method")
     yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
-    yield "sag", _variable(moved, response.sag, "m", "quasi-static deflection, part of the displacement")
+    yield (
+        "quasi_static_deflection",
+        _variable(moved, response.quasi_static, "m", "of the end point, part of the displacement"),
+    )
     yield "path", _variable(moved, response.path, "m", "where the end point would be with rigid joints")
     yield "posture", _variable(("driven", "time"), response.posture, "rad", "commanded angles")
     by_joint = ("axis", "joint", "time")
@@ -218,20 +222,20 @@ def _compared(simulation: Simulation) -> dict[str, Any] | None:
     if not simulation.comparisons or simulation.trace is None:
         return None
     return {"kind": simulation.trace.kind} | {
-        direction: {"band": list(found.band), "ratios": _ratios(found)} | dict(_both(found))
-        for direction, found in simulation.comparisons.items()
+        direction: {"band": list(comparison.band), "ratios": _ratios(comparison)} | dict(_both(comparison))
+        for direction, comparison in simulation.comparisons.items()
     }
 
 
-def _both(found: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+def _both(comparison: Comparison) -> Iterator[tuple[str, dict[str, Any]]]:
     for name in ("simulated", "measured"):
-        size = getattr(found, name)
+        size = getattr(comparison, name)
         dominant = size.dominant.frequency if size.dominant else None
         yield name, {"peak": size.peak, "rms": size.rms, "band_rms": size.band_rms, "dominant_frequency": dominant}
 
 
-def _ratios(found: Any) -> dict[str, float]:
-    return {"peak": found.peak_ratio, "rms": found.rms_ratio, "band_rms": found.band_rms_ratio}
+def _ratios(comparison: Comparison) -> dict[str, float]:
+    return {"peak": comparison.peak_ratio, "rms": comparison.rms_ratio, "band_rms": comparison.band_rms_ratio}
 
 
 def _belts(simulation: Simulation) -> Iterator[dict[str, Any]]:

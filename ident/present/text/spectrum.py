@@ -9,7 +9,7 @@ from ident.present.text.words import cut, degrees, paragraphs
 from ident.vibrate.signal.orders import OrderTrack
 
 UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
-"""Unit in which each kind of trace is told, and how many there are in the SI unit."""
+"""Unit in which each kind of trace is reported, and how many there are in the SI unit."""
 
 
 def spectrum_report(spectra: Spectra) -> str:

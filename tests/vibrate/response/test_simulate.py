@@ -88,7 +88,7 @@ def interrupted() -> Response:
 
 def test_interruption_keeps_what_there_is() -> None:
     response, T = interrupted(), 2 * SAMPLES + 1
-    parts = (response.time, response.y, response.yd, response.path, response.displacement, response.sag)
+    parts = (response.time, response.y, response.yd, response.path, response.displacement, response.quasi_static)
     assert {part.shape[-1] for part in parts} == {T}
     assert response.method == "exact"
     assert np.isfinite(np.asarray(response.vibration)).all()
@@ -102,7 +102,7 @@ def test_sag_is_the_deflection_of_the_held_arm() -> None:
     chain = at_posture(lcd_arm(), response.posture[:, some])
     right = deflection(chain, jax.jit(equilibrium)(chain))[:, -1]
     # measured by the polynomials between six nodes of a panel
-    assert np.abs(np.asarray(response.sag[:, some] - right)).max() < 1e-6 * np.abs(np.asarray(right)).max()
+    assert np.abs(np.asarray(response.quasi_static[:, some] - right)).max() < 1e-6 * np.abs(np.asarray(right)).max()
 
 
 def made(traces: np.ndarray, arrival: float) -> Response:
@@ -161,7 +161,7 @@ def test_tension_of_elastic_belts() -> None:
 def test_slack_is_told() -> None:
     """Belts that are hardly tensioned go slack, and the report names span and times."""
     response = interrupted()
-    loose = eqx.tree_at(lambda r: r.machine.belts.pretension, response, 0 * response.machine.belts.pretension)
+    loose = eqx.tree_at(lambda r: r.model.belts.pretension, response, 0 * response.model.belts.pretension)
     tension = belt_tension(loose)
     told = list(slack(response.time, tension))
     assert not list(slack(response.time, belt_tension(response)))
