@@ -7,24 +7,21 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads, lift, no_loads, stack
-from ident.arm.fields import DAMPING, STIFFNESS, names_of
-from ident.arm.parts import Body
-from ident.arm.rotations import identity, outer, skew
-
-
-class Moments(eqx.Module):
-    """Moments of mass about a bushing, per joint.
-
-    Attributes:
-        mass: (N, *batch) [kg]
-        first: (3, N, *batch) [kg m]
-        second: (3, 3, N, *batch) [kg m^2] the integral of r r' dm.
-    """
-
-    mass: Float[Array, "N *#batch"]
-    first: Float[Array, "3 N *#batch"]
-    second: Float[Array, "3 3 N *#batch"]
+from ident.arm.assembly import (
+    Loads,
+    Moments,
+    axes,
+    bushings,
+    carriers,
+    lift,
+    moments,
+    no_loads,
+    offsets,
+    positions,
+    stack,
+)
+from ident.arm.fields import names_of
+from ident.arm.rotations import skew
 
 
 class Drives(eqx.Module):
@@ -151,26 +148,23 @@ def multibody(
     Raises:
         ModelError: the arm has more batch axes than `rank`.
     """
-    names, loads = [joint.name for joint in arm.joints], no_loads(arm) if loads is None else loads
-    axis = stack([joint.axis for joint in arm.joints], 1, rank)
-    bend, tors, t_bend, t_tors = (
-        stack([getattr(joint, field) for joint in arm.joints], 0, rank) for field in (*STIFFNESS, *DAMPING)
-    )
-    along = outer(axis, axis)
-    bend, tors = (-along + identity(3, rank + 1)) * bend, along * tors
+    loads = no_loads(arm) if loads is None else loads
+    loads = Loads(lift(loads.payload, 1, rank), lift(loads.mass, 1, rank), lift(loads.force, 2, rank))
+    axis, (shaft, link) = axes(arm, rank), moments(arm, loads, rank)
+    bend, tors, damping = bushings(arm, axis)
     return Multibody(
         axis=axis,
-        offset=stack([joint.offset for joint in arm.joints], 1, rank),
-        shaft=_moments([[(1.0, body) for body in joint.shaft] for joint in arm.joints], rank),
-        link=_moments([_carried(arm, name, loads) for name in names], rank),
+        offset=offsets(arm, rank),
+        shaft=shaft,
+        link=link,
         stiffness=bend + tors,
-        damping=bend * t_bend + tors * t_tors,
-        position=stack([p.position for p in arm.points], 1, rank) if arm.points else jnp.zeros((3, 0) + (1,) * rank),
-        force=lift(loads.force, 2, rank),
+        damping=damping,
+        position=positions(arm, rank),
+        force=loads.force,
         gravity=arm.gravity,
         drives=_drives(arm, axis, rank),
-        belts=_belts(arm, names, rank),
-        carrier=tuple(names.index(point.joint) for point in arm.points),
+        belts=_belts(arm, rank),
+        carrier=carriers(arm),
         driven=tuple(n for n, joint in enumerate(arm.joints) if joint.driven),
         elastic=elastic_belts and bool(arm.belts),
         transmission_error=has_transmission_error(arm) if transmission_error is None else transmission_error,
@@ -182,44 +176,6 @@ def balanced(multibody: Multibody) -> Multibody:
     drives = multibody.drives
     none = (jnp.zeros_like(drives.imbalance), jnp.zeros_like(drives.error))
     return eqx.tree_at(lambda m: (m.drives.imbalance, m.drives.error), multibody, none)
-
-
-def _carried(arm: Arm, joint: str, loads: Loads) -> list[tuple[Array | float, Body]]:
-    """Return the bodies behind a pin, each with the share of it that is there."""
-    bodies: list[tuple[Array | float, Body]] = [
-        (1.0, body) for part in arm.joints if part.name == joint for body in part.link
-    ]
-    bodies += [
-        (share, payload.body)
-        for share, payload in zip(loads.payload, arm.payloads, strict=True)
-        if payload.joint == joint
-    ]
-    return bodies + [
-        (mass, Body(point.name, 1.0, point.position))
-        for mass, point in zip(loads.mass, arm.points, strict=True)
-        if point.joint == joint
-    ]
-
-
-def _moments(groups: list[list[tuple[Array | float, Body]]], rank: int) -> Moments:
-    """Sum mass, m c and m c c' + tr(I)/2 - I over the bodies of each joint."""
-    none = (jnp.zeros((1,) * rank), jnp.zeros((3,) + (1,) * rank), jnp.zeros((3, 3) + (1,) * rank))
-    sums = []
-    for bodies in groups:
-        mass, first, second = none
-        for share, body in bodies:
-            m, c, tensor = (
-                lift(share, 0, rank) * lift(body.mass, 0, rank),
-                lift(body.com, 1, rank),
-                lift(body.inertia, 2, rank),
-            )
-            half_trace = (tensor[0, 0] + tensor[1, 1] + tensor[2, 2]) / 2
-            own = half_trace * identity(3, rank) - tensor
-            mass, first = mass + m, first + m * c
-            second = second + m * outer(c, c) + lift(share, 0, rank) * own
-        sums.append((mass, first, second))
-    masses, firsts, seconds = zip(*sums, strict=True)
-    return Moments(stack(masses, 0, rank), stack(firsts, 1, rank), stack(seconds, 2, rank))
 
 
 def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
@@ -259,7 +215,9 @@ def _across(axis: Float[Array, "3 N *#batch"]) -> Float[Array, "3 2 N *#batch"]:
     return jnp.stack([first, (skew(axis) * first[None]).sum(1)], 1)
 
 
-def _belts(arm: Arm, names: list[str], rank: int) -> Belts:
+def _belts(arm: Arm, rank: int) -> Belts:
+    names = [joint.name for joint in arm.joints]
+
     def column(field: str) -> Array:
         return (
             stack([getattr(belt, field) for belt in arm.belts], 0, rank) if arm.belts else jnp.zeros((0,) + (1,) * rank)

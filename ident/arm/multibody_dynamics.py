@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ident.arm.assembly import Moments
 from ident.arm.belts import belt_forces
 from ident.arm.mechanics import Phi, flat, inboard
-from ident.arm.multibody import Moments, Multibody
+from ident.arm.multibody import Multibody
 from ident.arm.multibody_kinematics import (
     Command,
     Joints,

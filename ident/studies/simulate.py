@@ -1,6 +1,7 @@
 """Simulate how the end point vibrates while the arm carries out a motion."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -188,7 +189,7 @@ def simulate(
 
 def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Draws | None":
     """Simulate the motion for the draws of the posterior, if there is one."""
-    from ident.vibrate.response.study import draw
+    from ident.vibrate.response.study import draw, measures
 
     if not basis.draws:
         return None
@@ -199,8 +200,7 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
         loads=basis.loads,
         elastic_belts=options.elastic_belts,
         rate=options.rate,
-        tolerance=options.tolerance / 1e3,
-        at=options.at,
+        measure=partial(measures, tolerance=options.tolerance / 1e3, at=options.at),
         progress=progress("draws"),
     )
 

@@ -45,7 +45,6 @@ def simulate(
     elastic_belts: bool = False,
     rate: float = RATE,
     step: float | None = None,
-    rtol: float = 1e-7,
     progress: Progress = iter,
 ) -> Response:
     """Simulate an arm from rest through a motion.
@@ -60,7 +59,6 @@ def simulate(
         elastic_belts: whether belts stretch; otherwise the pins follow the motors.
         rate: samples a second.
         step: longest time step of the fast method [s]; see `fast.step_for` when None.
-        rtol: relative tolerance of the exact method.
         progress: shows progress of the exact method, section by section.
 
     Raises:
@@ -73,7 +71,7 @@ def simulate(
     solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
     interrupted = None
     if method == "exact":
-        solution, interrupted = _exact(arm, solve, rtol, progress)
+        solution, interrupted = _exact(arm, solve, progress)
     else:
         solution = _over_batch(arm, solve, _whole) if batch else solve(arm)
     time = solve.time[: solution.y.shape[1]]
@@ -208,14 +206,14 @@ class FastMethod(eqx.Module):
         return Solution(y, yd, *_end_point(model, self.motion, self.grid, self.time, y, solved.quasi_static))
 
 
-def _exact(arm: Arm, method: FastMethod, rtol: float, progress: Progress) -> tuple[Solution, float | None]:
+def _exact(arm: Arm, method: FastMethod, progress: Progress) -> tuple[Solution, float | None]:
     """Return the exact solution, and until when it was solved if it was interrupted [s]."""
     motion, loads, time, grid = method.motion, method.loads, np.asarray(method.time), method.grid
     model = _multibody(arm, loads, 1, method.elastic)
     nodes = quasi_static_along(arm, model, motion, loads, grid)
     first = initial_equilibrium(model, motion, between_nodes(grid, nodes, time[:1])[0][:, 0])
     start = first, jnp.zeros_like(first)
-    solved = exact.integrate(model, motion, start, time, rtol=rtol, progress=progress)
+    solved = exact.integrate(model, motion, start, time, progress=progress)
     y = solved.y
     solution = Solution(y, solved.yd, *_end_point(model, motion, grid, time[: y.shape[1]], y, nodes))
     return solution, solved.interrupted

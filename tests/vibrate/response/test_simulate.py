@@ -91,17 +91,18 @@ def test_interruption_keeps_what_there_is() -> None:
     parts = (response.time, response.y, response.yd, response.path, response.displacement, response.quasi_static)
     assert {part.shape[-1] for part in parts} == {T}
     assert response.method == "exact"
+    assert response.interrupted == response.time[-1]
     assert np.isfinite(np.asarray(response.vibration)).all()
     assert np.asarray(response.phi).shape == np.asarray(response.moment).shape == (3, 3, T)
     np.testing.assert_allclose(response.vibration, short(lcd_arm(), swing()).vibration[:, :T], atol=1e-6)
 
 
-def test_sag_is_the_deflection_of_the_held_arm() -> None:
+def test_quasi_static_deflection_is_that_of_the_chain() -> None:
     response = short(lcd_arm(), swing())
     some = slice(0, None, 250)
     chain = at_posture(lcd_arm(), response.posture[:, some])
     right = deflection(chain, jax.jit(equilibrium)(chain))[:, -1]
-    # measured by the polynomials between six nodes of a panel
+    # measured by the polynomials between six nodes of an interval
     assert np.abs(np.asarray(response.quasi_static[:, some] - right)).max() < 1e-6 * np.abs(np.asarray(right)).max()
 
 
@@ -110,7 +111,7 @@ def made(traces: np.ndarray, arrival: float) -> Response:
     response = short(lcd_arm(), swing())
     T = traces.shape[1]
     motion = Motion("made", response.motion.breaks, response.motion.coefficients, arrival)
-    whole = {"time": jnp.arange(T) / 100, "displacement": jnp.asarray(traces), "sag": jnp.zeros((3, T))}
+    whole = {"time": jnp.arange(T) / 100, "displacement": jnp.asarray(traces), "quasi_static": jnp.zeros((3, T))}
     for name, value in whole.items():
         response = eqx.tree_at(lambda r, name=name: getattr(r, name), response, value)
     return eqx.tree_at(lambda r: r.motion, response, motion)
