@@ -121,8 +121,8 @@ print(f"measured                {1e3 * deflection.measured[0]:.1f} mm, {abs(defl
 
 # %% [markdown]
 # 31.6 mm against 22.0 mm, and no noise of 2 % explains that. The reason is plain for a vibration engineer: a mass
-# on a spring deflects by g / omega^2, whatever the spring. A chain adds a factor of order one that depends on masses and
-# lengths, and only a little on the stiffnesses as long as these stay near Table 1. So 4.38 Hz and 22.0 mm do not
+# on a spring deflects by g / omega^2, whatever the spring. A chain adds a factor of order one that depends on masses
+# and lengths, and only a little on the stiffnesses as long as these stay near Table 1. So 4.38 Hz and 22.0 mm do not
 # belong to one arm with these masses and lengths. The paper's own fit misses the frequency by +10 % and the deflection
 # by +20 %. This fit gets within two sigma of all three, but only with a joint 1 thirteen times as stiff as the paper's
 # and a joint 3 a quarter as stiff: residuals alone would have hidden the contradiction.

@@ -16,7 +16,7 @@
 #
 # An identification that fails on purpose. Eighteen frequencies, six unknown stiffnesses, a perfect fit, and two of the
 # six are open all the same. The check says so before anything is fitted, the fit says so too, and the plan proposes
-# three visits of twenty minutes that cure it. At the end: what the plan promised, and what came out.
+# three experiments of twenty minutes that cure it. At the end: what the plan promised, and what came out.
 #
 # **All measurements in this notebook are synthetic.** They are computed with the arm of `data/lcd_arm/arm.toml`, so
 # with the stiffnesses of the paper's Table 1, and noise from fixed seeds: 0.5 % of each frequency. Nothing here was
@@ -107,6 +107,7 @@ print(check)
 # worse in torsion, and a little better for joint 2 in bending. Such large factors mean "nothing", not a number; that
 # the torsion of joint 3 cannot be found is what all of them agree on.
 
+
 # %%
 def in_words(sd: float, factor: str = "a factor of") -> str:
     """Say how well a stiffness is known: in percent, or as a factor."""
@@ -162,21 +163,21 @@ plan.figures()[""]
 # frequencies were taken there (those with a star in the ranking). The dial gauge tells little here: it would be one
 # more number on bending, and torsion is what is missing.
 #
-# The first visit alone promises 4 % or better for every stiffness. But it rests on two frequencies, the third and the
-# fourth of one posture, which no other value would check. So three visits are made here.
+# The first experiment alone promises 4 % or better for every stiffness. But it rests on two frequencies, the third and
+# the fourth of one posture, which no other value would check. So three experiments are made here.
 #
 # The plan knows joint limits and no collisions: at q2 = 180 degrees link 2 lies above link 1. On a real arm, look
 # first.
 
 # %% [markdown]
-# ## The visits are made
+# ## The experiments are made
 
 # %%
 second = measure(plan.campaign, seed=2)
 for row in second:
     angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(row.posture))
     print(f"({angles}) deg: {row.value:.3f} Hz")
-both = ident.Campaign("nine postures and three hammer tests", measurements=(*first, *second))
+both = ident.Campaign("nine postures and three experiments", measurements=(*first, *second))
 
 # %% [markdown]
 # The check again, still on the guessed arm; its verdicts, and what it says of the measurements:
@@ -187,7 +188,7 @@ print(sections[1], sections[3], sep="\n\n")
 
 # %% [markdown]
 # All six are identifiable now. One value still carries a message that the others check by a tenth only; a further
-# visit would be for that. And the fit:
+# experiment would be for that. And the fit:
 
 # %%
 after = ident.fit(arm, both)
@@ -203,7 +204,8 @@ after.figures()[""]
 # ## Promised and got
 #
 # Standard deviations of each stiffness: by the fit to nine postures, as the plan promised them at its best estimate
-# (and at other draws of what it did not know), and by the fit after the visits. Last, the distance from the truth.
+# (and at other draws of what it did not know), and by the fit after the experiments. Last, the distance from the
+# truth.
 
 # %%
 print("stiffness             before   promised   at other draws          got   off by")
