@@ -16,7 +16,7 @@
 #
 # An identification that fails on purpose. Eighteen frequencies, six unknown stiffnesses, a perfect fit, and two of the
 # six are open all the same. The check says so before anything is fitted, the fit says so too, and the plan proposes
-# three visits of twenty minutes that cure it. At the end: what the plan promised, and what came out.
+# three experiments of twenty minutes that cure it. At the end: what the plan promised, and what came out.
 #
 # **All measurements in this notebook are synthetic.** They are computed with the arm of `data/lcd_arm/arm.toml`, so
 # with the stiffnesses of the paper's Table 1, and noise from fixed seeds: 0.5 % of each frequency. Nothing here was
@@ -28,27 +28,13 @@
 from dataclasses import replace
 from pathlib import Path
 
-import jax
 import numpy as np
 
-jax.config.update("jax_enable_x64", True)
+import ident
 
 # %matplotlib inline
 
-from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
-from ident.identify.check import check_campaign
-from ident.identify.fit import fit_campaign
-from ident.identify.plan import plan_campaign
-from ident.inference.fit import evaluate
-from ident.measure import Campaign, Measurement
-from ident.present.figures.fit import fit_figure
-from ident.present.figures.plan import plan_figure
-from ident.present.text.check import check_report
-from ident.present.text.fit import fit_report, spread_in_words
-from ident.present.text.plan import plan_report
-
-true_arm = read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml").arm
+true_arm = ident.read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml").arm
 
 # %% [markdown]
 # ## The arm as the engineer knows it
@@ -62,21 +48,27 @@ off = dict(zip(stiffnesses, (0.7, 1.35, 0.7, 1.35, 0.7, 1.35), strict=True))
 arm = true_arm.replace({name: factor * float(true_arm.get(name)) for name, factor in off.items()})
 
 # %% [markdown]
-# To measure is to ask the true arm, and to add noise. The test rig:
+# To measure is to predict with the true arm, and to add noise. The test rig, which finds a frequency by the label of
+# its mode, or takes the next one up from the lowest where there is no label:
 
 # %%
-SIGMA = {"frequency": 0.005, "deflection": 0.02}
+SIGMA = 0.005
 
 
-def measure(asked: Campaign, seed: int) -> Campaign:
-    """Return the campaign with the values that the true arm gives, noise included."""
-    exact = np.asarray(evaluate(build_problem(true_arm, asked)).predicted).tolist()
-    noise = np.random.default_rng(seed).standard_normal(len(asked)).tolist()
+def measure(campaign: ident.Campaign, seed: int) -> ident.Campaign:
+    """Return the campaign with the frequencies that the true arm gives, noise included."""
+    degrees = tuple(tuple(np.degrees(posture).tolist()) for posture in campaign.postures)
+    exact = ident.predict(true_arm, ident.PredictOptions(posture=degrees))
+    by_label, upwards = {}, {}
+    for posture, frequencies, labels in zip(campaign.postures, exact.frequencies, exact.labels, strict=True):
+        by_label[posture] = dict(zip(labels, frequencies.tolist(), strict=True))
+        upwards[posture] = iter(frequencies.tolist())
     rows = []
-    for row, value, z in zip(asked, exact, noise, strict=True):
-        value *= 1 + SIGMA[row.kind] * z
-        rows.append(replace(row, value=value, sigma=SIGMA[row.kind] * value))
-    return replace(asked, measurements=tuple(rows))
+    for row, z in zip(campaign, np.random.default_rng(seed).standard_normal(len(campaign)).tolist(), strict=True):
+        frequency = by_label[row.posture][row.mode] if row.mode else next(upwards[row.posture])
+        value = frequency * (1 + SIGMA * z)
+        rows.append(replace(row, value=value, sigma=SIGMA * value))
+    return replace(campaign, measurements=tuple(rows))
 
 
 # %% [markdown]
@@ -88,12 +80,12 @@ def measure(asked: Campaign, seed: int) -> Campaign:
 # %%
 alphas = np.radians(np.arange(0.0, 81.0, 10.0)).tolist()
 labels = ("vertical bending 1", "lateral torsion 1")
-asked = [
-    Measurement(kind="frequency", posture=(a, -2 * a, a), mode=label, value=1.0, sigma=1.0)
+wanted = [
+    ident.Measurement(kind="frequency", posture=(a, -2 * a, a), mode=label, value=1.0, sigma=1.0)
     for a in alphas
     for label in labels
 ]
-first = measure(Campaign("nine postures", measurements=tuple(asked)), seed=1)
+first = measure(ident.Campaign("nine postures", measurements=tuple(wanted)), seed=1)
 print(f"{len(first)} numbers for {len(stiffnesses)} unknowns")
 
 # %% [markdown]
@@ -102,8 +94,8 @@ print(f"{len(first)} numbers for {len(stiffnesses)} unknowns")
 # It uses what will be measured, and the guessed arm; no fit.
 
 # %%
-check = check_campaign(arm, first)
-print(check_report(check))
+check = ident.check(arm, first)
+print(check)
 
 # %% [markdown]
 # Three of six are identifiable. The worst is the torsion of joint 3: a factor of 3.4 at the guess, more than ten times
@@ -115,12 +107,17 @@ print(check_report(check))
 # worse in torsion, and a little better for joint 2 in bending. Such large factors mean "nothing", not a number; that
 # the torsion of joint 3 cannot be found is what all of them agree on.
 
+
 # %%
-at_truth = check_campaign(true_arm, first)
+def in_words(sd: float, factor: str = "a factor of") -> str:
+    """Say how well a stiffness is known: in percent, or as a factor."""
+    return f"{100 * sd:.2g} %" if sd < 0.3 else f"{factor} {np.exp(sd):.2g}"
+
+
 print("known by the data alone, within     at the guess      at the worst point   at the truth")
-for i, name in enumerate(stiffnesses):
-    sds = check.check.data_sd[0, i], check.check.data_sd[:, i].max(), at_truth.check.data_sd[0, i]
-    print(f"{name:32s}" + "".join(f"{spread_in_words(sd):>19s}" for sd in sds))
+for row, at_truth in zip(check.table(), ident.check(true_arm, first).table(), strict=True):
+    sds = row["data_sd"], row["worst_data_sd"], at_truth["data_sd"]
+    print(f"{row['parameter']:32s}" + "".join(f"{in_words(sd):>19s}" for sd in sds))
 
 # %% [markdown]
 # ### The fit agrees
@@ -129,20 +126,20 @@ for i, name in enumerate(stiffnesses):
 # Yet it marks the torsion of joints 2 and 3 as open. What it prints for joint 3 is mostly the prior's choice.
 
 # %%
-before = fit_campaign(arm, first)
-print(fit_report(before))
+before = ident.fit(arm, first)
+print(before)
 
 # %%
-fit_figure(before)
+before.figures()[""]
 
 # %% [markdown]
 # Here, for once, one can look at the truth. What the fit calls known is right within its intervals; what it calls open
 # is wrong by far more than the 0.5 % noise would suggest.
 
 # %%
-for i, name in enumerate(before.fit.information.names):
-    ratio = before.fit.parameters[name] / float(true_arm.get(name))
-    print(f"{name}: {ratio:5.2f} of the truth, {'known' if before.supported[i] else 'open'}")
+for name, value in before.parameters.items():
+    ratio = value / float(true_arm.get(name))
+    print(f"{name}: {ratio:5.2f} of the truth, {'known' if before.supported[name] else 'open'}")
 
 # %% [markdown]
 # ## What to measure next
@@ -152,11 +149,11 @@ for i, name in enumerate(before.fit.information.names):
 # over stiffnesses that are compatible with that.
 
 # %%
-plan = plan_campaign(arm, first, count=3)
-print(plan_report(plan))
+plan = ident.plan(arm, first, ident.PlanOptions(count=3))
+print(plan)
 
 # %%
-plan_figure(plan)
+plan.figures()[""]
 
 # %% [markdown]
 # Two things are new in what it proposes. A hammer test gives four frequencies instead of two, and it is the *third and
@@ -166,39 +163,39 @@ plan_figure(plan)
 # frequencies were taken there (those with a star in the ranking). The dial gauge tells little here: it would be one
 # more number on bending, and torsion is what is missing.
 #
-# The first visit alone promises 4 % or better for every stiffness. But it rests on two frequencies, the third and the
-# fourth of one posture, which no other value would check. So three visits are made here.
+# The first experiment alone promises 4 % or better for every stiffness. But it rests on two frequencies, the third and
+# the fourth of one posture, which no other value would check. So three experiments are made here.
 #
 # The plan knows joint limits and no collisions: at q2 = 180 degrees link 2 lies above link 1. On a real arm, look
 # first.
 
 # %% [markdown]
-# ## The visits are made
+# ## The experiments are made
 
 # %%
-second = measure(plan.campaign(), seed=2)
+second = measure(plan.campaign, seed=2)
 for row in second:
     angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(row.posture))
     print(f"({angles}) deg: {row.value:.3f} Hz")
-both = Campaign("nine postures and three visits", measurements=(*first, *second))
+both = ident.Campaign("nine postures and three experiments", measurements=(*first, *second))
 
 # %% [markdown]
 # The check again, still on the guessed arm; its verdicts, and what it says of the measurements:
 
 # %%
-sections = check_report(check_campaign(arm, both)).split("\n\n")
+sections = str(ident.check(arm, both)).split("\n\n")
 print(sections[1], sections[3], sep="\n\n")
 
 # %% [markdown]
 # All six are identifiable now. One value still carries a message that the others check by a tenth only; a further
-# visit would be for that. And the fit:
+# experiment would be for that. And the fit:
 
 # %%
-after = fit_campaign(arm, both)
-print(fit_report(after))
+after = ident.fit(arm, both)
+print(after)
 
 # %%
-fit_figure(after)
+after.figures()[""]
 
 # %% [markdown]
 # All six are found, none by the prior. A second optimum is listed, with a cost in the hundreds: it is no rival.
@@ -207,16 +204,16 @@ fit_figure(after)
 # ## Promised and got
 #
 # Standard deviations of each stiffness: by the fit to nine postures, as the plan promised them at its best estimate
-# (and at other draws of what it did not know), and by the fit after the visits. Last, the distance from the truth.
+# (and at other draws of what it did not know), and by the fit after the experiments. Last, the distance from the
+# truth.
 
 # %%
 print("stiffness             before   promised   at other draws          got   off by")
-for i, name in enumerate(after.fit.information.names):
-    draws = plan.steps[-1].sd[1:, i]
-    sds = before.fit.information.sd[i], plan.sd[-1, i], after.fit.information.sd[i]
-    was, promised, got = (spread_in_words(sd).replace("a factor of", "factor") for sd in sds)
-    error = after.fit.parameters[name] / float(true_arm.get(name)) - 1
-    spread = f"{100 * draws.min():.1f} to {100 * draws.max():.1f} %"
+for name, value in after.parameters.items():
+    draws = plan.sd_at_draws[name]
+    was, promised, got = (in_words(sd, "factor") for sd in (before.sd[name], plan.sd[name][-1], after.sd[name]))
+    error = value / float(true_arm.get(name)) - 1
+    spread = f"{100 * min(draws):.1f} to {100 * max(draws):.1f} %"
     print(f"{name:16s} {was:>11s} {promised:>10s} {spread:>16s} {got:>12s} {error:+8.1%}")
 
 # %% [markdown]

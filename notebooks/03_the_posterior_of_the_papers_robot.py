@@ -30,27 +30,15 @@
 # %%
 from pathlib import Path
 
-import jax
 import numpy as np
+from matplotlib.figure import Figure
 
-jax.config.update("jax_enable_x64", True)
+import ident
 
 # %matplotlib inline
 
-from matplotlib.figure import Figure
-
-from ident.description.file import read_arm
-from ident.identify.fit import fit_campaign
-from ident.identify.sample import sample_campaign
-from ident.identify.unknowns import Unknowns
-from ident.inference.sample import Settings
-from ident.measure import read_campaign
-from ident.present.figures.sample import corner_figure, posterior_figure
-from ident.present.figures.style import BLUE, GREY, ORANGE, heading, plain
-from ident.present.text.sample import sample_report
-
 data = Path("..") / "data" / "lcd_arm"
-arm, table_1 = read_arm(data / "arm.toml").arm, read_campaign(data / "table1.csv")
+arm, table_1 = ident.read_arm(data / "arm.toml").arm, ident.read_campaign(data / "table1.csv")
 
 # %% [markdown]
 # ## The model taken as right
@@ -61,11 +49,11 @@ arm, table_1 = read_arm(data / "arm.toml").arm, read_campaign(data / "table1.csv
 # its default of 20000 steps.
 
 # %%
-taken_as_right = sample_campaign(fit_campaign(arm, table_1), settings=Settings(walkers=72, max_steps=1500))
-print(sample_report(taken_as_right))
+taken_as_right = ident.sample(arm, table_1, ident.SampleOptions(walkers=72, steps=1500))
+print(taken_as_right)
 
 # %%
-posterior_figure(taken_as_right)
+taken_as_right.figures()["posterior"]
 
 # %% [markdown]
 # Look at the right panel first. Two of the three predictions lie off the measured values, by one and by two sigma, and
@@ -79,13 +67,13 @@ posterior_figure(taken_as_right)
 # contradiction. The paper's bending stiffnesses are far outside all three intervals.
 
 # %%
-names = taken_as_right.sample.posterior.parameters.names[:6]
-table = np.log([float(arm.get(name)) for name in names])
+names = list(taken_as_right.medians)
 
 
-def ratios(result):
+def ratios(result: ident.SampleResult) -> np.ndarray:
     """Return 2.5 %, 50 % and 97.5 % of each stiffness divided by the paper's."""
-    return np.exp(np.quantile(result.sample.draws()[:, :6] - table, (0.025, 0.5, 0.975), axis=0)).T
+    draws = result.draws
+    return np.array([np.quantile(draws[name] / float(arm.get(name)), (0.025, 0.5, 0.975)) for name in names])
 
 
 print("stiffness divided by the paper's:   2.5 %  median  97.5 %")
@@ -102,14 +90,13 @@ for name, (low, median, high) in zip(names, ratios(taken_as_right), strict=True)
 # deflection, so it is not a generous one.
 
 # %%
-WIDTH = {"frequency": 0.1, "deflection": 0.1}
-with_discrepancy = sample_campaign(
-    fit_campaign(arm, table_1, unknowns=Unknowns(discrepancy=WIDTH)), settings=Settings(walkers=96, max_steps=1500)
-)
-print(sample_report(with_discrepancy))
+width = {"frequency": 0.1, "deflection": 0.1}
+with_discrepancy = ident.sample(arm, table_1, ident.SampleOptions(discrepancy=width, walkers=96, steps=1500))
+print(with_discrepancy)
 
 # %%
-posterior_figure(with_discrepancy)
+figures = with_discrepancy.figures()
+figures["posterior"]
 
 # %% [markdown]
 # The predictions now lie on the measured values, and the stiffnesses are back where the paper has them. What is left
@@ -126,9 +113,8 @@ posterior_figure(with_discrepancy)
 #   percent. That is no stiffness, it is a statement on lengths, masses and tests.
 
 # %%
-pairs = corner_figure(with_discrepancy)
-pairs.set_dpi(70)
-pairs
+figures["corner"].set_dpi(70)
+figures["corner"]
 
 # %% [markdown]
 # The same pair by pair. Most pairs of stiffnesses are blots as wide as the prior. Where two are bent or cut off along
@@ -146,46 +132,49 @@ for name, one, two in zip(names, ratios(taken_as_right), ratios(with_discrepancy
 # ## Is the frequency to blame, or the deflection?
 
 # %%
-frequency, deflection = with_discrepancy.sample.draws()[:, 6:].T
+draws = with_discrepancy.draws
+frequency, deflection = draws["discrepancy.frequency"], draws["discrepancy.deflection"]
 
 
-def told(name, chosen=slice(None), values=None):
-    """Print median and 95 % interval of a factor for some of the draws."""
-    low, median, high = np.exp(np.quantile(values[chosen], (0.025, 0.5, 0.975)))
+def interval(name: str, values: np.ndarray) -> None:
+    """Print median and 95 % interval of some draws of a factor."""
+    low, median, high = np.quantile(values, (0.025, 0.5, 0.975))
     print(f"{name:62s} {median:.2f}  (95 %: {low:.2f} to {high:.2f})")
 
 
-told("factor of frequency", values=frequency)
-told("factor of deflection", values=deflection)
-told("frequency^2 * deflection", values=2 * frequency + deflection)
-close = np.log(1.02)
-told("factor of deflection where frequency is right within 2 %", np.abs(frequency) < close, deflection)
-told("factor of frequency where deflection is right within 2 %", np.abs(deflection) < close, frequency)
-both = np.mean((np.abs(frequency) < 0.05) & (np.abs(deflection) < 0.05))
+def within(values: np.ndarray, share: float) -> np.ndarray:
+    """Return which factors are 1 within a share."""
+    return np.abs(np.log(values)) < np.log1p(share)
+
+
+interval("factor of frequency", frequency)
+interval("factor of deflection", deflection)
+interval("frequency^2 * deflection", frequency**2 * deflection)
+interval("factor of deflection where frequency is right within 2 %", deflection[within(frequency, 0.02)])
+interval("factor of frequency where deflection is right within 2 %", frequency[within(deflection, 0.02)])
+both = np.mean(within(frequency, 0.05) & within(deflection, 0.05))
 print(f"draws with both factors within 5 % of 1: {both:.1%}")
 
 # %%
+BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#555555"
 figure = Figure(figsize=(6.2, 5.4), layout="constrained")
 axes = figure.subplots()
 some = np.random.default_rng(0).choice(len(frequency), 6000, replace=False)
-axes.plot(np.exp(frequency[some]), np.exp(deflection[some]), ".", color=BLUE, markersize=2, alpha=0.3)
+axes.plot([], [], ".", color=BLUE, label="draws of the posterior")
+axes.plot(frequency[some], deflection[some], ".", color=BLUE, markersize=2, alpha=0.3)
 turn = np.linspace(0, 2 * np.pi, 200)
 reach = np.sqrt(-2 * np.log(0.05))  # 95 % of a normal law in two dimensions
-axes.plot(np.exp(0.1 * reach * np.cos(turn)), np.exp(0.1 * reach * np.sin(turn)), color=GREY)
-along = np.linspace(np.exp(frequency).min(), np.exp(frequency).max(), 50)
-level = np.exp(np.median(2 * frequency + deflection))
-axes.plot(along, level / along**2, color=ORANGE)
-axes.plot([1.0], [1.0], "+", color="black", markersize=12)
+axes.plot(np.exp(0.1 * reach * np.cos(turn)), np.exp(0.1 * reach * np.sin(turn)), color=GREY, label="prior, 95 %")
+curve = np.linspace(frequency.min(), frequency.max(), 50)
+level = np.median(frequency**2 * deflection)
+axes.plot([1.0], [1.0], "+", color="black", markersize=12, label="model right")
+axes.plot(curve, level / curve**2, color=ORANGE, label=f"frequency^2 * deflection = {level:.2f}")
 axes.set_xlabel("factor on the computed frequencies [-]")
 axes.set_ylabel("factor on the computed deflection [-]")
-plain(axes)
-keys = {
-    "draws of the posterior": {"marker": ".", "color": BLUE},
-    "prior, 95 %": {"linestyle": "-", "color": GREY},
-    "model right": {"marker": "+", "color": "black", "markersize": 10},
-    f"frequency^2 * deflection = {level:.2f}": {"linestyle": "-", "color": ORANGE},
-}
-heading(axes, "What three numbers say of the model's error", keys)
+axes.spines[["top", "right"]].set_visible(False)
+above = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "alignment": "left", "frameon": False}
+key = axes.legend(title="What three numbers say of the model's error", ncols=2, fontsize=8, **above)
+key.get_title().set(fontweight="bold", fontsize=10)
 figure
 
 # %% [markdown]

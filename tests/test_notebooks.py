@@ -1,8 +1,10 @@
 """The notebooks run, and their executed copies show the scripts as they are.
 
-After a change to a script, `python tests/test_notebooks.py` executes it and writes the .ipynb anew.
+After a change to a script, `python tests/test_notebooks.py NAME ...` executes it and writes the .ipynb anew; without a
+name, all of them.
 """
 
+import ast
 import base64
 import os
 import subprocess
@@ -49,6 +51,26 @@ def test_runs_as_plain_python(script):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
+
+
+def imported_of_ident(text):
+    """Modules of ident that a script imports, and what it imports from them."""
+    for node in ast.walk(ast.parse(text)):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        yield from (ast.unparse(node) for name in names if name.partition(".")[0] == "ident")
+
+
+@by_script
+def test_it_takes_the_front_door(script):
+    text = script.read_text(encoding="utf-8")
+    assert list(imported_of_ident(text)) == ["import ident"]
+    assert "jax" not in text
+
+
+def test_the_front_door_is_told_from_others():
+    for line in ("import ident.arm", "from ident.arm import arm", "from ident import fit", "import ident as i"):
+        assert list(imported_of_ident(f"import numpy\nif True:\n    {line}")) == [line]
 
 
 @by_script
@@ -98,5 +120,5 @@ def rebuild(script):
 
 
 if __name__ == "__main__":
-    for path in SCRIPTS:
+    for path in [FOLDER / f"{Path(name).stem}.py" for name in sys.argv[1:]] or SCRIPTS:
         rebuild(path)

@@ -1,7 +1,7 @@
-"""What an arm does at one posture under one load: modes, damping and static deflection; and modes along a motion."""
+"""What an arm does at one posture under one load: modes, damping and static deflection."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,10 +15,9 @@ from jaxtyping import Array, Bool, Complex, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.equilibrium import deflection, static_equilibrium
-from ident.arm.labels import Label, is_ambiguous, mode_labels, torsion_share, vertical_share
+from ident.arm.labels import Label, is_ambiguous, mode_labels
 from ident.arm.mechanics import Phi, forward_kinematics, point_positions, unflatten
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
-from ident.arm.modes import modes as lowest_modes
 from ident.errors import InputError, ModelError, Problem
 from ident.identify.conditions import bind_loads
 from ident.jit import jit
@@ -75,42 +74,6 @@ class ModalAnalysis:
                 yield joint.name, angle, joint.limits
 
 
-@dataclass(frozen=True)
-class ModesAlongMotion:
-    """The modes of an arm held at postures q = alpha * motion under its own weight, ascending at each.
-
-    Attributes:
-        arm: the arm.
-        motion: (driven,) [-] how far each joint turns with alpha.
-        alpha: (S,) [rad]
-        frequency: (m, S) [Hz]
-        vertical: (m, S) whether a mode moves the end point up and down, rather than sideways.
-        torsion: (m, S) whether it twists the bushings, rather than bends them.
-        ambiguous: (m, S) whether it is named by a near draw.
-    """
-
-    arm: Arm
-    motion: tuple[float, ...]
-    alpha: Float[np.ndarray, "S"]
-    frequency: Float[np.ndarray, "m S"]
-    vertical: Bool[np.ndarray, "m S"]
-    torsion: Bool[np.ndarray, "m S"]
-    ambiguous: Bool[np.ndarray, "m S"]
-
-
-def modes_along_motion(arm: Arm, motion: tuple[float, ...], alpha: Iterable[float]) -> ModesAlongMotion:
-    """Return the modes of an arm held at postures q = alpha * motion, under its own weight.
-
-    Args:
-        arm: the arm.
-        motion: (driven,) [-] how far each joint turns with alpha.
-        alpha: (S,) [rad]
-    """
-    angles = np.asarray(list(alpha), float)
-    parts = _along(arm, jnp.asarray(np.outer(motion, angles)))
-    return ModesAlongMotion(arm, tuple(motion), angles, *(np.asarray(part) for part in parts))
-
-
 def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT, modes: int = MODES) -> ModalAnalysis:
     """Return what an arm does, held at a posture under a load.
 
@@ -164,14 +127,6 @@ def _outline(
 
     moved = jax.vmap(lambda shape: jax.jvp(line, (phi,), (unflatten(shape),))[1], 1, 2)(shapes)
     return line(phi), moved
-
-
-@jit
-def _along(
-    arm: Arm, postures: Float[Array, "driven S"]
-) -> tuple[Float[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"], Bool[Array, "m S"]]:
-    along = lowest_modes(at_posture(arm, postures))
-    return along.frequency, vertical_share(along) > 0.5, torsion_share(along) > 0.5, is_ambiguous(along)
 
 
 class _Solution(eqx.Module):

@@ -17,10 +17,14 @@ LEARNED = 0.5
 """Share of the prior's width above which a posterior says little beyond the prior."""
 
 
+def draws(sample: Sample, basin: int = 0) -> Float[np.ndarray, "P n"]:
+    """Return the draws of all unknowns [SI] about one optimum, burn-in left out."""
+    return np.asarray(sample.posterior.parameters.values(jnp.asarray(sample.draws(basin).T)))
+
+
 def quantiles(sample: Sample, basin: int = 0) -> Float[np.ndarray, "levels P"]:
     """Return the quantiles `LEVELS` of all unknowns [SI] over the draws about one optimum."""
-    values = np.asarray(sample.posterior.parameters.values(jnp.asarray(sample.draws(basin).T)))
-    return np.quantile(values, LEVELS, axis=1)
+    return np.quantile(draws(sample, basin), LEVELS, axis=1)
 
 
 class Chains(NamedTuple):
@@ -67,8 +71,8 @@ def combinations(sample: Sample) -> tuple[Direction, ...]:
 
     They are the principal directions of the covariance in theta of the draws about the best optimum.
     """
-    draws = sample.draws()[:, : len(sample.fit.problem.parameters.items)]
-    variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws.T)))
+    theta = sample.draws()[:, : len(sample.fit.problem.parameters.items)]
+    variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(theta.T)))
     return tuple(
         Direction(v * np.sign(v[np.argmax(np.abs(v))]), math.sqrt(s)) for s, v in zip(variance, vectors.T, strict=True)
     )

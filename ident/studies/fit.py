@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.fit import CampaignFit
+    from ident.inference.cross_prediction import CrossPrediction
     from ident.measure import Campaign
 
 
@@ -56,6 +57,23 @@ class FitResult(Result):
         """95 % intervals by parameter [SI], whether or not the data support them: see `doubts` and `supported`."""
         names = self.fit.problem.parameters.names
         return {name: (float(low), float(high)) for name, (low, high) in zip(names, self.fit.interval(), strict=True)}
+
+    @property
+    def sd(self) -> Mapping[str, float]:
+        """Standard deviation of each parameter by data and prior, of ln(value) [-] of a positive one."""
+        known = self.fit.information
+        return dict(zip(known.names, map(float, known.sd), strict=True))
+
+    @property
+    def trade_offs(self) -> Mapping[str, Mapping[str, float]]:
+        """What the data would not notice: by each parameter that may move, how all move along, in ln(value) [-]."""
+        known = self.fit.information
+        return {each.name: dict(zip(known.names, map(float, each.change), strict=True)) for each in known.trade_offs()}
+
+    @property
+    def cross_predictions(self) -> "Mapping[str, CrossPrediction]":
+        """Each kind of measurement as a fit to all others predicts it [SI]."""
+        return {each.kind: each for each in self.fit.cross_predictions}
 
     @property
     def supported(self) -> Mapping[str, bool]:

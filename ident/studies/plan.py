@@ -109,6 +109,12 @@ class PlanResult(Result):
         names = self.plan.parameters.names
         return {name: tuple(map(float, column)) for name, column in zip(names, self.plan.sd.T, strict=True)}
 
+    @property
+    def sd_at_draws(self) -> Mapping[str, tuple[float, ...]]:
+        """The same at the end of the batch, at other draws of what is not known."""
+        names, end = self.plan.parameters.names, self.plan.steps[-1].sd if self.plan.steps else self.plan.known.sd
+        return {name: tuple(map(float, column[1:])) for name, column in zip(names, end.T, strict=True)}
+
     def report(self) -> str:
         """Return the text that `ident plan` prints."""
         from ident.present.text.plan import plan_report

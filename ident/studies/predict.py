@@ -6,14 +6,16 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import Problem
+from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import option
 from ident.studies.result import Result
 from ident.studies.shared import ArmOptions, as_file
+from ident.text import did_you_mean, quoted
 
 if TYPE_CHECKING:
     import numpy as np
+    from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
@@ -69,6 +71,11 @@ class PredictResult(Result):
         return tuple(np.asarray(analysis.modes.frequency) for analysis in self.analyses)
 
     @property
+    def labels(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the modes at each posture, by what moves: `vertical bending 1`."""
+        return tuple(tuple(map(str, analysis.labels)) for analysis in self.analyses)
+
+    @property
     def deflections(self) -> "tuple[Mapping[str, np.ndarray], ...]":
         """Static deflection at each posture by point name, (3,) [m] in the base frame."""
         return tuple(analysis.deflection for analysis in self.analyses)
@@ -78,6 +85,32 @@ class PredictResult(Result):
         from ident.present.text.predict import predict_report
 
         return "\n".join(map(predict_report, self.analyses))
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return one figure a posture, `2` the second's: the modes from the side and from above."""
+        from ident.present.figures.predict import mode_figure
+
+        return {str(i + 1) if i else "": mode_figure(analysis) for i, analysis in enumerate(self.analyses)}
+
+    def frequency_figure(self, joint: str = "") -> "Figure":
+        """Draw the natural frequencies against the angle of a joint, for postures along a motion.
+
+        Args:
+            joint: its name; the first joint that turns from posture to posture where none is given.
+
+        Raises:
+            InputError: the arm has no such driven joint.
+        """
+        from ident.present.figures.predict import frequency_figure
+
+        names = [each.name for each in self.arm.arm.driven]
+        angles = zip(*(analysis.posture for analysis in self.analyses), strict=True)
+        turning = [name for name, own in zip(names, angles, strict=True) if len(set(own)) > 1]
+        chosen = joint or next(iter(turning), names[0])
+        if chosen not in names:
+            remedy = did_you_mean(chosen, names, "correct the name")
+            raise InputError(Problem("joint", quoted(chosen), f"one of {', '.join(names)}", remedy))
+        return frequency_figure(self.analyses, names.index(chosen))
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio."""

@@ -12,6 +12,7 @@ from ident.studies.result import Progress, Result, silent
 
 if TYPE_CHECKING:
     import arviz
+    import numpy as np
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
@@ -73,6 +74,14 @@ class SampleResult(Result):
         """95 % intervals by parameter [SI], about the best optimum."""
         rows = (row for row in self.table() if row["optimum"] == self._best)
         return {row["parameter"]: (row["low_95"], row["high_95"]) for row in rows}
+
+    @property
+    def draws(self) -> "Mapping[str, np.ndarray]":
+        """Draws by parameter, (n,) [SI] each, about the best optimum, burn-in left out."""
+        from ident.inference.posterior_summary import draws
+
+        sample = self.sample.sample
+        return dict(zip(sample.posterior.parameters.names, draws(sample, sample.basins[0]), strict=True))
 
     @property
     def inference_data(self) -> "arviz.InferenceData":

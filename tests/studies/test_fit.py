@@ -32,6 +32,29 @@ def test_it_is_the_fit_of_the_campaign(result, table_1):
     assert float(result.fitted_arm.get("joint1.k_bend")) == float(lcd_arm().get("joint1.k_bend"))
 
 
+def seen(values):
+    """What Table 1 measures, of an arm with these numbers."""
+    result = ident.predict(lcd_arm(), ident.PredictOptions(set=values, modes=2))
+    return [*result.frequencies[0], result.deflections[0]["tip"][2]]
+
+
+def test_it_says_what_the_data_would_not_notice(result):
+    fitted = result.parameters
+    assert len(result.trade_offs) == len(fitted) - 3
+    for name, change in result.trade_offs.items():
+        together = {path: value * 1.01 ** change[path] for path, value in fitted.items()}
+        np.testing.assert_allclose(seen(together), seen(fitted), rtol=2e-5)
+        alone = {**fitted, name: together[name]}
+        assert alone[name] == pytest.approx(1.01 * fitted[name])
+        assert not np.allclose(seen(alone), seen(fitted), rtol=2e-5)
+
+
+def test_its_spreads_and_cross_predictions_are_those_of_the_fit(result):
+    for name, (low, high) in result.intervals.items():
+        assert 2 * 1.959964 * result.sd[name] == pytest.approx(np.log(high / low))
+    assert result.cross_predictions["deflection"].measured == pytest.approx([0.022])
+
+
 def test_it_comes_back_as_it_was(result, tmp_path):
     loaded = assert_comes_back(result, tmp_path)
     np.testing.assert_array_equal(loaded.fit.information.covariance, result.fit.information.covariance)

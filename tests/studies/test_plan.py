@@ -48,6 +48,8 @@ def test_it_is_the_plan_of_the_arm(arm_file):
     for name, own in zip(direct.parameters.names, direct.sd.T, strict=True):
         assert result.sd[name] == tuple(own)
         assert own[0] > own[-1]
+    for name, own in zip(direct.parameters.names, direct.steps[-1].sd.T, strict=True):
+        assert (result.sd[name][-1], *result.sd_at_draws[name]) == tuple(own)
 
 
 def test_an_arm_that_was_made_in_python_will_do(arm_file):
@@ -92,6 +94,7 @@ def test_an_empty_batch_has_no_form(arm_file, tmp_path):
     assert [path.name for path in result.save(tmp_path)] == ["arm.plan.json"]
     assert result.table() == []
     assert "The batch of 0" in result.report()
+    assert set(result.sd_at_draws.values()) == {()}
 
 
 def test_its_table_has_a_row_for_each_experiment(measured):

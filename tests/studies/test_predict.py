@@ -23,6 +23,7 @@ def test_it_analyses_every_posture(result):
     direct = modal_analysis(arm, tuple(np.radians([30.0, -60.0, 30.0])), ident.Load.parse("glass"), 4)
     np.testing.assert_array_equal(result.frequencies[1], direct.modes.frequency)
     np.testing.assert_array_equal(result.deflections[1]["tip"], direct.deflection["tip"])
+    assert result.labels[1] == tuple(map(str, direct.labels))
     assert result.name == "arm.predict"
     assert result.report().count("load: glass") == 2
 
@@ -45,6 +46,23 @@ def test_its_table_has_a_row_for_each_mode(result):
     assert [row["mode"] for row in rows] == [1, 2, 3, 4] * 2
     assert [row["frequency"] for row in rows] == np.concatenate(result.frequencies).tolist()
     assert rows[4]["joint2"] == pytest.approx(-60.0)
+
+
+def test_it_draws_the_modes_at_every_posture(result, tmp_path):
+    assert [path.name for path in result.save_figures(tmp_path)] == ["arm.predict.png", "arm.predict.2.png"]
+    titles = [figure.get_suptitle() for figure in result.figures().values()]
+    assert "at (0, 0, 0) deg" in titles[0]
+    assert "at (30, -60, 30) deg" in titles[1]
+
+
+def test_it_draws_frequencies_against_the_first_joint_that_turns():
+    result = predict(lcd_arm(), PredictOptions(posture=((5.0, 0.0, 0.0), (5.0, -10.0, 3.0)), modes=2))
+    lowest = result.frequency_figure().axes[0].lines[0]
+    np.testing.assert_allclose(lowest.get_xdata(), [0.0, -10.0])
+    np.testing.assert_array_equal(lowest.get_ydata(), [each[0] for each in result.frequencies])
+    assert result.frequency_figure("joint3").axes[0].get_xlabel().startswith("angle of joint3 [deg]")
+    with pytest.raises(ident.InputError, match="joint: got 'joint4', expected one of joint1, joint2, joint3; did you"):
+        result.frequency_figure("joint4")
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,7 @@ def test_it_is_the_posterior_of_the_fit(result, table_1):
     assert not result.enough, "so short a chain is none to trust"
     draws = np.exp(direct.sample.draws())
     for name, own in zip(direct.sample.posterior.parameters.names, draws.T, strict=True):
+        np.testing.assert_allclose(result.draws[name], own, rtol=1e-12)
         assert result.medians[name] == pytest.approx(np.median(own), rel=1e-12)
         assert result.intervals[name] == pytest.approx(tuple(np.quantile(own, (0.025, 0.975))), rel=1e-12)
 

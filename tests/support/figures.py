@@ -16,6 +16,9 @@ from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
 
+HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
+"""A name that no picture may take for a formula, a break or a reason to grow."""
+
 
 @cache
 def fitted(name):

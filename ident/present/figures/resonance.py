@@ -11,7 +11,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.transforms import Transform
 
 from ident.arm.labels import Label
-from ident.present.figures.modes import NAME_STYLES
+from ident.present.figures.predict import NAME_STYLES
 from ident.present.figures.style import GREY, plain
 from ident.present.text.resonance_words import band_words, grouped, same_lines, sources_words
 from ident.present.text.words import cut

@@ -5,19 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import lcd_arm
-from figures import assert_tidy, fitted, made_up
+from figures import HOSTILE, assert_tidy, fitted, made_up
 from matplotlib.colors import to_rgba
 from matplotlib.image import imread
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
-from ident.identify.modal_analysis import modal_analysis, modes_along_motion
 from ident.inference.cross_prediction import CrossPrediction
 from ident.present.figures.fit import fit_figure
-from ident.present.figures.modes import mode_figure, posture_figure
 from ident.present.files.png import save
-
-HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
 
 
 def panel(figure, start):
@@ -95,42 +91,10 @@ def test_hostile_names_are_drawn_as_they_are(tmp_path):
     figure = fit_figure(replace(result, arm=arm, campaign=campaign))
     assert_tidy(figure)
     save(figure, tmp_path / "$hostile$.png")
-    save(mode_figure(modal_analysis(arm, (0.0, 0.0, 0.0), modes=1)), tmp_path / "modes.png")
-    save(posture_figure(modes_along_motion(arm, (1.0, -2.0, 1.0), (0.0, 0.5))), tmp_path / "posture.png")
-
-
-def test_modes_are_drawn_in_two_views(tmp_path):
-    figure = mode_figure(modal_analysis(lcd_arm(), (0.0, 0.0, 0.0)))
-    assert len(figure.axes) == 8
-    titles = [a.get_title(loc="left") for a in figure.axes]
-    assert titles[0] == "1: lateral torsion 1, 4.12 Hz, from the side"
-    assert titles[3] == "2: vertical bending 1, 4.80 Hz, from above"
-    assert "drawn as 0.57 m" in figure.get_suptitle()
-    assert all("[m]" in a.get_ylabel() for a in figure.axes)
-    assert_tidy(figure)
-    save(figure, tmp_path / "modes.png")
-
-
-def test_branches_cross_along_the_motion():
-    figure = posture_figure(modes_along_motion(lcd_arm(), (1.0, -2.0, 1.0), np.radians([0.0, 80.0])), count=2)
-    (axes,) = figure.axes
-    drawn = {
-        round(float(x)): round(float(y), 2)
-        for line in axes.lines
-        if line.get_marker() == "o" and len(line.get_xdata())
-        for x, y in zip(line.get_xdata(), line.get_ydata(), strict=True)
-    }
-    grey = [line for line in axes.lines if line.get_marker() == "None"]
-    low, high = (np.asarray(line.get_ydata()) for line in grey)
-    assert drawn[0] == round(high[0], 2)
-    assert drawn[80] == round(low[1], 2)
-    assert "[Hz]" in axes.get_ylabel()
-    assert "[deg]" in axes.get_xlabel()
-    assert_tidy(figure)
 
 
 def test_a_figure_is_saved_whole_or_not_at_all(tmp_path, monkeypatch):
-    figure = posture_figure(modes_along_motion(lcd_arm(), (1.0, -2.0, 1.0), (0.0, 0.5)))
+    figure = fit_figure(fitted("table1"))
     old = tmp_path / "f.png"
     old.write_bytes(b"old")
 
@@ -148,7 +112,7 @@ def test_a_figure_is_saved_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_what_cannot_be_written_is_one_line(bad, tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
-    figure = posture_figure(modes_along_motion(lcd_arm(), (1.0, -2.0, 1.0), (0.0, 0.5)))
+    figure = fit_figure(fitted("table1"))
     with pytest.raises(InputError) as error:
         save(figure, tmp_path / bad)
     assert len(str(error.value).splitlines()) == 1

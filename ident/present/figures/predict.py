@@ -1,10 +1,12 @@
-"""Pictures of an arm's modes, and of its natural frequencies along a motion."""
+"""Pictures of an arm's modes, and of its natural frequencies along postures."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.identify.modal_analysis import ModalAnalysis, ModesAlongMotion
+from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.figures.style import BLUE, GREEN, ORANGE, PINK, Style, heading, plain
 from ident.present.text.words import cut, degrees
 
@@ -50,37 +52,41 @@ def mode_figure(analysis: ModalAnalysis) -> Figure:
     return figure
 
 
-def posture_figure(modes: ModesAlongMotion, *, count: int = 4) -> Figure:
-    """Draw the lowest natural frequencies along a motion q = alpha * motion, by what the modes are.
+def frequency_figure(analyses: Sequence[ModalAnalysis], joint: int) -> Figure:
+    """Draw natural frequencies against the angle of one joint, by what the modes are.
 
     Hollow markers are modes that are named by a near draw.
 
     Args:
-        modes: at values of alpha.
-        count: number of frequencies.
+        analyses: at postures along a motion, all with as many modes.
+        joint: place among the driven joints.
     """
-    frequency, vertical, torsion, unsure = (
-        part[:count] for part in (modes.frequency, modes.vertical, modes.torsion, modes.ambiguous)
-    )
-    alpha = modes.alpha
-    name = np.where(vertical, "vertical ", "lateral ").astype(object) + np.where(torsion, "torsion", "bending")
+    frequency = np.array([analysis.modes.frequency for analysis in analyses])
+    name = np.array([[f"{label.direction} {label.kind}" for label in analysis.labels] for analysis in analyses])
+    unsure = np.array([analysis.ambiguous for analysis in analyses])
+    angle = np.degrees([analysis.posture[joint] for analysis in analyses])
     figure = Figure(figsize=(9.0, 5.5), layout="constrained")
     axes = figure.add_subplot()
-    axes.plot(np.degrees(alpha), frequency.T, color="#BBBBBB", linewidth=0.8, zorder=1)
-    at = np.broadcast_to(np.degrees(alpha), frequency.shape)
+    axes.plot(angle, frequency, color="#BBBBBB", linewidth=0.8, zorder=1)
+    at = np.broadcast_to(angle[:, None], frequency.shape)
     for words, style in NAME_STYLES.items():
         for chosen, face in ((~unsure, style["color"]), (unsure, "white")):
             here = (name == words) & chosen
             axes.plot(at[here], frequency[here], linestyle="", markersize=4, markerfacecolor=face, **style)
+    arm, ends = analyses[0].arm, [degrees(analyses[i].posture) for i in (0, -1)]
     axes.set_ylim(0, None)
-    axes.set_xlabel(f"alpha [deg], posture q = alpha ({', '.join(f'{m:g}' for m in modes.motion)})", fontsize=9)
+    axes.set_xlabel(
+        f"angle of {cut(arm.driven[joint].name, 30)} [deg], postures from {ends[0]} to {ends[1]}",
+        fontsize=9,
+        parse_math=False,
+    )
     axes.set_ylabel("natural frequency [Hz]", fontsize=9)
     axes.grid(color="#EEEEEE", linewidth=0.8)
     plain(axes)
     named = {words: style for words, style in NAME_STYLES.items() if (name == words).any()}
     if unsure.any():
         named["hollow: named by a near draw"] = {"color": "black", "marker": "o", "markerfacecolor": "white"}
-    heading(axes, f"Natural frequencies of {cut(modes.arm.name, 40)} along its motion", named, columns=len(named))
+    heading(axes, f"Natural frequencies of {cut(arm.name, 40)} along its postures", named, columns=len(named))
     return figure
 
 
