@@ -13,13 +13,13 @@ from ident.arm.drive import Belt, Drive, Stroke
 from ident.arm.drive_check import check_drives
 from ident.arm.fields import FIELDS, field_of, fields_of
 from ident.arm.parts import Body, Joint, Point
-from ident.cli.options import assignments
 from ident.description import schema
 from ident.errors import InputError
 from ident.identify.unknowns import parameter
 from ident.present.text.sweep_words import axis_in_words
 from ident.present.text.units import is_length, read_unit, unit_of, value_in_words
 from ident.present.text.words import parameter_in_words
+from ident.studies.shared import ArmOptions
 from ident.vibrate.redesign.sensitivity import changeable
 from ident.vibrate.redesign.sweep import Axis
 from ident.vibrate.redesign.variable import Variable, check, is_shifted
@@ -125,7 +125,7 @@ def impossible(arm: Arm) -> list[str]:
 
 @every_field
 def test_the_command_line_sets_what_a_number_can_be(field):
-    assert accepts(lambda value: assignments([f"{path_of(field)}={value}"])) == possible(field.name)
+    assert accepts(lambda value: ArmOptions(set={path_of(field): float(value)})) == possible(field.name)
 
 
 @every_field

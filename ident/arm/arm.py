@@ -74,8 +74,8 @@ class Arm(eqx.Module):
         return tuple(joint for joint in self.joints if joint.driven)
 
     @property
-    def sets(self) -> tuple[int, ...]:
-        """Batch `(*sets)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
+    def batch(self) -> tuple[int, ...]:
+        """Batch axes `(*batch)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
         return jnp.broadcast_shapes(
             *(
                 jnp.shape(getattr(part, field.name))[field.rank :]
@@ -108,7 +108,7 @@ class Arm(eqx.Module):
     def replace(self, values: Mapping[str, Any]) -> "Arm":
         """Return an arm that has these numbers at these paths; differentiable in the numbers.
 
-        A number may be an array `(*batch)`; `hold` then gives a chain for each of its entries.
+        A number may be an array `(*batch)`; `at_posture` then gives a chain for each of its entries.
 
         Raises:
             InputError: a path names no number of this arm.
@@ -152,11 +152,11 @@ class Arm(eqx.Module):
 
     def numbers(self) -> dict[str, Array]:
         """All numbers [SI] by path: quicker than `get` for each."""
-        found = {}
+        numbers = {}
         for path, part, field, component in self._places():
             value = getattr(part, field)
-            found[path] = value[component] if component else value
-        return found
+            numbers[path] = value[component] if component else value
+        return numbers
 
     def _places(self) -> Iterator[tuple[str, Any, str, tuple[int, ...]]]:
         for part in self.parts():

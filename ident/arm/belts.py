@@ -26,57 +26,57 @@ if TYPE_CHECKING:
 Spans = Float[Array, "2 B *#batch"]
 
 
-def stretch(machine: "Multibody", phi: Array, xi: Array, error: Array) -> Spans:
-    """Return by how much upper and lower span of each belt are longer than at rest [m].
+def stretch(model: "Multibody", phi: Array, xi: Array, error: Array) -> Spans:
+    """Return by how much upper and lower span of each belt are longer than unloaded [m].
 
     Args:
-        machine: the arm.
+        model: the multibody model.
         phi: (3, N, *batch) [rad] rotation vectors of the bushings.
         xi: (N, *batch) [rad] deviation of each pin from its command.
         error: (N, *batch) [rad] kinematic error of each drive.
     """
-    belts = machine.belts
+    belts = model.belts
     driver, driven = (np.asarray(ends, int) for ends in zip(*belts.ends, strict=True))
-    axis, offset = machine.axis[:, driven], machine.offset[:, driven]
+    axis, offset = model.axis[:, driven], model.offset[:, driven]
     start = offset - axis * (axis * offset).sum(0)
     tilt = matvec(rotation(phi[:, driven]), axis) - axis
     line = start + belts.height * (tilt - axis * (axis * tilt).sum(0))
     D0, D = (jnp.sqrt((x * x).sum(0)) for x in (start, line))
     gamma = jnp.arctan2((axis * jnp.cross(start, line, axis=0)).sum(0), (start * line).sum(0))
 
-    first = (machine.drives.ratio[driver] - 1) * xi[driver] - error[driver]
-    second = machine.drives.ratio[driven] * xi[driven] + (axis * phi[:, driven]).sum(0)
+    first = (model.drives.ratio[driver] - 1) * xi[driver] - error[driver]
+    second = model.drives.ratio[driven] * xi[driven] + (axis * phi[:, driven]).sum(0)
     s = belts.radius[0] * (first - gamma) - belts.radius[1] * (second - gamma)
     longer = _span(D, belts.radius) - _span(D0, belts.radius)
     return jnp.stack([longer + s, longer - s])
 
 
-def tensions(machine: "Multibody", e: Spans, e_dot: Spans) -> Spans:
+def tensions(model: "Multibody", e: Spans, e_dot: Spans) -> Spans:
     """Return the tension of upper and lower span [N]; a slack span pulls with zero."""
-    belts = machine.belts
+    belts = model.belts
     return jnp.maximum(0.0, belts.pretension + belts.stiffness * (e + belts.tau * e_dot))
 
 
 def belt_forces(
-    machine: "Multibody", place: tuple[Array, Array, Array], rate: tuple[Array, Array, Array]
+    model: "Multibody", position: tuple[Array, Array, Array], rate: tuple[Array, Array, Array]
 ) -> tuple[Float[Array, "3 N *#batch"], Float[Array, "N *#batch"], Float[Array, "N *#batch"]]:
-    """Return the moments [N m] on bushings, wave generators and kinematic errors against which the belts pull.
+    """Return the moments [N m] on bushings, wave generators and kinematic errors that the belts ask for.
 
     Args:
-        machine: the arm.
-        place: phi (3, N, *batch), xi and error (N, *batch) [rad], as in `stretch`.
+        model: the multibody model.
+        position: phi (3, N, *batch), xi and error (N, *batch) [rad], as in `stretch`.
         rate: their rates [rad/s].
     """
 
     def length(phi: Array, xi: Array, error: Array) -> Array:
-        return stretch(machine, phi, xi, error)
+        return stretch(model, phi, xi, error)
 
-    e, pull = jax.vjp(length, *place)
-    e_dot = jax.jvp(length, place, rate)[1]
-    at_rest = jax.vjp(length, jnp.zeros_like(place[0]), *place[1:])[1]
-    now = pull(tensions(machine, e, e_dot))
-    then = at_rest(jnp.broadcast_to(machine.belts.pretension, e.shape))
-    on_bushings, on_pins, on_errors = (a - b for a, b in zip(now, then, strict=True))
+    e, pullback = jax.vjp(length, *position)
+    e_dot = jax.jvp(length, position, rate)[1]
+    pullback_assembled = jax.vjp(length, jnp.zeros_like(position[0]), *position[1:])[1]
+    now = pullback(tensions(model, e, e_dot))
+    assembled = pullback_assembled(jnp.broadcast_to(model.belts.pretension, e.shape))
+    on_bushings, on_pins, on_errors = (a - b for a, b in zip(now, assembled, strict=True))
     return on_bushings, on_pins, on_errors
 
 

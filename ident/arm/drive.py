@@ -1,4 +1,4 @@
-"""What moves an arm and shakes it: harmonic drives, the belts between them, and the stroke that they drive."""
+"""What moves an arm and excites it: harmonic drives, the belts between them, and the stroke that they drive."""
 
 from typing import Any
 
@@ -62,7 +62,7 @@ class Belt(eqx.Module):
         driven: name of the joint whose pulley it drives, the next one that has a pin.
         driver_radius: () [m]
         driven_radius: () [m]
-        pretension: () [N] of each span at rest.
+        pretension: () [N] of each span of the unloaded belt.
         stiffness: () [N/m] of each span.
         tau: () [s] damping per stiffness.
         height: () [m] of the belt's plane above the bushing of the driven joint, along its axis.

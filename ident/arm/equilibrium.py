@@ -1,4 +1,4 @@
-"""Static equilibrium of a held chain and the deflection of its named points."""
+"""Static equilibrium of a chain at a posture and the deflection of its named points."""
 
 from typing import NamedTuple
 
@@ -27,11 +27,11 @@ LONGEST = 0.5
 
 
 class StaticEquilibrium(NamedTuple):
-    """Static equilibrium of a held chain.
+    """Static equilibrium of a chain at a posture.
 
     Attributes:
         phi: (3, N, *batch) [rad] the bushings' rotation vectors phi_s.
-        W: (3N, 3N, *batch) whitener of the potential's Hessian H there, W H W' = 1; a constant to differentiation.
+        W: (3N, 3N, *batch) inverse Cholesky factor of the potential's Hessian H there; a constant to differentiation.
     """
 
     phi: Phi
@@ -39,14 +39,14 @@ class StaticEquilibrium(NamedTuple):
 
 
 def equilibrium(chain: Chain) -> Phi:
-    """Return the phi_s `(3, N, *batch)` [rad] at which the chain rests; see `rest`."""
+    """Return the phi_s `(3, N, *batch)` [rad] of the static equilibrium; see `static_equilibrium`."""
     return static_equilibrium(chain).phi
 
 
 def static_equilibrium(chain: Chain) -> StaticEquilibrium:
     """Find where the bushings carry the weights and forces: grad V(phi_s) = 0, by Newton's method.
 
-    NaN where there is no such place near phi = 0, that is, where the arm buckles. Once differentiable, forward and
+    NaN where there is no equilibrium near phi = 0, that is, where the arm buckles. Once differentiable, forward and
     reverse, by the implicit function theorem, H dphi_s = -d(grad V): the last Newton step is taken at constant phi and
     H, so that its derivative is just this.
     """

@@ -37,10 +37,10 @@ class Label:
 
 def parse_label(text: str) -> Label | None:
     """Read a label such as `vertical bending 1`, `torsion 2` or `lateral 1`; None when it is none."""
-    found = re.fullmatch(r"(?:(vertical|lateral)\s*)?(?:(bending|torsion)\s*)?(\d+)", text.strip().lower())
-    if not found or int(found[3]) < 1 or not (found[1] or found[2]):
+    match = re.fullmatch(r"(?:(vertical|lateral)\s*)?(?:(bending|torsion)\s*)?(\d+)", text.strip().lower())
+    if not match or int(match[3]) < 1 or not (match[1] or match[2]):
         return None
-    return Label(found[1], found[2], int(found[3]))
+    return Label(match[1], match[2], int(match[3]))
 
 
 def torsion_share(modes: Modes) -> Float[Array, "m *batch"]:

@@ -1,4 +1,4 @@
-"""Exact mechanics of a held chain: places, energies, mass matrix, slope and curvature of the potential.
+"""Exact mechanics of a chain at a posture: forward kinematics, energies, mass matrix, derivatives of the potential.
 
 Coordinates are the bushings' rotation vectors phi `(3, N, *batch)`; no angle is taken as small.
 
@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from ident.arm.chain import Chain
 from ident.arm.rotations import (
+    acceleration_map,
     axial,
     curvature,
     identity,
@@ -54,7 +55,7 @@ def forward_kinematics(chain: Chain, phi: Phi) -> ForwardKinematics:
     J = left_jacobian(phi)
     axes = _axes(phi, J)
     before = _shift(axes)
-    centre = total(_inboard(phi.shape[1]), matvec(before, chain.offset), 1)
+    centre = total(inboard(phi.shape[1]), matvec(before, chain.offset), 1)
     return ForwardKinematics(centre, axes, matmul(before, J), before)
 
 
@@ -72,7 +73,7 @@ def _axes(phi: Phi, J: Float[Array, "3 3 N *#batch"]) -> Float[Array, "3 3 N *#b
 def _axes_jvp(primals: tuple[Phi, Array], tangents: tuple[Phi, Array]) -> tuple[Array, Array]:
     (phi, J), (phi_dot, _) = primals, tangents
     axes = _axes(phi, J)
-    w = total(_inboard(phi.shape[1]), matvec(_shift(axes), matvec(J, phi_dot)), 1)
+    w = total(inboard(phi.shape[1]), matvec(_shift(axes), matvec(J, phi_dot)), 1)
     return axes, matmul(skew(w), axes)
 
 
@@ -94,7 +95,7 @@ def _points_of(chain: Chain, at: ForwardKinematics) -> Float[Array, "3 P *#batch
 
 def straight_positions(chain: Chain) -> Float[Array, "3 P *#batch"]:
     """Return where the named points are at phi = 0 [m]."""
-    outwards = _inboard(chain.offset.shape[1])[np.asarray(chain.carrier, dtype=int)]
+    outwards = inboard(chain.offset.shape[1])[np.asarray(chain.carrier, dtype=int)]
     return total(outwards, chain.offset, 1) + chain.position
 
 
@@ -171,24 +172,24 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
     While phi runs along v at unit rate, points move with velocities dr and accelerations ddr. Then v' M v is the
     integral of |dr|^2 dm, twice the kinetic energy, and v' H v = v' K v - sum f.ddr over all weights and forces.
     """
-    at, outwards = forward_kinematics(chain, phi), _inboard(phi.shape[1])
-    along, change = left_jacobian_rate(phi, v)
-    u = matvec(at.before, along)
+    at, outwards = forward_kinematics(chain, phi), inboard(phi.shape[1])
+    rate, change = left_jacobian_rate(phi, v)
+    u = matvec(at.before, rate)
     w = total(outwards, u, 1)
     turn = skew(w)
     alpha = total(outwards, matvec(at.before, change) + matvec(turn, u), 1)
-    swing = skew(alpha) + matmul(turn, turn)  # the acceleration of the end of x against its start is `swing` x
+    A = acceleration_map(w, alpha)
     reach = matvec(at.before, chain.offset)[:, 1:]
     none = jnp.zeros_like(w[:, :1])
     velocity, acceleration = (
-        total(outwards, jnp.concatenate([none, matvec(A[:, :, :-1], reach)], 1), 1) for A in (turn, swing)
+        total(outwards, jnp.concatenate([none, matvec(X[:, :, :-1], reach)], 1), 1) for X in (turn, A)
     )
 
     arm, body = matvec(at.axes, chain.moment), np.asarray(chain.carrier, dtype=int)
     gravity = chain.gravity.reshape((3,) + (1,) * (phi.ndim - 1))
-    weights = (gravity * (chain.mass * acceleration + matvec(swing, arm))).sum((0, 1))
+    weights = (gravity * (chain.mass * acceleration + matvec(A, arm))).sum((0, 1))
     point = matvec(at.axes[:, :, body], chain.position)
-    forces = (chain.force * (acceleration[:, body] + matvec(swing[:, :, body], point))).sum((0, 1))
+    forces = (chain.force * (acceleration[:, body] + matvec(A[:, :, body], point))).sum((0, 1))
     potential = (v * matvec(chain.stiffness, v)).sum((0, 1)) - weights - forces
 
     local = matvec(transpose(at.axes), w)
@@ -210,15 +211,15 @@ def _virial(chain: Chain, at: ForwardKinematics) -> Float[Array, "3 3 N *#batch"
     return total(moved, dyads, 2) - outer(at.centre, total(moved, jnp.concatenate([weight, force], 1), 1))
 
 
-def _inboard(n: int) -> np.ndarray:
+def inboard(n: int) -> np.ndarray:
     """Mark for each joint (n, n) those from the base up to it."""
     return np.greater_equal.outer(np.arange(n), np.arange(n))
 
 
 def _moved_by_both(n: int) -> np.ndarray:
     """Mark for each pair of joints (n, n, n) the bodies that both move: those from the outer one on."""
-    inboard = _inboard(n).T
-    return inboard[:, None] & inboard[None]
+    outboard = inboard(n).T
+    return outboard[:, None] & outboard[None]
 
 
 def flat(x: Phi) -> Float[Array, "n *#batch"]:

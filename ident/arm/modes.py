@@ -1,4 +1,4 @@
-"""Natural frequencies and modes of a held chain about its static equilibrium."""
+"""Natural frequencies and modes of a chain at a posture about its static equilibrium."""
 
 from typing import NamedTuple
 
@@ -97,7 +97,7 @@ def to_hertz(eigenvalues: Float[Array, "*#batch"]) -> Float[Array, "*#batch"]:
 
 
 class Modes(eqx.Module):
-    """The lowest modes of a held chain.
+    """The lowest modes of a chain at a posture.
 
     Attributes:
         frequency: (m, *batch) [Hz] ascending.
@@ -182,7 +182,7 @@ def _damped_eigenvalues_jvp(primals: tuple[Linearized], tangents: tuple[Lineariz
 
 
 def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
-    """Return s, right and left eigenvectors (columns), found in coordinates in which the mass matrix is 1."""
+    """Return s, right and left eigenvectors (columns), computed in coordinates in which the mass matrix is 1."""
     n, batch = system.M.shape[0], system.M.shape[2:]
     W = inverse_cholesky_factor(system.M)
     H, C = (matmul(matmul(W, X), transpose(W)) for X in (system.H, system.C))
@@ -198,7 +198,7 @@ def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
 
 
 def _nearest_in_shape(system: Linearized, s: Array, x: Array) -> Array:
-    """Return for each undamped mode the place of the eigenvalue in whose vector it has the largest share."""
+    """Return for each undamped mode the index of the eigenvalue in whose vector it has the largest share."""
     shapes = lowest_modes(system.H, system.M, system.M.shape[0])[1]
     share = jnp.abs(matmul(matmul(transpose(shapes), system.M), x)) ** 2
     return jnp.argmax(jnp.where(s.imag < 0, -1.0, share / share.sum(0)), 1)

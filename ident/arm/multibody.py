@@ -1,4 +1,4 @@
-"""The arm as the equations of motion need it: moments of mass, bushings, drives and belts, gathered once."""
+"""The multibody model of an arm: moments of mass, bushings, drives and belts, as the equations of motion need them."""
 
 import equinox as eqx
 import jax
@@ -7,24 +7,21 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads, lift, no_loads, stack
-from ident.arm.fields import DAMPING, STIFFNESS, names_of
-from ident.arm.parts import Body
-from ident.arm.rotations import identity, outer, skew
-
-
-class Moments(eqx.Module):
-    """Moments of mass about a bushing, per joint.
-
-    Attributes:
-        mass: (N, *batch) [kg]
-        first: (3, N, *batch) [kg m]
-        second: (3, 3, N, *batch) [kg m^2] the integral of r r' dm.
-    """
-
-    mass: Float[Array, "N *#batch"]
-    first: Float[Array, "3 N *#batch"]
-    second: Float[Array, "3 3 N *#batch"]
+from ident.arm.assembly import (
+    Loads,
+    Moments,
+    axes,
+    bushings,
+    carriers,
+    lift,
+    moments,
+    no_loads,
+    offsets,
+    positions,
+    stack,
+)
+from ident.arm.fields import names_of
+from ident.arm.rotations import skew
 
 
 class Drives(eqx.Module):
@@ -91,7 +88,7 @@ class Multibody(eqx.Module):
         carrier: joint that carries each named point.
         driven: joints that have a pin.
         elastic: whether the belts stretch, so that the pins that they drive deviate from the command.
-        inexact: whether some drive has a kinematic error.
+        transmission_error: whether some drive has a kinematic error.
     """
 
     axis: Float[Array, "3 N *#batch"]
@@ -108,7 +105,7 @@ class Multibody(eqx.Module):
     carrier: tuple[int, ...] = eqx.field(static=True)
     driven: tuple[int, ...] = eqx.field(static=True)
     elastic: bool = eqx.field(static=True)
-    inexact: bool = eqx.field(static=True)
+    transmission_error: bool = eqx.field(static=True)
 
     @property
     def joints(self) -> int:
@@ -116,14 +113,14 @@ class Multibody(eqx.Module):
         return self.offset.shape[1]
 
     @property
-    def loose(self) -> tuple[int, ...]:
-        """Joints whose pins deviate from the command, since an elastic belt drives them."""
+    def belt_driven(self) -> tuple[int, ...]:
+        """Joints that an elastic belt drives, so that their pins deviate from the command."""
         return tuple(driven for _, driven in self.belts.ends) if self.elastic else ()
 
     @property
     def size(self) -> int:
         """Number n of coordinates: three of each bushing, one of each elastic belt."""
-        return 3 * self.joints + len(self.loose)
+        return 3 * self.joints + len(self.belt_driven)
 
 
 def has_transmission_error(arm: Arm) -> bool:
@@ -132,97 +129,61 @@ def has_transmission_error(arm: Arm) -> bool:
 
 
 def multibody(
-    arm: Arm, loads: Loads | None = None, *, rank: int = 0, elastic_belts: bool = False, inexact: bool | None = None
+    arm: Arm,
+    loads: Loads | None = None,
+    *,
+    rank: int = 0,
+    elastic_belts: bool = False,
+    transmission_error: bool | None = None,
 ) -> Multibody:
     """Gather an arm under a load.
 
     Args:
-        arm: the arm; its numbers may be arrays `(*sets)` (see `Arm.replace`).
+        arm: the arm; its numbers may be arrays `(*batch)` (see `Arm.replace`).
         loads: the load case; its own weight when None.
-        rank: number of batch axes of the times and states that will be asked for, in which those sets come last.
+        rank: number of batch axes of times and states; those of the arm's numbers come last among them.
         elastic_belts: whether belts stretch.
-        inexact: whether some drive may have a kinematic error; asked of the arm's numbers when None.
+        transmission_error: whether some drive may have a kinematic error; by the arm's numbers when None.
 
     Raises:
         ModelError: the arm has more batch axes than `rank`.
     """
-    names, loads = [joint.name for joint in arm.joints], no_loads(arm) if loads is None else loads
-    axis = stack([joint.axis for joint in arm.joints], 1, rank)
-    bend, tors, t_bend, t_tors = (
-        stack([getattr(joint, field) for joint in arm.joints], 0, rank) for field in (*STIFFNESS, *DAMPING)
-    )
-    along = outer(axis, axis)
-    bend, tors = (-along + identity(3, rank + 1)) * bend, along * tors
+    loads = no_loads(arm) if loads is None else loads
+    loads = Loads(lift(loads.payload, 1, rank), lift(loads.mass, 1, rank), lift(loads.force, 2, rank))
+    axis, (shaft, link) = axes(arm, rank), moments(arm, loads, rank)
+    bend, tors, damping = bushings(arm, axis)
     return Multibody(
         axis=axis,
-        offset=stack([joint.offset for joint in arm.joints], 1, rank),
-        shaft=_moments([[(1.0, body) for body in joint.shaft] for joint in arm.joints], rank),
-        link=_moments([_carried(arm, name, loads) for name in names], rank),
+        offset=offsets(arm, rank),
+        shaft=shaft,
+        link=link,
         stiffness=bend + tors,
-        damping=bend * t_bend + tors * t_tors,
-        position=stack([p.position for p in arm.points], 1, rank) if arm.points else jnp.zeros((3, 0) + (1,) * rank),
-        force=lift(loads.force, 2, rank),
+        damping=damping,
+        position=positions(arm, rank),
+        force=loads.force,
         gravity=arm.gravity,
         drives=_drives(arm, axis, rank),
-        belts=_belts(arm, names, rank),
-        carrier=tuple(names.index(point.joint) for point in arm.points),
+        belts=_belts(arm, rank),
+        carrier=carriers(arm),
         driven=tuple(n for n, joint in enumerate(arm.joints) if joint.driven),
         elastic=elastic_belts and bool(arm.belts),
-        inexact=has_transmission_error(arm) if inexact is None else inexact,
+        transmission_error=has_transmission_error(arm) if transmission_error is None else transmission_error,
     )
 
 
 def balanced(multibody: Multibody) -> Multibody:
-    """Return the machine with all turning masses on their axes and without kinematic error: nothing shakes it."""
+    """Return the model with all turning masses on their axes and without kinematic error: nothing excites it."""
     drives = multibody.drives
     none = (jnp.zeros_like(drives.imbalance), jnp.zeros_like(drives.error))
     return eqx.tree_at(lambda m: (m.drives.imbalance, m.drives.error), multibody, none)
 
 
-def _carried(arm: Arm, joint: str, loads: Loads) -> list[tuple[Array | float, Body]]:
-    """Return the bodies behind a pin, each with the share of it that is there."""
-    bodies: list[tuple[Array | float, Body]] = [
-        (1.0, body) for part in arm.joints if part.name == joint for body in part.link
-    ]
-    bodies += [
-        (share, payload.body)
-        for share, payload in zip(loads.payload, arm.payloads, strict=True)
-        if payload.joint == joint
-    ]
-    return bodies + [
-        (mass, Body(point.name, 1.0, point.position))
-        for mass, point in zip(loads.mass, arm.points, strict=True)
-        if point.joint == joint
-    ]
-
-
-def _moments(groups: list[list[tuple[Array | float, Body]]], rank: int) -> Moments:
-    """Sum mass, m c and m c c' + tr(I)/2 - I over the bodies of each joint."""
-    none = (jnp.zeros((1,) * rank), jnp.zeros((3,) + (1,) * rank), jnp.zeros((3, 3) + (1,) * rank))
-    sums = []
-    for bodies in groups:
-        mass, first, second = none
-        for share, body in bodies:
-            m, c, tensor = (
-                lift(share, 0, rank) * lift(body.mass, 0, rank),
-                lift(body.com, 1, rank),
-                lift(body.inertia, 2, rank),
-            )
-            half_trace = (tensor[0, 0] + tensor[1, 1] + tensor[2, 2]) / 2
-            own = half_trace * identity(3, rank) - tensor
-            mass, first = mass + m, first + m * c
-            second = second + m * outer(c, c) + lift(share, 0, rank) * own
-        sums.append((mass, first, second))
-    masses, firsts, seconds = zip(*sums, strict=True)
-    return Moments(stack(masses, 0, rank), stack(firsts, 1, rank), stack(seconds, 2, rank))
-
-
 def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
     by_joint = {drive.joint: drive for drive in arm.drives}
-    resting = dict.fromkeys(names_of("Drive"), 0.0) | {"ratio": 1.0}
+    absent = dict.fromkeys(names_of("Drive"), 0.0) | {"ratio": 1.0}
     columns = {
         field: stack(
-            [getattr(by_joint[j.name], field) if j.name in by_joint else resting[field] for j in arm.joints], 0, rank
+            [getattr(by_joint[j.name], field) if j.name in by_joint else absent[field] for j in arm.joints], 0, rank
         )
         for field in names_of("Drive")
     }
@@ -254,7 +215,9 @@ def _across(axis: Float[Array, "3 N *#batch"]) -> Float[Array, "3 2 N *#batch"]:
     return jnp.stack([first, (skew(axis) * first[None]).sum(1)], 1)
 
 
-def _belts(arm: Arm, names: list[str], rank: int) -> Belts:
+def _belts(arm: Arm, rank: int) -> Belts:
+    names = [joint.name for joint in arm.joints]
+
     def column(field: str) -> Array:
         return (
             stack([getattr(belt, field) for belt in arm.belts], 0, rank) if arm.belts else jnp.zeros((0,) + (1,) * rank)

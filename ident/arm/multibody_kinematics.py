@@ -1,4 +1,4 @@
-"""How an arm moves whose pins are driven: what the motors are told, how pins and pulleys turn, where bodies are.
+"""Kinematics of an arm whose pins are driven: the motors' command, how pins and pulleys turn, where bodies are.
 
 Coordinates y are flat: joint by joint the rotation vector phi_j of its bushing along the axes of its shaft, then for
 each elastic belt the deviation xi of the pin that it drives from its command. No angle is taken as small.
@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.mechanics import Phi, unflatten
+from ident.arm.mechanics import Phi, inboard, unflatten
 from ident.arm.multibody import Multibody
 from ident.arm.rotations import (
+    acceleration_map,
     cross,
     left_jacobian,
     left_jacobian_rate,
@@ -21,7 +21,6 @@ from ident.arm.rotations import (
     matvec,
     rotated,
     rotation_by,
-    skew,
     total,
     transpose,
     turn_about,
@@ -32,7 +31,7 @@ Joints = Float[Array, "N *#batch"]
 
 
 class Command(NamedTuple):
-    """What the motors are told: angles of the driven joints and their rates.
+    """The command of the motors: angles of the driven joints and their rates.
 
     Attributes:
         q: (driven, *batch) [rad]
@@ -74,10 +73,10 @@ class Pins(eqx.Module):
     error: Joints
 
 
-def pins(machine: Multibody, command: Command, xi: Turning) -> Pins:
+def pins(model: Multibody, command: Command, xi: Turning) -> Pins:
     """Turn pins and pulleys by the command and the deviations xi from it."""
-    q, qd, qdd = (_spread(part, machine) + own for part, own in zip(command, xi, strict=True))
-    drives = machine.drives
+    q, qd, qdd = (_spread(part, model) + own for part, own in zip(command, xi, strict=True))
+    drives = model.drives
     argument = 2 * drives.ratio * q + drives.error_phase
     error = drives.error * jnp.sin(argument)
     slope = 1 + 2 * drives.ratio * drives.error * jnp.cos(argument)
@@ -85,56 +84,56 @@ def pins(machine: Multibody, command: Command, xi: Turning) -> Pins:
     return Pins(pin, Turning(drives.ratio * q, drives.ratio * qd, drives.ratio * qdd), slope, error)
 
 
-def transmission_error(machine: Multibody, turning: Pins) -> Turning:
+def transmission_error(model: Multibody, turning: Pins) -> Turning:
     """Return by how much the pins deviate from their wave generators: the kinematic error and its rates."""
-    exact = [part / machine.drives.ratio for part in turning.pulley]
+    exact = [part / model.drives.ratio for part in turning.pulley]
     return Turning(*(pin - wave for pin, wave in zip(turning.pin, exact, strict=True)))
 
 
-def bushings(machine: Multibody, y: Array) -> Phi:
+def bushings(model: Multibody, y: Array) -> Phi:
     """Return the bushings' part of the coordinates as `(3, N, *batch)`."""
-    return unflatten(y[: 3 * machine.joints])
+    return unflatten(y[: 3 * model.joints])
 
 
-def deviations(machine: Multibody, y: Array) -> Joints:
+def deviations(model: Multibody, y: Array) -> Joints:
     """Return how far each pin deviates from its command, `(N, *batch)`."""
     none = jnp.zeros_like(y[0])
-    loose = {joint: y[3 * machine.joints + k] for k, joint in enumerate(machine.loose)}
-    return jnp.stack([loose.get(joint, none) for joint in range(machine.joints)])
+    own = {joint: y[3 * model.joints + k] for k, joint in enumerate(model.belt_driven)}
+    return jnp.stack([own.get(joint, none) for joint in range(model.joints)])
 
 
-def end_point(machine: Multibody, q: Joints, phi: Phi | None = None) -> Float[Array, "3 *#batch"]:
+def end_point(model: Multibody, q: Joints, phi: Phi | None = None) -> Float[Array, "3 *#batch"]:
     """Return the last named point in the base frame [m], from it inwards joint by joint.
 
     Args:
-        machine: the arm under its load.
+        model: the multibody model of the arm under its load.
         q: (N, *batch) [rad] angles of all pins.
         phi: (3, N, *batch) [rad] rotations of all bushings; none when None.
     """
-    place = tuple(machine.position[:, -1])
-    for joint in range(machine.carrier[-1], -1, -1):
-        place = turned(place, machine.axis[:, joint], q[joint])
-        place = place if phi is None else rotated(place, phi[:, joint])
-        place = tuple(x + start for x, start in zip(place, machine.offset[:, joint], strict=True))
-    return jnp.stack(jnp.broadcast_arrays(*place))
+    r = tuple(model.position[:, -1])
+    for joint in range(model.carrier[-1], -1, -1):
+        r = turned(r, model.axis[:, joint], q[joint])
+        r = r if phi is None else rotated(r, phi[:, joint])
+        r = tuple(x + start for x, start in zip(r, model.offset[:, joint], strict=True))
+    return jnp.stack(jnp.broadcast_arrays(*r))
 
 
-def _spread(driven: Array, machine: Multibody) -> Joints:
+def _spread(driven: Array, model: Multibody) -> Joints:
     none = jnp.zeros_like(driven[0])
-    return jnp.stack([driven[machine.driven.index(j)] if j in machine.driven else none for j in range(machine.joints)])
+    return jnp.stack([driven[model.driven.index(j)] if j in model.driven else none for j in range(model.joints)])
 
 
-def _frames(machine: Multibody, q: Joints, phi: Phi, J: Array) -> tuple[Array, Array, Array, Array]:
+def _frames(model: Multibody, q: Joints, phi: Phi, J: Array) -> tuple[Array, Array, Array, Array]:
     """Return axes before each bushing, of each shaft, of each link `(3, 3, N, *batch)`, and the bushings' centres."""
-    turn, pin = rotation_by(phi, J), turn_about(machine.axis, q)
+    turn, pin = rotation_by(phi, J), turn_about(model.axis, q)
     turn, pin = jnp.broadcast_arrays(turn, pin)
     shaft, link = [turn[:, :, 0]], [matmul(turn[:, :, 0], pin[:, :, 0])]
-    for j in range(1, machine.joints):
+    for j in range(1, model.joints):
         shaft.append(matmul(link[-1], turn[:, :, j]))
         link.append(matmul(shaft[-1], pin[:, :, j]))
     unit = jnp.broadcast_to(jnp.eye(3).reshape((3, 3) + (1,) * (turn.ndim - 3)), shaft[0].shape)
     before, after = jnp.stack([unit, *link[:-1]], 2), jnp.stack(link, 2)
-    return before, jnp.stack(shaft, 2), after, total(inboard_of(machine), matvec(before, machine.offset), 1)
+    return before, jnp.stack(shaft, 2), after, total(inboard(model.joints), matvec(before, model.offset), 1)
 
 
 class Kinematics(NamedTuple):
@@ -165,23 +164,23 @@ class Kinematics(NamedTuple):
     alpha_link: Array
 
 
-def kinematics(machine: Multibody, pin: Turning, phi: Phi, v: Phi, a: Phi) -> Kinematics:
-    """Place and move the bodies, from the base outwards; phi, v, a `(3, N, *batch)` move the bushings."""
-    inboard = inboard_of(machine)
+def kinematics(model: Multibody, pin: Turning, phi: Phi, v: Phi, a: Phi) -> Kinematics:
+    """Return how the bodies move, from the base outwards; phi, v, a `(3, N, *batch)` move the bushings."""
+    inward = inboard(model.joints)
     J = left_jacobian(phi)
-    along, change = left_jacobian_rate(phi, v)
-    before, shaft, link, centre = _frames(machine, pin.angle, phi, J)
+    rate, change = left_jacobian_rate(phi, v)
+    before, shaft, link, centre = _frames(model, pin.angle, phi, J)
 
-    u, axis = matvec(before, along), matvec(shaft, machine.axis)
+    u, axis = matvec(before, rate), matvec(shaft, model.axis)
     turn = axis * pin.rate
-    w_link = total(inboard, u + turn, 1)
+    w_link = total(inward, u + turn, 1)
     w = w_link - turn
     bend = matvec(before, change + matvec(J, a)) + cross(w - u, u)
     twist = axis * pin.acceleration + cross(w, turn)
-    alpha_link = total(inboard, bend + twist, 1)
+    alpha_link = total(inward, bend + twist, 1)
 
-    reach = matvec(before, machine.offset)[:, 1:]
-    gravity = machine.gravity.reshape((3,) + (1,) * (centre.ndim - 1))
+    reach = matvec(before, model.offset)[:, 1:]
+    gravity = model.gravity.reshape((3,) + (1,) * (centre.ndim - 1))
     steps = matvec(acceleration_map(w_link, alpha_link)[:, :, :-1], reach)
     steps = jnp.concatenate([jnp.zeros((3, 1, *steps.shape[2:])), steps], 1)
     return Kinematics(
@@ -190,20 +189,9 @@ def kinematics(machine: Multibody, pin: Turning, phi: Phi, v: Phi, a: Phi) -> Ki
         project=matmul(transpose(J), transpose(before)),
         axis=axis,
         centre=centre,
-        acceleration=total(inboard, steps, 1) - gravity,
+        acceleration=total(inward, steps, 1) - gravity,
         w=w,
         alpha=alpha_link - twist,
         w_link=w_link,
         alpha_link=alpha_link,
     )
-
-
-def acceleration_map(w: Array, alpha: Array) -> Array:
-    """Return the map from a vector fixed in a body to its second derivative, by the body's w and alpha."""
-    turning = skew(w)
-    return skew(alpha) + matmul(turning, turning)
-
-
-def inboard_of(machine: Multibody) -> np.ndarray:
-    """Mark for each joint (N, N) those from the base up to it."""
-    return np.tri(machine.joints, dtype=bool)

@@ -96,7 +96,7 @@ class Joint(eqx.Module):
 
 
 class Point(eqx.Module):
-    """A named point fixed to a link, where deflection is read and loads are hung.
+    """A named point fixed to a link, where deflection is read and loads act.
 
     Attributes:
         name: unique in its arm.

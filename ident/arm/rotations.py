@@ -182,3 +182,9 @@ def _series(t2: Array, first: int, last: int) -> Array:
 def _series_jvp(first: int, last: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     wide = _series(*primals, first, last + 2)
     return wide[:-2], wide[2:] * tangents[0]
+
+
+def acceleration_map(w: Array, alpha: Array) -> Array:
+    """Return the map from a vector fixed in a body to its second derivative, by the body's w and alpha."""
+    turning = skew(w)
+    return skew(alpha) + matmul(turning, turning)

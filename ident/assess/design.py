@@ -51,7 +51,7 @@ class DesignStudy:
 
 def same(design: Design) -> int:
     """Return how many starts have led to the minimum amplitude."""
-    spans = np.array([variable.span(design.trial.arm) for variable in design.trial.variables])
+    spans = np.array([variable.span(design.evaluator.arm) for variable in design.evaluator.variables])
     width, first = spans[:, 1] - spans[:, 0], design.optima[0]
     return sum(
         one.largest < first.largest * (1 + SAME) and bool((np.abs(one.changes - first.changes) < SAME * width).all())
@@ -68,7 +68,7 @@ def bound_of(arm: Arm, variable: Variable, change: float) -> str:
 
 def unchanged(place: Place) -> bool:
     """Tell whether a design is the arm as it is, but for rounding."""
-    return place.amount < SAME
+    return place.change_norm < SAME
 
 
 def keeps(place: Place, limit: float) -> bool:

@@ -9,6 +9,7 @@ class Effort:
 
     Attributes:
         ess: effective samples of each unknown at which sampling stops: as many as there are draws for verification.
+        steps: of the sampler, at which it stops in any case.
         draws: of the posterior, at most.
         band_draws: of these, for the bands of natural frequencies.
         assessment_draws: of these, to assess vibration and remedies by; all others are left for the verification.
@@ -20,6 +21,7 @@ class Effort:
     """
 
     ess: float = 1000.0
+    steps: int = 20000
     draws: int = 1100
     band_draws: int = 100
     assessment_draws: int = 100

@@ -12,7 +12,8 @@ from jaxtyping import Bool, Float
 from ident.assess.task import CONFIDENT, Draws, Task
 from ident.assess.vibration import exact_response
 from ident.vibrate.redesign.binomial import BinomialEstimate, binomial_estimate
-from ident.vibrate.redesign.search import Requirements, Search
+from ident.vibrate.redesign.constraints import Requirements
+from ident.vibrate.redesign.search import Effort, Search
 from ident.vibrate.redesign.sweep import SPEED, Axis, axis, sweep
 from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.exact import Progress
@@ -149,16 +150,16 @@ def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
 
 def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:
     """Take the least change of several numbers that reaches the aim, or the least amplitude; from two starts."""
-    search = Search.of(task.evaluator(*variables), Requirements())
-    search = replace(search, screened=task.effort.screened, iterations=task.effort.iterations)
-    starts = search.begin_at(2, seed=0)
-    reached = [u for start in starts if (u := search.cheapest(start, aim)) is not None]
+    effort = Effort(task.effort.screened, task.effort.iterations)
+    search = Search(task.evaluator(*variables), Requirements(), effort)
+    starts = search.starts(2, seed=0)
+    reached = [u for start in starts if (u := search.minimum_change(start, aim)) is not None]
     if reached:
-        best = min(reached, key=search.square)
+        best = min(reached, key=search.objective.change_norm)
     else:
-        quiet = [u for start in starts if (u := search.quietest(start)) is not None]
-        best = min([*starts, *quiet], key=search.largest)
-    return _remedy(task, variables, kind, best * search.scale, float(np.sqrt(search.square(best))))
+        quiet = [u for start in starts if (u := search.minimum_amplitude(start)) is not None]
+        best = min([*starts, *quiet], key=search.objective.largest)
+    return _remedy(task, variables, kind, best * search.objective.scale, search.objective.change_norm(best))
 
 
 def _remedy(

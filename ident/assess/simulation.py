@@ -98,7 +98,7 @@ class Simulation:
     @cached_property
     def moments(self) -> tuple[Float[np.ndarray, "N T"], Float[np.ndarray, "N T"]]:
         """Bending (across the axis) and torsion (about it) of each bushing [N m]."""
-        moment, axis = np.asarray(self.response.moment), np.asarray(self.response.machine.axis).reshape(3, -1, 1)
+        moment, axis = np.asarray(self.response.moment), np.asarray(self.response.model.axis).reshape(3, -1, 1)
         torsion = (moment * axis).sum(0)
         return np.linalg.norm(moment - axis * torsion, axis=0), torsion
 

@@ -13,7 +13,6 @@ from ident.assess.basis import Basis
 from ident.assess.effort import Effort
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.sensitivity import changeable
 from ident.vibrate.redesign.variable import Variable
 
 STIFFER = 2.0
@@ -109,13 +108,11 @@ class Task:
 
     def evaluator(self, *variables: Variable, draws: Draws | None = None) -> Evaluator:
         """Return what is simulated again and again; all of a task are one program."""
-        paths = (path for variable in (*self.torsion, *self.centres) for path in variable.paths)
         return Evaluator(
             self.arm,
             self.motion,
             variables,
             draws=draws or {},
-            also=tuple(dict.fromkeys((*changeable(self.arm), *paths, *self.basis.draws))),
             loads=self.loads,
             rate=RATE,
             step=self.step,

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from ident.measure import Log
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
+    from ident.vibrate.redesign.constraints import Requirements
     from ident.vibrate.redesign.evaluator import Evaluator
-    from ident.vibrate.redesign.search import Requirements
     from ident.vibrate.redesign.variable import Variable
 
 OF_THE_SEARCH = ("change", "limit", "min_frequency", "max_deflection", "max_change", "no_curve")
@@ -78,7 +78,7 @@ class DesignOptions(HeldMotionOptions):
     @property
     def required(self) -> "Requirements":
         """What a design must keep [SI]."""
-        from ident.vibrate.redesign.search import Requirements
+        from ident.vibrate.redesign.constraints import Requirements
 
         deflection = inf if self.max_deflection is None else self.max_deflection / 1e3
         return Requirements(self.min_frequency or 0.0, deflection, inf if self.max_change is None else self.max_change)
@@ -200,7 +200,7 @@ def design(
         each = sensitivities(evaluator, progress=progress("sensitivities"))
         return DesignResult(DesignStudy(basis, evaluator, each), "", options)
     text = _checked_text(basis, evaluator.variables)
-    evaluator = _for_all(evaluator)
+    evaluator = replace(evaluator, step=evaluator.step_for(evaluator.bounds))  # one for all: they share programs
     best = design(
         evaluator,
         limit=None if options.limit is None else options.limit / 1e3,
@@ -236,13 +236,6 @@ def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":
         elastic_belts=options.elastic_belts,
         rate=options.rate,
     )
-
-
-def _for_all(evaluator: "Evaluator") -> "Evaluator":
-    """Return it with one step and all numbers, so that search, sensitivities and verification share programs."""
-    from ident.vibrate.redesign.sensitivity import changeable
-
-    return replace(evaluator, step=evaluator.step_for(evaluator.bounds), also=changeable(evaluator.arm))
 
 
 def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:

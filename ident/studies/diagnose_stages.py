@@ -115,7 +115,7 @@ def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
 
     options, effort = job.options, job.options.effort
     shared = {each.name: getattr(options, each.name) for each, _ in specs(FitOptions)}
-    sampling = SampleOptions(**shared, ess=effort.ess)
+    sampling = SampleOptions(**shared, ess=effort.ess, steps=effort.steps)
     folder = job.folder and job.folder / CHAINS
     sampled = sample(job.arm, job.campaign, sampling, folder=folder, progress=job.progress)
     draws = Draws.of_sample(sampled.sample.sample).some(job.arm.arm, effort.draws, options.seed)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -246,7 +247,7 @@ def _simulated(basis: "Basis", options: SimulateOptions, method: str, progress: 
 
 def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Draws | None":
     """Simulate the motion for the draws of the posterior, if there is one."""
-    from ident.vibrate.response.study import draw
+    from ident.vibrate.response.study import draw, measures
 
     if not basis.draws:
         return None
@@ -257,8 +258,7 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
         loads=basis.loads,
         elastic_belts=options.elastic_belts,
         rate=options.rate,
-        tolerance=options.tolerance / 1e3,
-        at=options.at,
+        measure=partial(measures, tolerance=options.tolerance / 1e3, at=options.at),
         progress=progress("draws"),
     )
 

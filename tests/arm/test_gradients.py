@@ -129,11 +129,11 @@ def test_gradient_at_repeated_frequencies(mode: str) -> None:
 def test_deflection_gradient_is_finite_at_zero_deflection(mode: str) -> None:
     """The column stands straight: phi = 0, where careless rotation formulas divide by zero."""
 
-    def sag(k: Array) -> Array:
+    def tip(k: Array) -> Array:
         chain = at_posture(two_equal_arm().replace({"lower.k_bend": k}), jnp.zeros(2))
         return deflection(chain, linearize(chain).phi)
 
-    slope = {"fwd": jax.jacfwd, "rev": jax.jacrev}[mode](sag)(8e3)
+    slope = {"fwd": jax.jacfwd, "rev": jax.jacrev}[mode](tip)(8e3)
     assert jnp.abs(slope).max() == 0
 
 

@@ -62,6 +62,46 @@ def test_eigenpairs(n: int, spectrum: str) -> None:
     assert np.abs(V.T @ V - np.eye(n)).max() < tolerance
 
 
+CLUSTERS = {
+    "all": lambda n, near, others: near,
+    "highest": lambda n, near, others: np.where(np.arange(n) < n // 2, near, others),
+    "lowest": lambda n, near, others: np.where(np.arange(n) < n // 2, 0.01 * near, others),
+    "of zeros": lambda n, near, others: np.where(np.arange(n) < n // 2, near - 1, others),
+    "two": lambda n, near, others: np.where(np.arange(n) < n // 2, near, 3 * near),
+    "three": lambda n, near, others: np.ceil(3 * others) * near,
+}
+SPREADS = (*(0.0,) * 6, 1e-16, 3e-16, 1e-15, 3e-15, 1e-14, 3e-14, 1e-13, 1e-12, 1e-10, 1e-8)
+SEEDS = 1200
+"""Divided by the size: small matrices meet the worst less often, and cost less."""
+
+
+def near_repeats(n: int) -> np.ndarray:
+    """Matrices `(batch, n, n)` of clustered eigenvalues: which of them, how near, turned how."""
+    matrices = []
+    for cluster in CLUSTERS.values():
+        for spread in SPREADS:
+            for _ in range(SEEDS // n):
+                rng = np.random.default_rng(len(matrices))
+                near, others = 1 + spread * rng.uniform(0, 1, n), rng.uniform(0.1, 1, n)
+                matrices.append(turned(cluster(n, near, others), len(matrices)))
+    return np.stack(matrices)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_eigenpairs_of_clusters(n: int) -> None:
+    """Repeated eigenvalues, exactly and nearly: their vectors are orthonormal and solve A v = lambda v.
+
+    How LAPACK and the CPU round decides how near a shift comes to one of a cluster: hence so many matrices.
+    """
+    A = near_repeats(n)
+    values, V = (np.moveaxis(x, -1, 0) for x in pairs(jnp.moveaxis(A, 0, -1), n))
+    expected = np.linalg.eigvalsh(A)[:, ::-1]
+    largest, tolerance = expected[:, :1], 30 * n * EPS
+    assert (np.abs(values - expected) / largest).max() < tolerance
+    assert (np.abs(A @ V - V * values[:, None]) / largest[..., None]).max() < tolerance
+    assert np.abs(np.swapaxes(V, 1, 2) @ V - np.eye(n)).max() < (30 + n) * EPS
+
+
 @pytest.mark.parametrize("n", SIZES)
 def test_a_few_pairs_are_the_first_of_all(n: int) -> None:
     A = jnp.asarray(random_positive(n))

@@ -26,10 +26,9 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.description.file import read_arm
 from ident.identify.conditions import bind
 from ident.identify.predict import ArmModel
-from ident.identify.unknowns import Unknowns
+from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.batches import in_batches
 from ident.inference.fit import fit
-from ident.inference.parameters import stiffness_parameters
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, read_campaign
 

@@ -27,7 +27,7 @@ from timing import machine
 from ident.description.file import read_arm
 from ident.identify.build_problem import build_problem
 from ident.inference.fit import Fit, fit
-from ident.inference.initial_walkers import starting_points
+from ident.inference.initial_walkers import initial_walkers
 from ident.inference.posterior import Posterior, evaluate, posterior
 from ident.inference.sample import DEFAULT, Sample, Settings, sample
 from ident.measure import Campaign, read_campaign
@@ -115,7 +115,7 @@ def plain(found: Fit, target: Posterior, theirs: Density, quick: bool) -> list[R
     The slow chain and the fast one begin alike with the same seed; they are compared as far as the slow one goes.
     """
     slow_steps, fast_steps = (30, 1500) if quick else (150, 4000)
-    start = starting_points(target, found.best, WALKERS, np.random.default_rng(0), WALKERS // 2)
+    start = initial_walkers(target, found.best, WALKERS, np.random.default_rng(0), WALKERS // 2)
     state = emcee.State(start, random_state=np.random.RandomState(0).get_state())
 
     def fast(points: np.ndarray) -> np.ndarray:
@@ -155,7 +155,7 @@ def nuts(found: Fit, target: Posterior, quick: bool) -> list[Rate]:
     def potential(theta: Any) -> Any:
         return -target.evaluate(theta[:, None]).log_density[0]
 
-    start = starting_points(target, found.best, 4, np.random.default_rng(0), WALKERS // 2)
+    start = initial_walkers(target, found.best, 4, np.random.default_rng(0), WALKERS // 2)
     mcmc = MCMC(
         NUTS(potential_fn=potential, dense_mass=True),
         num_warmup=warmup,

@@ -29,7 +29,7 @@ def report(name: str, response: Response, theirs: np.ndarray) -> None:
     """Print the largest difference and that of the peaks, in each direction, as parts of the peak of vibration."""
     T, highest = theirs.shape[1], np.asarray(peak(response.vibration))
     traces = np.abs(np.asarray(response.displacement)[:, :T] - theirs).max(1) / highest
-    peaks = np.abs(theirs - np.asarray(response.sag)[:, :T]).max(1) / highest - 1
+    peaks = np.abs(theirs - np.asarray(response.quasi_static)[:, :T]).max(1) / highest - 1
     of_largest = traces * highest / highest.max()
     print(f"{name}: X, Y, Z off by {traces} of their peaks, {of_largest} of the largest peak; peaks by {peaks}")
 

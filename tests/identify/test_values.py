@@ -32,7 +32,7 @@ def test_draws_are_spread_evenly_or_chosen_at_random(draws):
     some = draws.some(lcd_arm(), 30, seed=3).values[K]
     assert len(np.unique(some)) == 30
     assert not np.array_equal(some, draws.some(lcd_arm(), 30, seed=4).values[K])
-    mixed = draws.some(lcd_arm(), 1000).shuffled(1)[K]
+    mixed = draws.some(lcd_arm(), 1000).shuffled(1).values[K]
     assert not np.array_equal(mixed, every)
     np.testing.assert_array_equal(np.sort(mixed), np.sort(every))
 

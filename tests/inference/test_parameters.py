@@ -35,7 +35,7 @@ def test_batches_of_theta():
 
 def test_fixed_and_tied():
     parameters = stiffness_parameters(
-        lcd_arm(), Unknowns(fixed=["joint1.k_bend"], tied=[("joint2.k_tors", "joint3.k_tors")])
+        lcd_arm(), Unknowns(fixed=("joint1.k_bend",), tied=(("joint2.k_tors", "joint3.k_tors"),))
     )
     assert parameters.names == ("joint2.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors")
     by_path = parameters.by_path(jnp.arange(1.0, 5.0))
@@ -44,14 +44,14 @@ def test_fixed_and_tied():
 
 def test_a_tie_with_a_freed_mass_frees_the_group():
     parameters = stiffness_parameters(
-        lcd_arm(), Unknowns(free={"link2.mass": 0.1}, tied=[("link1.mass", "link2.mass")])
+        lcd_arm(), Unknowns(free={"link2.mass": 0.1}, tied=(("link1.mass", "link2.mass"),))
     )
     assert parameters.items[-1].paths == ("link1.mass", "link2.mass")
     assert float(parameters.items[-1].prior_sd) == pytest.approx(0.1)
 
 
 def test_what_the_user_fixes_or_ties_wins_over_the_groups_of_damping():
-    fixed = stiffness_parameters(lcd_arm(), Unknowns(fixed=["joint1.tau_bend"]), damping=True)
+    fixed = stiffness_parameters(lcd_arm(), Unknowns(fixed=("joint1.tau_bend",)), damping=True)
     assert fixed.items[-2].paths == ("joint2.tau_bend", "joint3.tau_bend")
 
 
@@ -65,14 +65,14 @@ def test_damping_is_one_number_for_each_kind():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"fixed": ["joint1.k_bendy"]}, "did you mean joint1.k_bend"),
+        ({"fixed": ("joint1.k_bendy",)}, "did you mean joint1.k_bend"),
         ({"free": {"link9.mass": 0.1}}, "link9.mass"),
-        ({"tied": [("joint1.k_bend", "joint4.k_bend")]}, "joint4.k_bend"),
-        ({"tied": [("joint1.k_bend", "joint2.k_bend")], "fixed": ["joint1.k_bend"]}, "twice"),
-        ({"tied": [("link1.mass", "link2.mass")]}, "at least one unknown"),
+        ({"tied": (("joint1.k_bend", "joint4.k_bend"),)}, "joint4.k_bend"),
+        ({"tied": (("joint1.k_bend", "joint2.k_bend"),), "fixed": ("joint1.k_bend",)}, "twice"),
+        ({"tied": (("link1.mass", "link2.mass"),)}, "at least one unknown"),
         ({"prior_sd": 0.0}, "width > 0"),
         ({"prior_sd": math.nan}, "width > 0"),
-        ({"fixed": [f"joint{j}.{k}" for k in ("k_bend", "k_tors") for j in (1, 2, 3)]}, "no unknown"),
+        ({"fixed": tuple(f"joint{j}.{k}" for k in ("k_bend", "k_tors") for j in (1, 2, 3))}, "no unknown"),
     ],
 )
 def test_refused(arguments, words):

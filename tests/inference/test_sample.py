@@ -172,21 +172,26 @@ def test_killed_at_twenty_moments_the_chain_is_the_same_to_the_bit(tmp_path):
     line = [sys.executable, str(SUPPORT / "sample_forever.py")]
     moments = random.Random(4)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(SUPPORT), *sys.path])}
+
+    def blocks():
+        return len(list((tmp_path / "killed").glob("block*.item")))
+
     for _ in range(20):
         run = subprocess.Popen(
             [*line, str(tmp_path / "killed"), "1000000"], stdout=subprocess.PIPE, text=True, env=environment
         )
         assert run.stdout is not None
         assert run.stdout.readline() == "sampling\n"
-        time.sleep(moments.uniform(0.2, 1.0))
+        wanted = blocks() + moments.randrange(3)  # none: while it starts; however busy the machine is
+        while blocks() < wanted and run.poll() is None:
+            time.sleep(0.01)
+        time.sleep(moments.uniform(0.0, 0.3))
         run.send_signal(signal.SIGKILL)
         run.wait()
-    blocks = len(list((tmp_path / "killed").glob("block*.item")))
-    assert blocks > 5, "the moments were too early to mean anything"
+    assert blocks() > 5, "the moments were too early to mean anything"
+    steps = (blocks() + 3) * BLOCK
     for folder in ("killed", "alone"):
-        subprocess.run(
-            [*line, str(tmp_path / folder), str((blocks + 3) * BLOCK)], check=True, env=environment, capture_output=True
-        )
+        subprocess.run([*line, str(tmp_path / folder), str(steps)], check=True, env=environment, capture_output=True)
     np.testing.assert_array_equal(np.load(tmp_path / "killed.npy"), np.load(tmp_path / "alone.npy"))
 
 

@@ -51,7 +51,7 @@ def test_the_best_is_within_the_bounds_and_vibrates_less(result):
     study = result.study
     assert (study.limit, study.starts, study.draws) == (1.0, 1, 0)
     assert study.evaluator.variables[1].weight == 2.0
-    assert unchanged(study.design.cheapest)
+    assert unchanged(study.design.minimum_change)
     assert "Minimum change that keeps 1000 mm: none is needed" in result.report()
     rows = result.table()
     assert [(row["number"], row["best"]) for row in rows] == list(result.values.items())

@@ -15,6 +15,7 @@ from ident.assess.diagnosis import STAGES, Diagnosis, ResonanceAssessment
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard
 from ident.vibrate.redesign.binomial import BinomialEstimate
 
+pytestmark = pytest.mark.timeout(900)
 ARM = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
 MEASURED = ident.read_campaign(CAMPAIGN)
 
@@ -42,7 +43,7 @@ def test_each_stage_is_a_value(result):
     assert {len(values) for values in draws.values()} == {SMALL.draws}
     assert diagnosis.task.basis.arm.get("joint1.k_tors") == pytest.approx(float(np.median(draws["joint1.k_tors"])))
     assert {len(values) for values in diagnosis.task.fresh_draws.values()} == {20}
-    assert diagnosis.resonance.branches.sets == SMALL.band_draws
+    assert diagnosis.resonance.branches.batch_size == SMALL.band_draws
     assert diagnosis.vibration.draws.shape == (3, SMALL.assessment_draws)
     assert diagnosis.verifications[0].keeps.draws == 20
     assert result.verdict == diagnosis.verdict != "accept"

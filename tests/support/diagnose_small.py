@@ -16,7 +16,7 @@ from ident.cli.diagnose import run_diagnose
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
 
 SMALL = Effort(
-    ess=100.0,
+    steps=500,
     draws=30,
     band_draws=4,
     assessment_draws=10,

@@ -90,14 +90,14 @@ def _before_after(axes: Axes, study: DesignStudy, checks: Verification, i: int) 
 
 def _curve(axes: Axes, study: DesignStudy, design: Design) -> None:
     """Draw the curve, the limit and the places that have a name."""
-    amounts, sizes = [place.amount for place in design.curve], [MM * place.largest for place in design.curve]
+    amounts, sizes = [place.change_norm for place in design.curve], [MM * place.largest for place in design.curve]
     axes.plot(amounts, sizes, color=BLUE, linewidth=1.4, marker=".", markersize=5, zorder=3)
     handles = []
     for name, place in _named(design):
         words = f"{name}, {MM * place.largest:.3g} mm"
         if name == "best" and study.draws and design.limit:
-            words += f" ({place.exceeding:.0%} of the draws exceed)"
-        axes.plot(place.amount, MM * place.largest, zorder=4, linestyle="", clip_on=False, **MARKS[name])
+            words += f" ({place.exceedance:.0%} of the draws exceed)"
+        axes.plot(place.change_norm, MM * place.largest, zorder=4, linestyle="", clip_on=False, **MARKS[name])
         handles.append(Line2D([], [], label=words, linestyle="", **MARKS[name]))
     if design.limit and max(sizes) > NEAR * MM * design.limit:
         axes.axhline(MM * design.limit, **LIMIT)
@@ -111,8 +111,8 @@ def _curve(axes: Axes, study: DesignStudy, design: Design) -> None:
 
 def _bars(axes: Axes, design: Design) -> None:
     """Draw by how much each number is changed at each change norm: as a factor, or as a share of the widest change."""
-    variables, places = design.trial.variables, list(_changed(design))
-    spans = np.array([variable.span(design.trial.arm) for variable in variables])
+    variables, places = design.evaluator.variables, list(_changed(design))
+    spans = np.array([variable.span(design.evaluator.arm) for variable in variables])
     by_factor = not any(variable.shifted for variable in variables)
     scale = np.ones(len(variables)) if by_factor else np.abs(spans).max(1)
     width = 0.8 / len(variables)
@@ -151,8 +151,8 @@ def _factors(low: float, high: float) -> Iterator[float]:
 
 def _named(design: Design) -> Iterator[tuple[str, Place]]:
     yield "present", design.present
-    if design.cheapest is not None and not unchanged(design.cheapest):
-        yield "minimum change", design.cheapest
+    if design.minimum_change is not None and not unchanged(design.minimum_change):
+        yield "minimum change", design.minimum_change
     yield "best", design.best
 
 
@@ -160,7 +160,7 @@ def _changed(design: Design) -> Iterator[tuple[str, Place]]:
     """Yield the places whose changes are drawn, ascending, each with its label."""
     names = [(place, name) for name, place in _named(design)][1:]
     places = [(one, "") for one in design.curve[1:-1] if all(one is not place for place, _ in names)] + names
-    if abs(design.curve[-1].amount - design.best.amount) > 1e-9:
+    if abs(design.curve[-1].change_norm - design.best.change_norm) > 1e-9:
         places.append((design.curve[-1], "minimum\namplitude"))
-    for place, name in sorted(places, key=lambda pair: pair[0].amount):
-        yield f"{place.amount:.3g}" + (f"\n{name}" if name else ""), place
+    for place, name in sorted(places, key=lambda pair: pair[0].change_norm):
+        yield f"{place.change_norm:.3g}" + (f"\n{name}" if name else ""), place

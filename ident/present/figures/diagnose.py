@@ -87,7 +87,7 @@ def _sensitivities_figure(diagnosis: Diagnosis) -> Figure:
 def _remedies_figure(diagnosis: Diagnosis) -> Figure:
     """Draw the largest vibration after each remedy against the limit."""
     task, remedies = diagnosis.task, diagnosis.remedies
-    figure, axes = _rows([change_words(remedy) for remedy in remedies])
+    figure, axes = _rows([f"{rank}. {change_words(remedy)}" for rank, remedy in enumerate(remedies, 1)])
     for row, remedy in enumerate(remedies):
         fill = BLUE if remedy.meets_limit else "white"
         axes.barh(row, MM * remedy.largest, color=fill, edgecolor=BLUE, height=0.6)

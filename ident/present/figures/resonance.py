@@ -49,7 +49,7 @@ def resonance_figure(
     figure = Figure(figsize=SIZE, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
     figure.suptitle(cut(title or "Natural and pulley frequencies", 90), parse_math=False, fontsize=12, weight="bold")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
-    top = HEADROOM * float(branches.band()[1].max() if branches.sets else branches.median.max())
+    top = HEADROOM * float(branches.band()[1].max() if branches.batch_size else branches.median.max())
     upper.set_ylim(0, top)
     upper.set_xlim(branches.time[0], branches.time[-1])
     _shades(upper, branches, excitation, crossings)
@@ -84,7 +84,7 @@ def _branches(axes: Axes, branches: Branches) -> None:
     """Draw each branch in the colours of its names, the last name at its end."""
     starts, ends = (_spread(branches.median[:, k], axes) for k in (0, -1))
     for b, label in enumerate(branches.labels):
-        if branches.sets:
+        if branches.batch_size:
             axes.fill_between(branches.time, *branches.band()[:, b], color=_colour(label), alpha=0.16, linewidth=0)
         for name, start, end in _spans(branches, b):
             time = np.unique(np.clip(branches.time, start, end))
@@ -232,7 +232,7 @@ def _notes(branches: Branches, crossings: Sequence[ResonanceCrossing]) -> Iterat
     yield "solid: natural frequencies of the arm held at each posture; broken: turning frequencies of pulleys"
     if crossings:
         yield "shaded: the two are near; numbered as in the report, the line leads to the closest approach"
-    if branches.sets:
+    if branches.batch_size:
         yield f"solid lines are medians, bands {band_words(branches)}"
     if branches.changes:
         yield "tick on a line: the mode changes its shape, and its name"

@@ -42,10 +42,10 @@ def design_rows(study: DesignStudy, design: Design) -> list[dict[str, Any]]:
             "unit": unit_of(path),
             "present": float(study.basis.arm.get(path)),
             "best": design.best.values[path],
-            "minimum_change": math.nan if design.cheapest is None else design.cheapest.values[path],
+            "minimum_change": math.nan if design.minimum_change is None else design.minimum_change.values[path],
             "at_bound": bound_of(study.basis.arm, variable, float(change)),
         }
-        for variable, change in zip(design.trial.variables, design.best.changes, strict=True)
+        for variable, change in zip(design.evaluator.variables, design.best.changes, strict=True)
         for path in variable.paths
     ]
 
@@ -91,23 +91,23 @@ def _design(study: DesignStudy, design: Design) -> dict[str, Any]:
         "required": {
             "frequency": required.frequency,
             "deflection": required.deflection,
-            "change_norm": required.amount,
+            "change_norm": required.change_norm,
         },
-        "variables": [_variable(study, design, i) for i in range(len(design.trial.variables))],
+        "variables": [_variable(study, design, i) for i in range(len(design.evaluator.variables))],
         "present": _place(design.present),
         "best": _place(design.best),
         "optima": [_place(place) for place in design.optima],
         "starts": study.starts,
         "starts_at_the_minimum_amplitude": same(design),
         "curve": [_place(place) for place in design.curve],
-        "minimum_change": None if design.cheapest is None else _place(design.cheapest),
+        "minimum_change": None if design.minimum_change is None else _place(design.minimum_change),
         "verification": checks and {"before": _check(checks.before), "after": _check(checks.after)},
         "verdict": verdict(design),
     }
 
 
 def _variable(study: DesignStudy, design: Design, i: int) -> dict[str, Any]:
-    variable = design.trial.variables[i]
+    variable = design.evaluator.variables[i]
     return {
         "paths": list(variable.paths),
         "unit": unit_of(variable.paths[0]),
@@ -126,13 +126,13 @@ def _place(place: Place) -> dict[str, Any]:
         "values": place.values,
         "amplitude": place.amplitude,
         "largest": place.largest,
-        "change_norm": place.amount,
+        "change_norm": place.change_norm,
         "frequency": place.frequency,
         "deflection": place.deflection,
-        "exceeding": place.exceeding,
+        "exceedance": place.exceedance,
     }
 
 
 def _check(check: Check) -> dict[str, Any]:
-    drawn = None if check.exceeding is None else binomial_to_json(check.exceeding)
+    drawn = None if check.exceedance is None else binomial_to_json(check.exceedance)
     return {"method": "exact", "amplitude": check.amplitude, "difference": check.difference, "fresh_draws": drawn}

@@ -31,7 +31,7 @@ def resonance_document(
         **motion_document(basis),
         "time": branches.time,
         "posture": branches.posture,
-        "draws": branches.sets,
+        "draws": branches.batch_size,
         "branches": [_branch(branches, b) for b in range(len(branches.labels))],
         "veerings": [{"time": v.time, "branches": v.branches, "mac": v.mac} for v in branches.veerings],
         "excitation": [
@@ -64,7 +64,7 @@ def _branch(branches: Branches, b: int) -> dict[str, Any]:
         "label": str(branches.labels[b]),
         "frequency": branches.median[b],
         "damping_ratio": branches.median_damping_ratio[b],
-        "band_5_95": branches.band()[:, b] if branches.sets else None,
+        "band_5_95": branches.band()[:, b] if branches.batch_size else None,
         "changes": [{"time": c.time, "before": str(c.before), "after": str(c.after)} for c in changes],
     }
 

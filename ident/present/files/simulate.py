@@ -164,7 +164,7 @@ def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
     yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
     yield (
         "quasi_static_deflection",
-        _variable(moved, response.sag, "m", "of the end point, part of the displacement"),
+        _variable(moved, response.quasi_static, "m", "of the end point, part of the displacement"),
     )
     yield "path", _variable(moved, response.path, "m", "where the end point would be with rigid joints")
     yield "posture", _variable(("driven", "time"), response.posture, "rad", "commanded angles")

@@ -38,7 +38,8 @@ def _assumptions(arm_file: ArmFile) -> Iterator[str]:
     """Say what was taken for granted."""
     origins = [origin for origin in arm_file.origins.values() if origin != "derived"]
     guessed = sum(origin in ("assumed", "calibrated") for origin in origins)
-    yield f"{guessed} of the {len(origins)} numbers in the arm file are assumed or calibrated; amplitudes hold as far."
+    bearing = "the amplitudes hold as far as these do"
+    yield f"{guessed} of the {len(origins)} numbers in the arm file are assumed or calibrated; {bearing}."
     yield "Links, fingers and payload are rigid; bushings are linear; belts are rigid."
     yield "The priors of the fit, and the sigmas of the campaign, are as given; the model itself is taken as right."
     yield "A change leaves all other numbers as they are: a stiffer drive weighs as much, a body keeps its inertia."
@@ -50,5 +51,5 @@ def _provenance(head: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "created", str(head["created"])
     yield from ((name, str(version)) for name, version in head["software"].items())
     yield from (
-        (f"option {name}", str(value)) for name, value in head["options"].items() if value not in (None, [], "")
+        (f"option {name}", str(value)) for name, value in head["options"].items() if value not in (None, [], {}, "")
     )

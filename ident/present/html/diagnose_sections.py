@@ -18,23 +18,20 @@ def diagnose_sections(diagnosis: Diagnosis) -> Iterator[Section]:
     figures = diagnose_figures(diagnosis)
     for stage in diagnosis.stages:
         report = stage_report(diagnosis, stage)
-        tables = tuple(table for table in (_TABLES[stage](diagnosis),) if table.rows)
-        pictures = tuple(
-            picture(figure, *_captions(diagnosis, stage)) for name, figure in figures.items() if name == stage
-        )
-        yield Section(report.title, report.findings, report.onward, tables, pictures)
+        table = _TABLES[stage](diagnosis)
+        drawn = (picture(figures[stage], *_captions(diagnosis, stage)),) if stage in figures else ()
+        yield Section(report.title, report.findings, report.onward, (table,) if table.rows else (), drawn)
 
 
 def _stiffness(diagnosis: Diagnosis) -> Table:
     names = diagnosis.identification.sampled.fitted.problem.parameters.names
     rows = tuple(
-        (name, f"{median:.4g}", f"{low:.4g} to {high:.4g}", _in_paper_unit(name, float(median)), unit_of(name))
+        (name, f"{median:.4g}", f"{low:.4g} to {high:.4g}", unit_of(name), _in_paper_unit(name, float(median)))
         for name, (low, median, high) in zip(names, diagnosis.identification.quantiles.T, strict=True)
     )
-    head = ("number", "median", "95 % interval", "in N mm/deg", "unit")
-    note = (
-        "The chains are shorter than they should be: the intervals are rough." if diagnosis.identification.short else ""
-    )
+    head = ("number", "median", "95 % interval", "unit", "median in N mm/deg")
+    short = diagnosis.identification.short
+    note = "The chains are shorter than they should be: the intervals are rough." if short else ""
     return Table("Identified numbers, from the posterior", head, rows, note)
 
 
@@ -45,17 +42,18 @@ def _in_paper_unit(name: str, value: float) -> str:
 def _resonance(diagnosis: Diagnosis) -> Table:
     rows = tuple(
         (
+            str(number),
             sources_words([crossing.source for crossing in group]),
             str(group[0].label),
             f"{group[0].start:.2f} to {group[0].end:.2f}",
             f"{group[0].natural:.2f}",
             "crosses" if group[0].crossings else f"{100 * group[0].relative_distance:.1f} % off",
             f"{group[0].magnification:.1f}",
-            f"{group[0].probability:.0%}",
+            f"{100 * group[0].probability:.0f} %",
         )
-        for group in grouped(diagnosis.resonance.crossings)
+        for number, group in enumerate(grouped(diagnosis.resonance.crossings), 1)
     )
-    head = ("excited by", "mode", "time [s]", "at [Hz]", "closest", "build-up [-]", "probability")
+    head = ("no.", "excited by", "mode", "time [s]", "at [Hz]", "closest", "build-up [-]", "probability")
     note = "Build-up: amplitude of the mode over its static response to the same force, estimated."
     return Table("Near-resonance, the most severe first", head, rows, note)
 

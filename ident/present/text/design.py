@@ -57,7 +57,7 @@ def _changes(study: DesignStudy, design: Design) -> Iterator[str]:
     else:
         yield "Design: the change within the bounds by which the largest amplitude is least"
     yield f"  {'':24s}{'from':>12s}{'to':>12s}  {'unit':10s}{'change':>10s}  bounds"
-    for variable, change in zip(design.trial.variables, design.best.changes, strict=True):
+    for variable, change in zip(design.evaluator.variables, design.best.changes, strict=True):
         low, high = (change_in_words(variable, end) for end in variable.span(arm))
         at = bound_of(arm, variable, change)
         bounds = f"{low} to {high}" + (f", at the {at}" if at else "")
@@ -68,7 +68,7 @@ def _changes(study: DesignStudy, design: Design) -> Iterator[str]:
             if is_stiffness(path):
                 before, after = (nmm_per_deg(end) for end in ends)
                 yield f"  {'':24s}{before:12.4g}{after:12.4g}  {NMM}"
-    masses = [path for variable in design.trial.variables for path in variable.paths if path.endswith(".mass")]
+    masses = [path for variable in design.evaluator.variables for path in variable.paths if path.endswith(".mass")]
     if masses:
         yield f"  {', '.join(masses)}: inertia was kept; in the arm file it follows the mass where there is a shape"
     if words := verdict(design):
@@ -84,8 +84,8 @@ def _effect(study: DesignStudy, design: Design) -> Iterator[str]:
     yield f"  {'static deflection [mm]':34s}{MM * before.deflection:10.4f}{MM * after.deflection:10.4f}"
     if study.draws and limit:
         name = f"exceeds {MM * limit:g} mm, by {study.draws} draws"
-        yield f"  {name:34s}{before.exceeding:10.0%}{after.exceeding:10.0%}"
-    yield f"  {'change norm':34s}{before.amount:10.3f}{after.amount:10.3f}"
+        yield f"  {name:34s}{before.exceedance:10.0%}{after.exceedance:10.0%}"
+    yield f"  {'change norm':34s}{before.change_norm:10.3f}{after.change_norm:10.3f}"
     yield "  frequency and deflection: the worse of both ends of the motion"
     yield "  change norm: root of the weighted sum of squares of the changes, each as a share of the widest allowed"
     required = design.required
@@ -93,15 +93,15 @@ def _effect(study: DesignStudy, design: Design) -> Iterator[str]:
         yield f"  required: a first frequency of at least {required.frequency:g} Hz"
     if np.isfinite(required.deflection):
         yield f"  required: a static deflection of at most {MM * required.deflection:g} mm"
-    if np.isfinite(required.amount):
-        yield f"  required: a change norm of at most {required.amount:g}"
+    if np.isfinite(required.change_norm):
+        yield f"  required: a change norm of at most {required.change_norm:g}"
 
 
 def _optima(study: DesignStudy, design: Design) -> Iterator[str]:
     plural = "s" if study.starts > 1 else ""
     yield f"Optima: {same(design)} of {study.starts} start{plural} led to the same least amplitude"
     for place in design.optima:
-        pairs = zip(design.trial.variables, place.changes, strict=True)
+        pairs = zip(design.evaluator.variables, place.changes, strict=True)
         changes = ", ".join(f"{cut(variable.name, 40)} {change_in_words(variable, size)}" for variable, size in pairs)
         yield f"  {mm(place.largest)} mm with {changes}"
     if failed := study.starts - len(design.optima):
@@ -111,7 +111,7 @@ def _optima(study: DesignStudy, design: Design) -> Iterator[str]:
 def _curve(design: Design) -> Iterator[str]:
     if len(design.curve) <= 2:
         return
-    variables = design.trial.variables
+    variables = design.evaluator.variables
     yield "Trade-off: least largest amplitude by how much is changed"
     names = [cut(variable.paths[0], 20) + ("..." if len(variable.paths) > 1 else "") for variable in variables]
     widths = [max(len(name), 9) + 2 for name in names]
@@ -119,20 +119,20 @@ def _curve(design: Design) -> Iterator[str]:
     for place in design.curve:
         row = zip(variables, place.changes, widths, strict=True)
         words = "".join(f"{change_in_words(variable, change):>{width}s}" for variable, change, width in row)
-        yield f"  {place.amount:11.3f}{mm(place.largest):>14s}{words}"
+        yield f"  {place.change_norm:11.3f}{mm(place.largest):>14s}{words}"
 
 
 def _minimum_change(design: Design) -> Iterator[str]:
     if design.limit is None:
         return
-    title, place = f"Minimum change that keeps {MM * design.limit:g} mm", design.cheapest
+    title, place = f"Minimum change that keeps {MM * design.limit:g} mm", design.minimum_change
     if place is None:
         yield f"{title}: none was found"
     elif unchanged(place):
         yield f"{title}: none is needed"
     else:
-        yield f"{title}: change norm {place.amount:.3f}, {mm(place.largest)} mm"
-        for variable, change in zip(design.trial.variables, place.changes, strict=True):
+        yield f"{title}: change norm {place.change_norm:.3f}, {mm(place.largest)} mm"
+        for variable, change in zip(design.evaluator.variables, place.changes, strict=True):
             for path in variable.paths:
                 words = f"{change_in_words(variable, change):>12s}  {both_units(path, place.values[path])}"
                 yield f"  {cut(path, 24):24s}{words}"
@@ -150,7 +150,7 @@ def _verification(study: DesignStudy, design: Design) -> Iterator[str]:
         largest = after.amplitude.max()
         words = "kept" if largest <= design.limit else f"exceeded by {mm(largest - design.limit)} mm"
         yield f"  limit of {MM * design.limit:g} mm after the change: {words}"
-        yield from _fresh(design.limit, before.exceeding, after.exceeding) if study.basis.posterior else ()
+        yield from _fresh(design.limit, before.exceedance, after.exceedance) if study.basis.posterior else ()
 
 
 def _fresh(limit: float, before: BinomialEstimate | None, after: BinomialEstimate | None) -> Iterator[str]:

@@ -46,7 +46,7 @@ def verdict(branches: Branches, group: Sequence[ResonanceCrossing]) -> str:
         does = f"meet{many} {e.label} {place}"
     else:
         does = f"come{many} within {e.relative_distance:.1%} ({e.distance:.2g} Hz) of {e.label} {place}"
-    chance = f"; near in {e.probability:.0%} of {branches.sets} draws" if branches.sets else ""
+    chance = f"; near in {e.probability:.0%} of {branches.batch_size} draws" if branches.batch_size else ""
     return f"{who} ({drives}) {does}: {passage_words(e)}{chance}"
 
 
@@ -80,7 +80,7 @@ def _heading(
 def _table(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]]) -> Iterator[str]:
     if not groups:
         return
-    share = "  draws near  cross" if branches.sets else ""
+    share = "  draws near  cross" if branches.batch_size else ""
     yield (
         f"{'':4s}{'excitation':24s} {'mode':22s} {'from':>7s} {'to':>7s} {'at':>7s} {'f':>6s} {'apart':>12s}"
         f" {'cycles':>7s} {'rate':>6s} {'number':>8s} {'times':>6s} {'built up':>8s}{share}"
@@ -95,7 +95,7 @@ def _row(branches: Branches, number: int, group: Sequence[ResonanceCrossing]) ->
     e = group[0]
     who = cut(sources_words([crossing.source for crossing in group]), 24)
     apart = "crosses" if e.crossings else f"{e.distance:.2f} ({e.relative_distance:.1%})"
-    share = f" {e.probability:11.0%} {e.crossing_probability:6.0%}" if branches.sets else ""
+    share = f" {e.probability:11.0%} {e.crossing_probability:6.0%}" if branches.batch_size else ""
     return (
         f"{number:3d} {who:24s} {e.label!s:22s} {e.start:7.2f} {e.end:7.2f} {e.time:7.2f} {e.natural:6.2f} {apart:>12s}"
         f" {e.cycles:7.1f} {e.rate:6.2f} {e.sweep_number:8.3g} {e.magnification:6.3g} {e.built_up:8.0%}{share}"
@@ -108,7 +108,7 @@ def _sentences(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]]
 
 
 def _branches(branches: Branches) -> Iterator[str]:
-    yield "Natural frequencies at the first and the last posture" + (", medians" if branches.sets else "")
+    yield "Natural frequencies at the first and the last posture" + (", medians" if branches.batch_size else "")
     for b, label in enumerate(branches.labels):
         first, last = branches.median[b, [0, -1]]
         yield f"  {label!s:22s} {first:7.3f} Hz {last:7.3f} Hz"
@@ -118,7 +118,7 @@ def _branches(branches: Branches) -> Iterator[str]:
         names = " and ".join(str(branches.labels[b]) for b in veering.branches)
         yield f"  WARNING: veering at {veering.time:.3f} s: {names} exchange shapes (MAC {veering.mac:.2f}) faster than"
         yield "    the postures tell; beyond it the names may be exchanged."
-    if branches.sets and min(branches.likeness) < UNSURE:
+    if branches.batch_size and min(branches.likeness) < UNSURE:
         yield f"  WARNING: in {1 - min(branches.likeness):.0%} of the draws and postures a mode is hardly the branch's"
         yield "    (MAC below 0.5): near a veering its band mixes two modes."
 
@@ -137,6 +137,6 @@ def _assumed(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]], 
         yield "  passed at the true rate from rest; built up: the same over steady resonance, 1/(2 zeta). They rank"
         yield "  resonance crossings and are no amplitudes of vibration, for which there is the simulation; least of"
         yield "  all where a pulley passes in less than a cycle."
-    if branches.sets:
+    if branches.batch_size:
         yield f"  Bands: {band_words(branches)}. draws near, cross: share of the draws for which the pulley"
         yield "  comes near the natural frequency within the interval, or crosses it; all else is of the medians."

@@ -46,7 +46,7 @@ def sources_words(sources: Sequence[Source]) -> str:
 def band_words(branches: Branches) -> str:
     """Say what the bands are."""
     low, high = BAND
-    return f"{low:g} to {high:g} % of {branches.sets} draws"
+    return f"{low:g} to {high:g} % of {branches.batch_size} draws"
 
 
 def _of_order(sources: Sequence[Source]) -> str:

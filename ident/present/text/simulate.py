@@ -42,7 +42,7 @@ def _heading(simulation: Simulation) -> Iterator[str]:
         fastest = ", ".join(f"{name} {frequency.max():.3g} Hz" for name, (_, frequency) in simulation.pulleys.items())
         yield f"  pulleys turn up to: {fastest}"
     rate = (len(simulation.time) - 1) / (simulation.time[-1] - simulation.time[0])
-    yield load_in_words(simulation.basis, response.machine.elastic, rate)
+    yield load_in_words(simulation.basis, response.model.elastic, rate)
     yield f"  method: {METHODS[response.method]}"
     yield from basis_in_words(simulation.basis)
     if simulation.study.interrupted is not None:
@@ -152,7 +152,7 @@ def _belts(simulation: Simulation) -> Iterator[str]:
         yield f"  SLACK: {side} span of {names[number]} from {start:.4g} to {end:.4g} s"
     if len(slack) > MOST_SLACK:
         yield f"  and {len(slack) - MOST_SLACK} times more"
-    if slack and not simulation.response.machine.elastic:
+    if slack and not simulation.response.model.elastic:
         yield "  The belts are taken as rigid, which a slack one is not: raise the pretension, or use --elastic-belts"
     elif slack and simulation.response.method == "fast":
         yield "  The fast method has slack spans pull on, below zero: use --method exact, or raise the pretension"

@@ -1,4 +1,4 @@
-"""The frequencies at which the pulleys of an arm shake it along a motion."""
+"""The frequencies at which the pulleys of an arm excite it along a motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[
     """Return the frequencies that the pulleys of an arm excite along a motion.
 
     Args:
-        arm: the arm; of sets of numbers the median.
+        arm: the arm; of a batch the median.
         motion: of its driven joints.
         times: (T,) [s] ascending; 1001 over the motion when None.
         orders: multiples of every pulley's turning frequency; when None, 1, and 2 where there is a kinematic error.

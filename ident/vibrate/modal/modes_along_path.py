@@ -1,4 +1,4 @@
-"""Modes of the arm held at postures along the path of a motion, near enough to each other to be followed."""
+"""Modes of the arm at postures along the path of a motion, near enough to each other to be followed."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ BRIDGE = 10.5
 ROUNDS = 6
 """Halvings of the distance of two postures between which a mode is not followed with certainty."""
 TOGETHER = 4096
-"""Held arms that are solved at a time, at most; for a single arm, a sixty-fourth of it."""
+"""Chains that are solved at a time, at most; for a single arm, a sixty-fourth of it."""
 
 
 class Path(NamedTuple):
@@ -117,22 +117,22 @@ def tracked(arm: Arm, path: Path, loads: Loads | None, count: int, computed: int
 
 
 def followed(
-    arm: Arm, path: Path, loads: Loads | None, along: ModesAlongPath, found: Track, computed: int
-) -> tuple[Float[np.ndarray, "B K *sets"], Float[np.ndarray, "B K *sets"], Float[np.ndarray, "B K *sets"]]:
-    """Follow the branches of the medians in an arm of sets of numbers, each set by its own shapes.
+    arm: Arm, path: Path, loads: Loads | None, along: ModesAlongPath, track: Track, computed: int
+) -> tuple[Float[np.ndarray, "B K *batch"], Float[np.ndarray, "B K *batch"], Float[np.ndarray, "B K *batch"]]:
+    """Follow the branches of the medians in a batch of arms, each by its own shapes.
 
     Returns:
-        Frequencies [Hz], damping ratios, and MAC of each set's shape with the branch's.
+        Frequencies [Hz], damping ratios, and MAC of each arm's shape with the branch's.
 
     Raises:
-        ModelError: a set has no stable equilibrium at some posture.
+        ModelError: an arm has no stable equilibrium at some posture.
     """
-    sets, columns, start = arm.sets, [], 0
+    batch, columns, start = arm.batch, [], 0
     for frequency, damping, _, _, shape, _ in _chunks(arm, path.postures(along.s), loads, computed):
         here = slice(start, start + frequency.shape[1])
         flat_shape = shape.reshape((*shape.shape[:3], -1))
-        place, mac = follow(found.shape[..., here], along.mass[..., here], flat_shape)
-        place = place.reshape((*place.shape[:2], *sets))
+        place, mac = follow(track.shape[..., here], along.mass[..., here], flat_shape)
+        place = place.reshape((*place.shape[:2], *batch))
         columns.append(
             (*(np.take_along_axis(x, place, 0) for x in (frequency, damping)), mac.reshape(place.shape)),
         )
@@ -142,7 +142,7 @@ def followed(
 
 
 def nominal(arm: Arm) -> Arm:
-    """Return the arm of the medians of its numbers over their sets."""
+    """Return the arm of the medians of its numbers over their batch."""
     ranks = {field.name: field.rank for field in FIELDS} | {"axis": 1, "gravity": 1, "direction": 1}
 
     def middle(path: Any, leaf: Any) -> Any:
@@ -157,10 +157,10 @@ def _track(along: ModesAlongPath, path: Path, count: int) -> Track:
     return track(along.s, along.frequency, along.shape, along.mass, count=count, reach=reach)
 
 
-def _between(along: ModesAlongPath, found: Track, count: int) -> Float[np.ndarray, "G"]:
+def _between(along: ModesAlongPath, track: Track, count: int) -> Float[np.ndarray, "G"]:
     """Return the middles of neighbours between which one of the lowest modes is not followed with certainty."""
-    low = (found.place[:, :-1] < count) | (found.place[:, 1:] < count)
-    doubtful = ((found.mac < ALIKE) & low).any(0)
+    low = (track.place[:, :-1] < count) | (track.place[:, 1:] < count)
+    doubtful = ((track.mac < ALIKE) & low).any(0)
     return ((along.s[:-1] + along.s[1:]) / 2)[doubtful]
 
 
@@ -173,35 +173,35 @@ def _chunks(
     arm: Arm, postures: Float[np.ndarray, "driven K"], loads: Loads | None, computed: int
 ) -> Iterator[tuple[np.ndarray, ...]]:
     """Yield what `_modes` returns, some postures at a time, always as many to the compiled function."""
-    sets = arm.sets
-    size = max(1, TOGETHER // int(np.prod(sets))) if sets else TOGETHER // 64
+    batch = arm.batch
+    size = max(1, TOGETHER // int(np.prod(batch))) if batch else TOGETHER // 64
     for start in range(0, postures.shape[1], size):
         some = postures[:, start : start + size]
         padded = np.pad(some, ((0, 0), (0, size - some.shape[1])), mode="edge")
-        found = _modes(arm, jnp.asarray(padded.reshape(padded.shape + (1,) * len(sets))), loads, computed)
-        parts = tuple(np.asarray(x) for x in found)
-        kept = [part[:, : some.shape[1]] for part in parts[:4]] + [part[:, :, : some.shape[1]] for part in parts[4:]]
-        _refuse_collapse(arm, some, kept[0])
-        yield tuple(kept)
+        spread = jnp.asarray(padded.reshape(padded.shape + (1,) * len(batch)))
+        parts = tuple(np.asarray(x) for x in _modes(arm, spread, loads, computed))
+        cut = [part[:, : some.shape[1]] for part in parts[:4]] + [part[:, :, : some.shape[1]] for part in parts[4:]]
+        _refuse_collapse(arm, some, cut[0])
+        yield tuple(cut)
 
 
 @jit
 def _modes(
     arm: Arm, posture: Float[Array, "driven K *one"], loads: Loads | None, count: int
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return the fields of `ModesAlongPath` after the first, each with the sets behind the postures."""
+    """Return the fields of `ModesAlongPath` after the first, each with the batch behind the postures."""
     chain = at_posture(arm, posture, loads)
     at = static_equilibrium(chain)
-    found = modes_about(chain, at, count)
-    batch = found.frequency.shape[1:]
-    shape = unflatten(jnp.moveaxis(found.shape, 1, -1))
+    modes = modes_about(chain, at, count)
+    batch = modes.frequency.shape[1:]
+    shape = unflatten(jnp.moveaxis(modes.shape, 1, -1))
     loss = (shape * matvec(chain.damping[..., None], shape)).sum((0, 1))
-    ratio = jnp.moveaxis(loss, -1, 0) / (4 * jnp.pi * found.frequency)
+    ratio = jnp.moveaxis(loss, -1, 0) / (4 * jnp.pi * modes.frequency)
     turned = jax.vmap(lambda x: flat(in_shaft_axes(chain, x)), -1, 1)(shape)
-    M = jnp.broadcast_to(mass_matrix(chain, at.phi), (*found.shape.shape[:1] * 2, *batch))
+    M = jnp.broadcast_to(mass_matrix(chain, at.phi), (*modes.shape.shape[:1] * 2, *batch))
     half = jax.vmap(lambda row: flat(in_shaft_axes(chain, unflatten(row))))(M)
     whole = jax.vmap(lambda column: flat(in_shaft_axes(chain, unflatten(column))), 1, 1)(half)
-    return found.frequency, ratio, torsion_share(found), vertical_share(found), turned, whole
+    return modes.frequency, ratio, torsion_share(modes), vertical_share(modes), turned, whole
 
 
 def _refuse_collapse(arm: Arm, postures: np.ndarray, frequency: np.ndarray) -> None:

@@ -16,7 +16,7 @@ from ident.vibrate.modal.resonance_passage import magnification, sweep_number
 MARGIN = 0.1
 """Distance from a natural frequency, relative to it, that counts as near."""
 UNLIKELY = 0.05
-"""Share of the sets below which their coming near opens no interval."""
+"""Share of a batch below which its coming near opens no interval."""
 TINY = 1e-9
 """Least sweep rate [Hz/s], so that nothing is divided by zero."""
 
@@ -25,7 +25,7 @@ TINY = 1e-9
 class ResonanceCrossing:
     """An interval of time in which an excitation is near a natural frequency.
 
-    With sets of numbers the branch is the median over them, and an interval is opened where 5 % of them are near too.
+    With a batch of arms the branch is the median over them, and an interval is opened where 5 % of them are near too.
 
     Attributes:
         source: what excites.
@@ -42,10 +42,10 @@ class ResonanceCrossing:
         rate: () [Hz/s] of the excitation relative to the natural frequency then.
         crossings: [s] times at which both frequencies are equal.
         cycles: () [-] cycles of the mode from start to end.
-        sweep_number: () [-] rate / (zeta f)^2, see `passage`.
+        sweep_number: () [-] rate / (zeta f)^2, see `resonance_passage`.
         magnification: () [-] largest estimated amplitude of the mode, over its static response to the same force.
-        probability: () [-] share of the sets that the excitation comes near within the interval; 1 without sets.
-        crossing_probability: () [-] share of the sets whose frequency it crosses there; 1 or 0 without sets.
+        probability: () [-] share of the batch that the excitation comes near within the interval; 1 without a batch.
+        crossing_probability: () [-] share of the batch whose frequency it crosses there; 1 or 0 without a batch.
     """
 
     source: Source
@@ -84,7 +84,7 @@ class ResonanceCrossing:
 
     @property
     def severity(self) -> float:
-        """Magnification times probability [-], by which encounters are ordered."""
+        """Magnification times probability [-], by which crossings are ordered."""
         return self.magnification * self.probability
 
 
@@ -93,7 +93,7 @@ def resonance_crossings(
 ) -> tuple[ResonanceCrossing, ...]:
     """Return the intervals in which an excitation is near a natural frequency, the most severe first.
 
-    Near: |f_exc - f| < max(margin, 2 zeta) f, 2 zeta f the half-power bandwidth. A pulley that stands still is never
+    Near: |f_exc - f| < max(margin, 2 zeta) f, 2 zeta f the half-power bandwidth. A pulley that does not turn is never
     near. Between two times frequencies are taken for straight lines.
 
     Args:
@@ -109,17 +109,17 @@ def resonance_crossings(
     if not np.array_equal(branches.time, excitation.time):
         remedy = "give both the same times"
         raise InputError(Problem("excitation", "other times", "the times of the branches", remedy, "time"))
-    found = [
-        encounter
+    crossings = [
+        crossing
         for i, source in enumerate(excitation.sources)
         for b in range(len(branches.labels))
-        for encounter in _encounters(branches, b, source, excitation.frequency[i], excitation.rate[i], margin)
+        for crossing in _of_pair(branches, b, source, excitation.frequency[i], excitation.rate[i], margin)
     ]
-    return tuple(sorted(found, key=lambda encounter: (-encounter.severity, encounter.start)))
+    return tuple(sorted(crossings, key=lambda crossing: (-crossing.severity, crossing.start)))
 
 
 class _Pair(NamedTuple):
-    """One source and one branch over time, (T) each, with the crossings among the times; sets (T, S) come last."""
+    """One source and one branch over time, (T) each, with the crossings among the times; last the batch (T, S)."""
 
     time: np.ndarray
     natural: np.ndarray
@@ -128,8 +128,8 @@ class _Pair(NamedTuple):
     excitation: np.ndarray
     rate: np.ndarray
     crossing: np.ndarray
-    sets_near: np.ndarray
-    sets_cross: np.ndarray
+    batch_near: np.ndarray
+    batch_crosses: np.ndarray
 
     @property
     def excess(self) -> Float[np.ndarray, "T"]:
@@ -137,19 +137,19 @@ class _Pair(NamedTuple):
         return np.abs(self.excitation - self.natural) - self.margin * self.natural
 
 
-def _encounters(
+def _of_pair(
     branches: Branches, b: int, source: Source, frequency: np.ndarray, rate: np.ndarray, margin: float
 ) -> Iterator[ResonanceCrossing]:
-    """Yield the encounters of one source and one branch."""
+    """Yield the resonance crossings of one source and one branch."""
     pair = _pair(branches, b, frequency, rate, margin)
-    near = ((pair.excess < 0) | (pair.sets_near.mean(1) >= UNLIKELY)) & (pair.excitation > 0)
+    near = ((pair.excess < 0) | (pair.batch_near.mean(1) >= UNLIKELY)) & (pair.excitation > 0)
     runs = list(_runs(near))
     if not runs:
         return
     amplitude = magnification(pair.time, pair.natural, pair.damping_ratio, pair.excitation)
     for (first, last), following in zip(runs, [*runs[1:], None], strict=True):
         until = pair.time[following[0] if following else -1]
-        yield _encounter(branches, b, source, pair, (first, last), amplitude, float(until))
+        yield _crossing(branches, b, source, pair, (first, last), amplitude, float(until))
 
 
 def _pair(branches: Branches, b: int, frequency: np.ndarray, rate: np.ndarray, margin: float) -> _Pair:
@@ -163,12 +163,12 @@ def _pair(branches: Branches, b: int, frequency: np.ndarray, rate: np.ndarray, m
 
     turning, natural, damping = at(frequency), at(natural), at(branches.median_damping_ratio[b])
     limit = np.maximum(margin, 2 * damping)
-    sets = np.stack([at(draw) for draw in branches.draws[b].T], axis=1)
-    apart = turning[:, None] - sets
+    batch = np.stack([at(draw) for draw in branches.draws[b].T], axis=1)
+    apart = turning[:, None] - batch
     crossed = np.sign(apart[:-1]) * np.sign(apart[1:]) <= 0
-    sets_near = np.abs(apart) < limit[:, None] * sets
+    batch_near = np.abs(apart) < limit[:, None] * batch
     relative = at(rate) - np.gradient(natural, fine)
-    return _Pair(fine, natural, damping, limit, turning, relative, np.isin(fine, crossings), sets_near, crossed)
+    return _Pair(fine, natural, damping, limit, turning, relative, np.isin(fine, crossings), batch_near, crossed)
 
 
 def _crossings(time: Float[np.ndarray, "T"], apart: Float[np.ndarray, "T"]) -> Float[np.ndarray, "crossings"]:
@@ -187,7 +187,7 @@ def _runs(near: Bool[np.ndarray, "T"]) -> Iterator[tuple[int, int]]:
     yield from zip(ends[::2].tolist(), (ends[1::2] - 1).tolist(), strict=True)
 
 
-def _encounter(
+def _crossing(
     branches: Branches,
     b: int,
     source: Source,
@@ -196,14 +196,14 @@ def _encounter(
     amplitude: np.ndarray,
     until: float,
 ) -> ResonanceCrossing:
-    """Describe the encounter in a run of times; the mode may swell after it, but not longer than until the next."""
+    """Describe the crossing in a run of times; the mode may swell after it, but not longer than until the next."""
     first, last = run
     inside = slice(first, last + 1)
     crossings = first + np.flatnonzero(pair.crossing[inside])
     k = _closest(pair, inside, crossings)
     start, end = _edge(pair, first - 1, first), _edge(pair, last + 1, last)
     rate, natural = float(pair.rate[k]), float(pair.natural[k])
-    crossed = pair.sets_cross[max(first - 1, 0) : last + 1].any(0)
+    crossed = pair.batch_crosses[max(first - 1, 0) : last + 1].any(0)
     tail = 1 / np.sqrt(max(abs(rate), TINY)) if len(crossings) else 0.0
     swells = (pair.time >= pair.time[first]) & (pair.time <= max(end, min(end + tail, until)))
     return ResonanceCrossing(
@@ -223,7 +223,7 @@ def _encounter(
         cycles=float(pair.natural[inside].mean()) * (end - start),
         sweep_number=sweep_number(rate, natural, float(pair.damping_ratio[k])),
         magnification=float(amplitude[swells].max()),
-        probability=float((pair.sets_near[inside].any(0) | crossed).mean()),
+        probability=float((pair.batch_near[inside].any(0) | crossed).mean()),
         crossing_probability=float(crossed.mean()),
     )
 

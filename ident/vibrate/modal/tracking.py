@@ -42,15 +42,15 @@ def track(
     """Follow modes from posture to posture so that the sum of the MAC of successive shapes is largest.
 
     The MAC is weighted by the mean of both mass matrices. Where frequencies repeat, shapes are turned within their
-    plane to those before. Where one of the lowest modes is not found again, MAC < 0.9, but is within `reach` further
-    on, the postures between are the middle of a crossing, whose shapes tell nothing, and are left out.
+    plane to those before. Where one of the lowest modes is not recognised, MAC < 0.9, but is within `reach` further
+    on, the postures between are the middle of a crossing, whose shapes mean nothing, and are left out.
 
     Args:
         s: (K,) [rad] length of the path at each posture, ascending.
         frequency: (m, K) [Hz] ascending at each posture.
         shape: (n, m, K) shapes in axes that do not turn with the posture.
         mass: (n, n, K) [kg m^2] mass matrices in the same axes.
-        count: lowest modes that must be found again.
+        count: lowest modes that must be recognised.
         reach: () [rad] longest part of the path that is left out.
 
     References:
@@ -67,8 +67,8 @@ def track(
 
     k = 0
     while k < postures - 1:
-        start, end, found = k, k + 1, step(k, k + 1)
-        if found.weakest(place[:, k], count) < ALIKE:
+        start, end, match = k, k + 1, step(k, k + 1)
+        if match.weakest(place[:, k], count) < ALIKE:
             across = (
                 (a, b, step(a, b))
                 for a in range(k, max(k - BACK, 0) - 1, -1)
@@ -76,11 +76,11 @@ def track(
                 if s[b] - s[a] <= reach and not mixed[a]
             )
             again = (t for t in across if t[2].weakest(place[:, t[0]], count) >= ALIKE)
-            start, end, found = next(again, (start, end, found))
+            start, end, match = next(again, (start, end, match))
         for b in range(start + 1, end):
             place[:, b], followed[..., b], mixed[b] = step(start, b).place, followed[..., start], True
-        place[:, end], followed[..., end] = found.place, found.shape
-        likeness[:, start:end] = found.mac[:, None]
+        place[:, end], followed[..., end] = match.place, match.shape
+        likeness[:, start:end] = match.mac[:, None]
         k = end
     return Track(place, likeness, followed, mixed)
 
@@ -99,9 +99,9 @@ class _Step(NamedTuple):
 
 def _matched(frequency: np.ndarray, before: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> _Step:
     here = _turned(frequency, shape, weight @ before)
-    found = weighted_mac(before, here, weight)
-    place = linear_sum_assignment(found, maximize=True)[1]
-    return _Step(place, here[:, place], found[np.arange(len(place)), place])
+    mac = weighted_mac(before, here, weight)
+    place = linear_sum_assignment(mac, maximize=True)[1]
+    return _Step(place, here[:, place], mac[np.arange(len(place)), place])
 
 
 def weighted_mac(
@@ -115,15 +115,15 @@ def weighted_mac(
 def follow(
     reference: Float[np.ndarray, "n B K"], mass: Float[np.ndarray, "n n K"], shape: Float[np.ndarray, "n m K S"]
 ) -> tuple[Int[np.ndarray, "B K S"], Float[np.ndarray, "B K S"]]:
-    """Tell which mode of each set is which branch, by the likeness of its own shapes to the branch's at each posture.
+    """Tell which mode of each arm is which branch, by the likeness of its own shapes to the branch's at each posture.
 
     Args:
         reference: (n, B, K) shapes of the branches.
         mass: (n, n, K) [kg m^2] the weight of the MAC.
-        shape: (n, m, K, S) shapes of the sets' modes in the same axes, m >= B.
+        shape: (n, m, K, S) shapes of the batch's modes in the same axes, m >= B.
 
     Returns:
-        Modes of the sets and their MAC with the branch.
+        Modes of the batch and their MAC with the branch.
     """
     weighted = np.einsum("nok,obk->nbk", mass, reference)
     cross = np.einsum("nbk,nmks->bmks", weighted, shape) ** 2
@@ -136,7 +136,7 @@ def follow(
 
 
 def _shared(place: Int[np.ndarray, "B K S"]) -> np.ndarray:
-    """Tell where two branches like the same mode best."""
+    """Tell where two branches are most like the same mode."""
     return (np.diff(np.sort(place, axis=0), axis=0) == 0).any(0)
 
 

@@ -1,1 +1,1 @@
-"""What the motors are told: strokes, logged paths, joint limits."""
+"""The commanded motion: strokes, logged paths, joint limits."""

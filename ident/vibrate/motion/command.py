@@ -1,4 +1,4 @@
-"""What the motors are told at given times: a motion as the equations of motion take it."""
+"""The command of the motors at given times: a motion as the equations of motion take it."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +9,7 @@ from ident.arm.multibody_kinematics import Command
 from ident.vibrate.motion.motion import Motion
 
 
-def command(machine: Multibody, motion: Motion, times: Float[Array | np.ndarray, "T"]) -> Command:
-    """Return what the motors are told at times [s], with singleton axes for the machine's sets."""
-    ones = tuple(range(2, machine.offset.ndim - 1))
+def command(model: Multibody, motion: Motion, times: Float[Array | np.ndarray, "T"]) -> Command:
+    """Return the command of the motors at times [s], with singleton axes for the model's batch."""
+    ones = tuple(range(2, model.offset.ndim - 1))
     return Command(*(jnp.expand_dims(part, ones) for part in motion(times)))

@@ -26,9 +26,9 @@ def beyond_limits(arm: Arm, motion: Motion) -> None:
     if driven != len(arm.driven):
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
         raise InputError(Problem(motion.name, f"{driven} joint angles", expected, "give every joint's angle"))
-    found = [problem for number, joint in enumerate(arm.driven) for problem in _beyond(motion, number, joint)]
-    if found:
-        raise InputError(found)
+    problems = [problem for number, joint in enumerate(arm.driven) for problem in _beyond(motion, number, joint)]
+    if problems:
+        raise InputError(problems)
 
 
 def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:

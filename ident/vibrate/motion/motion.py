@@ -102,8 +102,8 @@ class Motion(eqx.Module):
         if seconds == 0:
             return self
         q, _, _ = self.on_piece(len(self.breaks) - 2, self.breaks[-1])
-        held = jnp.zeros_like(self.coefficients[:, :1]).at[-1, 0].set(q)
-        coefficients = jnp.concatenate([self.coefficients, held], axis=1)
+        still = jnp.zeros_like(self.coefficients[:, :1]).at[-1, 0].set(q)
+        coefficients = jnp.concatenate([self.coefficients, still], axis=1)
         return Motion(self.name, _append(self.breaks, self.breaks[-1:] + seconds), coefficients, self.arrival)
 
     def then(self, other: "Motion") -> "Motion":

@@ -12,7 +12,7 @@ from ident.errors import InputError, Problem
 from ident.vibrate.motion.motion import Motion
 
 DEGREE = 5
-"""Degree of the spline: its fourth derivative is continuous, so the acceleration that shakes the arm is smooth."""
+"""Degree of the spline: its fourth derivative is continuous, so the acceleration that excites the arm is smooth."""
 
 AT_REST = 0.1
 """Speed at an end, as a fraction of the largest, up to which the data are taken to be at rest there.
@@ -69,7 +69,7 @@ def _at_rest(velocities: Float[np.ndarray, "driven times"]) -> Ends:
 
 
 def _through(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"]) -> BSpline:
-    """Return the interpolating spline; at a moving end its third and fourth derivatives are zero, as no data tell."""
+    """Return the interpolating spline; at a moving end its third and fourth derivatives are zero, for want of data."""
     ends = _at_rest((angles[:, 2:] - angles[:, :-2]) / (t[2:] - t[:-2]))
     still = np.zeros(len(angles))
     conditions = [[(order, still) for order in ((1, 2) if rest else (3, 4))] for rest in ends]

@@ -66,7 +66,7 @@ def stroke(
         percent: () [%] speed override, above 0 and at most 1000.
         profile: a name in `PROFILES`.
         retract: from unfolded to folded instead of the other way.
-        dwell: () [s] time that the arm is held at the end.
+        dwell: () [s] dwell time at the end.
 
     Returns:
         The motion of all driven joints; it starts at time 0 and arrives before it dwells.
@@ -110,11 +110,11 @@ def _s_curve(distance: float, limits: _Limits) -> Pieces:
     result = Ruckig(1).calculate(request, answer)
     if result != Result.Working:
         raise ModelError(f"no motion over {distance:g} rad within {limits}: {result.name}; correct the limits")
-    found = answer.profiles[0][0]
-    s = np.stack([np.divide(found.j, 6), np.divide(found.a[:-1], 2), found.v[:-1], found.p[:-1]])
-    durations = np.asarray(found.t)
-    kept = durations > ROUNDING * durations.sum()
-    return durations[kept] * unit, s[:, kept] / unit ** np.arange(3, -1, -1)[:, None]
+    profile = answer.profiles[0][0]
+    s = np.stack([np.divide(profile.j, 6), np.divide(profile.a[:-1], 2), profile.v[:-1], profile.p[:-1]])
+    durations = np.asarray(profile.t)
+    real = durations > ROUNDING * durations.sum()
+    return durations[real] * unit, s[:, real] / unit ** np.arange(3, -1, -1)[:, None]
 
 
 def _trapezoid(distance: float, limits: _Limits) -> Pieces:
@@ -165,14 +165,14 @@ def _limits(path: StraightPath) -> _Limits:
     limits = _Limits(float(path.speed), float(path.acceleration), float(path.jerk))
     expected = ("a finite speed above 0", "a finite acceleration above 0", "a jerk above 0, or inf for none")
     units = ("rad/s", "rad/s^2", "rad/s^3")
-    found = [
+    problems = [
         Problem("", f"{limit:g} {unit}", right, "correct the limit", name)
         for name, limit, unit, right in zip(limits._fields, limits, units, expected, strict=True)
         if not limit > 0 or (math.isinf(limit) and name != "jerk")
     ]
     if not math.isfinite(path.folded - path.unfolded) or path.folded == path.unfolded:
         got = f"folded at {math.degrees(path.folded):g} deg and unfolded at {math.degrees(path.unfolded):g} deg"
-        found.append(Problem("", got, "two different angles", "correct the stroke", "folded"))
-    if found:
-        raise InputError(found)
+        problems.append(Problem("", got, "two different angles", "correct the stroke", "folded"))
+    if problems:
+        raise InputError(problems)
     return limits

@@ -1,4 +1,4 @@
-"""A probability that is counted out of draws."""
+"""A binomial estimate: a probability counted out of draws."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class BinomialEstimate:
-    """How many draws do something.
+    """How many draws have an event.
 
     Attributes:
-        count: of draws that do.
+        count: of draws that have it.
         draws: in all.
     """
 
@@ -40,16 +40,21 @@ class BinomialEstimate:
         return float(low), float(high)
 
 
-def binomial_estimate(done: np.ndarray) -> BinomialEstimate:
-    """Return the probability of what some draws do."""
-    return BinomialEstimate(int(np.sum(done)), int(np.size(done)))
+def binomial_estimate(events: np.ndarray) -> BinomialEstimate:
+    """Return the probability of an event that some draws have."""
+    return BinomialEstimate(int(np.sum(events)), int(np.size(events)))
 
 
-def binomial_to_json(found: BinomialEstimate) -> dict[str, Any]:
+def binomial_to_json(estimate: BinomialEstimate) -> dict[str, Any]:
     """Return a probability as JSON knows it, its interval with it."""
-    return {"count": found.count, "draws": found.draws, "share": found.share, "interval_95": list(found.interval)}
+    return {
+        "count": estimate.count,
+        "draws": estimate.draws,
+        "share": estimate.share,
+        "interval_95": list(estimate.interval),
+    }
 
 
-def binomial_from_json(found: Mapping[str, Any]) -> BinomialEstimate:
+def binomial_from_json(json: Mapping[str, Any]) -> BinomialEstimate:
     """Return the probability again."""
-    return BinomialEstimate(found["count"], found["draws"])
+    return BinomialEstimate(json["count"], json["draws"])

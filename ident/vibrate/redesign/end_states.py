@@ -1,4 +1,4 @@
-"""The arm as it stands at both ends of a motion: what a change does to it besides its vibration."""
+"""The arm at both ends of a motion: what a change does to it besides its vibration."""
 
 from typing import NamedTuple
 
@@ -18,23 +18,23 @@ class EndState(NamedTuple):
     """First natural frequency and static deflection, the worse of both ends; NaN where the arm collapses.
 
     Attributes:
-        frequency: (*sets) [Hz]
-        deflection: (*sets) [m] how far the end point lies from its place on rigid joints.
+        frequency: (*batch) [Hz]
+        deflection: (*batch) [m] how far the end point lies from its place on rigid joints.
     """
 
-    frequency: Float[Array, "*sets"]
-    deflection: Float[Array, "*sets"]
+    frequency: Float[Array, "*batch"]
+    deflection: Float[Array, "*batch"]
 
 
 def end_states(arm: Arm, motion: Motion, loads: Loads | None = None) -> EndState:
-    """Return how the arm stands at the start and at the end of a motion. Differentiable once."""
+    """Return the worse of the arm's states at the start and at the end of a motion. Differentiable once."""
     breaks = jnp.asarray(motion.breaks)
-    return _standing(arm, motion(breaks[np.array([0, -1])])[0], loads)
+    return _of_postures(arm, motion(breaks[np.array([0, -1])])[0], loads)
 
 
 @jit
-def _standing(arm: Arm, posture: Float[Array, "driven ends"], loads: Loads | None) -> EndState:
-    chain = at_posture(arm, posture.reshape((*posture.shape, *(1,) * len(arm.sets))), loads)
+def _of_postures(arm: Arm, posture: Float[Array, "driven ends"], loads: Loads | None) -> EndState:
+    chain = at_posture(arm, posture.reshape((*posture.shape, *(1,) * len(arm.batch))), loads)
     at = static_equilibrium(chain)
     frequency = to_hertz(lowest_eigenpairs(chain, at, count=1)[0])[0]
     moved = deflection(chain, at.phi)[:, -1]

@@ -44,44 +44,45 @@ class Sensitivities:
 
 
 def changeable(arm: Arm) -> tuple[str, ...]:
-    """Return the numbers that are asked about: those that a redesign may change, and that are not zero."""
+    """Return the numbers that are studied: those that a redesign may change, and that are not zero."""
     redesigned = [path for path in arm.paths() if (field := field_of(path)) and field.redesigned]
     named = [path for path in redesigned if not _of_payload(arm, path)]
     return tuple(path for path in named if float(arm.get(path)) != 0)
 
 
-def sensitivities(trial: Evaluator, paths: Sequence[str] | None = None, progress: Progress = iter) -> Sensitivities:
-    """Return how the amplitude of a trial changes with numbers of the arm, by exact slopes.
+def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, progress: Progress = iter) -> Sensitivities:
+    """Return how the amplitude of an evaluator changes with numbers of the arm, by exact slopes.
 
     Where an amplitude is a peak, the slope is that of the largest window. See `Evaluator`.
 
     Args:
-        trial: arm, motion and measure; its own variables are not used.
+        evaluator: arm, motion and measure; its own variables are not used.
         paths: the numbers; `changeable` if none are named.
         progress: shows how far it is, over groups of numbers.
 
     Raises:
         InputError: no such number.
     """
-    paths = tuple(paths) if paths else changeable(trial.arm)
+    paths = tuple(paths) if paths else changeable(evaluator.arm)
     for path in paths:
-        check_path(trial.arm, path)
-    also = tuple(dict.fromkeys((*trial.also, *paths)))
+        check_path(evaluator.arm, path)
     groups = [paths[first : first + WIDTH] for first in range(0, len(paths), WIDTH)]
-    found = []
+    elasticity = []
     for k in progress(range(len(groups))):
         variables = tuple(Variable((path,), -np.inf, np.inf) for path in groups[k])
-        parts, slopes = replace(trial, variables=variables, also=also).slopes(np.zeros(len(variables)))
-        found.append(_elasticities(trial.arm, variables, parts, slopes))
-    whole = np.concatenate(found)
-    present = np.array([float(trial.arm.get(path)) for path in paths])
-    return Sensitivities(paths, present, parts[:, :, 0].max(1), whole[..., 0], whole[..., 1:] if trial.draws else None)
+        parts, slopes = replace(evaluator, variables=variables).slopes(np.zeros(len(variables)))
+        elasticity.append(_elasticities(evaluator.arm, variables, parts, slopes))
+    whole = np.concatenate(elasticity)
+    present = np.array([float(evaluator.arm.get(path)) for path in paths])
+    return Sensitivities(
+        paths, present, parts[:, :, 0].max(1), whole[..., 0], whole[..., 1:] if evaluator.draws else None
+    )
 
 
 def _elasticities(
     arm: Arm, variables: Sequence[Variable], parts: np.ndarray, slopes: np.ndarray
-) -> Float[np.ndarray, "P 3 sets"]:
-    """Return percent per percent at the largest window of each direction and set."""
+) -> Float[np.ndarray, "P 3 batch"]:
+    """Return percent per percent at the largest window of each direction and arm."""
     worst = parts.argmax(1)[:, None]
     amplitude = np.take_along_axis(parts, worst, 1)[:, 0]
     slope = np.take_along_axis(slopes, worst[None], 2)[:, :, 0]

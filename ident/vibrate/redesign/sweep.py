@@ -104,14 +104,14 @@ def axis(arm: Arm, paths: Sequence[str], values: Float[np.ndarray, "K"], percent
     return Axis(tuple(paths), values, present)
 
 
-def sweep(trial: Evaluator, axes: Sequence[Axis], progress: Progress = iter) -> Sweep:
+def sweep(evaluator: Evaluator, axes: Sequence[Axis], progress: Progress = iter) -> Sweep:
     """Simulate a motion at every point of a grid, and for every draw, by the fast method.
 
     A number is changed by a factor or a difference, which is that of every draw. At another speed the same path is
     passed on another clock, pauses included, and sampled as often.
 
     Args:
-        trial: arm, motion and measure; it changes nothing by itself.
+        evaluator: arm, motion and measure; it changes nothing by itself.
         axes: one or two, of which one may be the speed.
         progress: shows how far it is, over batches of simulations.
 
@@ -119,61 +119,63 @@ def sweep(trial: Evaluator, axes: Sequence[Axis], progress: Progress = iter) -> 
         InputError: see `simulate`; axes that share a number.
         ModelError: the arm has no stable equilibrium at some point of the grid, which is named.
     """
-    _check(trial.arm, axes)
+    _check(evaluator.arm, axes)
     if len(axes) > 2:
         raise InputError(Problem("axes", f"{len(axes)} of them", "one or two", "drop one"))
     turning = [axis for axis in axes if not axis.is_speed]
     points = list(product(*(axis.values for axis in turning)))
     places = np.array(points).reshape((len(points), len(turning)))
-    trial = replace(trial, variables=tuple(axis.variable for axis in turning))
+    evaluator = replace(evaluator, variables=tuple(axis.variable for axis in turning))
     ratios = [value / axis.present for axis in axes if axis.is_speed for value in axis.values]
-    changes = _changes(trial, places)
+    changes = _changes(evaluator, places)
     if ratios:
-        present, whole = _at_speeds(trial, changes, ratios, progress)
+        present, whole = _at_speeds(evaluator, changes, ratios, progress)
     else:
-        present, whole = np.split(trial.amplitudes(np.vstack([0 * changes[:1], changes]), progress), [1], 1)
+        present, whole = np.split(evaluator.amplitudes(np.vstack([0 * changes[:1], changes]), progress), [1], 1)
     order = [axis for axis in axes if axis.is_speed] + turning
     whole = whole.reshape((3, *(len(axis.values) for axis in order), -1))
     whole = np.moveaxis(whole, [1 + order.index(axis) for axis in axes], range(1, 1 + len(axes)))
-    own = whole[..., 1:] if trial.draws else None
-    return Sweep(tuple(axes), trial.measure, whole[..., 0], present[:, 0, 0], own)
+    own = whole[..., 1:] if evaluator.draws else None
+    return Sweep(tuple(axes), evaluator.measure, whole[..., 0], present[:, 0, 0], own)
 
 
-def sweeps(trial: Evaluator, axes: Sequence[Axis], progress: Progress = iter) -> tuple[Sweep, ...]:
+def sweeps(evaluator: Evaluator, axes: Sequence[Axis], progress: Progress = iter) -> tuple[Sweep, ...]:
     """Sweep several numbers one by one, the others as they are; all but the speed in one batch. See `sweep`."""
-    _check(trial.arm, axes)
+    _check(evaluator.arm, axes)
     turning = [axis for axis in axes if not axis.is_speed]
-    found: dict[str, Sweep] = {axis.name: sweep(trial, [axis], progress) for axis in axes if axis.is_speed}
+    by_name: dict[str, Sweep] = {axis.name: sweep(evaluator, [axis], progress) for axis in axes if axis.is_speed}
     if turning:
-        trial = replace(trial, variables=tuple(axis.variable for axis in turning))
+        evaluator = replace(evaluator, variables=tuple(axis.variable for axis in turning))
         as_it_is = np.array([axis.present for axis in turning])
         places = [np.where(np.arange(len(turning)) == k, x, as_it_is) for k, a in enumerate(turning) for x in a.values]
-        whole = trial.amplitudes(_changes(trial, np.array([as_it_is, *places])), progress)
+        whole = evaluator.amplitudes(_changes(evaluator, np.array([as_it_is, *places])), progress)
         ends = np.cumsum([1, *(len(axis.values) for axis in turning)])
         for axis, first, end in zip(turning, ends, ends[1:], strict=False):
             part = whole[:, first:end]
-            own = part[..., 1:] if trial.draws else None
-            found[axis.name] = Sweep((axis,), trial.measure, part[..., 0], whole[:, 0, 0], own)
-    return tuple(found[axis.name] for axis in axes)
+            own = part[..., 1:] if evaluator.draws else None
+            by_name[axis.name] = Sweep((axis,), evaluator.measure, part[..., 0], whole[:, 0, 0], own)
+    return tuple(by_name[axis.name] for axis in axes)
 
 
 def _at_speeds(
-    trial: Evaluator, changes: np.ndarray, ratios: Sequence[float], progress: Progress
+    evaluator: Evaluator, changes: np.ndarray, ratios: Sequence[float], progress: Progress
 ) -> tuple[Float[np.ndarray, "3 1 D"], Float[np.ndarray, "3 places D"]]:
     """Simulate as it is and at several speeds, with as many samples and steps at each as at the slowest."""
     slowest = min(ratios)
-    step = trial.step or replace(trial, motion=trial.motion.at_speed(100 * slowest)).step_for(changes)
+    step = evaluator.step or replace(evaluator, motion=evaluator.motion.at_speed(100 * slowest)).step_for(changes)
 
     def run(ratio: float, changes: np.ndarray) -> Float[np.ndarray, "3 G D"]:
-        clock, moved = ratio / slowest, trial.motion.at_speed(100 * ratio)
-        return replace(trial, motion=moved, rate=trial.rate * clock, step=step / clock).amplitudes(changes)
+        clock, moved = ratio / slowest, evaluator.motion.at_speed(100 * ratio)
+        return replace(evaluator, motion=moved, rate=evaluator.rate * clock, step=step / clock).amplitudes(changes)
 
-    found = [run(ratios[k], changes) for k in progress(range(len(ratios)))]
-    return run(1.0, 0 * changes[:1]), np.concatenate(found, 1)
+    parts = [run(ratios[k], changes) for k in progress(range(len(ratios)))]
+    return run(1.0, 0 * changes[:1]), np.concatenate(parts, 1)
 
 
-def _changes(trial: Evaluator, places: Float[np.ndarray, "G V"]) -> Float[np.ndarray, "G V"]:
-    columns = [np.asarray(v.change(trial.arm, column)) for v, column in zip(trial.variables, places.T, strict=True)]
+def _changes(evaluator: Evaluator, places: Float[np.ndarray, "G V"]) -> Float[np.ndarray, "G V"]:
+    columns = [
+        np.asarray(v.change(evaluator.arm, column)) for v, column in zip(evaluator.variables, places.T, strict=True)
+    ]
     return np.stack(columns, 1) if columns else np.zeros((len(places), 0))
 
 

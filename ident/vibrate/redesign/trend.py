@@ -97,15 +97,15 @@ def has_present(axis: Axis) -> bool:
 
 
 def below(values: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"], limit: float) -> list[tuple[float, float]]:
-    """Return the ranges in which an amplitude keeps a limit, straight between the values."""
-    kept, found = amplitude <= limit, []
-    for k in map(int, np.flatnonzero(kept)):
-        if k == 0 or not kept[k - 1]:
+    """Return the ranges in which an amplitude meets a limit, straight between the values."""
+    meets, ranges = amplitude <= limit, []
+    for k in map(int, np.flatnonzero(meets)):
+        if k == 0 or not meets[k - 1]:
             start = float(values[0]) if k == 0 else _crossing(values, amplitude, limit, k - 1)
-            found.append([start, float(values[-1])])
-        if k + 1 < len(values) and not kept[k + 1]:
-            found[-1][1] = _crossing(values, amplitude, limit, k)
-    return [(start, end) for start, end in found]
+            ranges.append([start, float(values[-1])])
+        if k + 1 < len(values) and not meets[k + 1]:
+            ranges[-1][1] = _crossing(values, amplitude, limit, k)
+    return [(start, end) for start, end in ranges]
 
 
 def _crossing(values: np.ndarray, amplitude: np.ndarray, limit: float, k: int) -> float:

@@ -1,4 +1,4 @@
-"""What may be changed on an arm to make it quiet: a number, or several together, within bounds."""
+"""What may be changed on an arm to reduce its vibration: a number, or several together, within bounds."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ class Variable:
         paths: the numbers.
         low: lower bound of the first of them [SI]
         high: upper bound of it [SI]
-        weight: how dear it is to change, against others.
+        weight: cost of changing it, against others.
     """
 
     paths: tuple[str, ...]

@@ -35,7 +35,7 @@ class Amplitude(eqx.Module):
     first: int = eqx.field(static=True)
     window: int = eqx.field(static=True)
 
-    def __call__(self, vibration: Vibration) -> Float[Array, "3 *sets"]:
+    def __call__(self, vibration: Vibration) -> Float[Array, "3 *batch"]:
         """Return the amplitude in each direction [m]."""
         late = vibration[:, self.first :]
         return rms(late) if self.measure == "rms" else peak(late)

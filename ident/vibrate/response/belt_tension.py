@@ -17,47 +17,47 @@ from ident.vibrate.response.exact import acceleration
 from ident.vibrate.response.response import Response
 
 BATCH = 256
-"""Moments whose accelerations are found together."""
+"""Times whose accelerations are computed together."""
 
 
 def belt_tension(response: Response) -> Float[Array, "2 B T"]:
-    """Return the tension of upper and lower span of each belt [N]; a response of one set only.
+    """Return the tension of upper and lower span of each belt [N]; a single response, without batch axes.
 
     That of an elastic belt follows from its stretch and is never below zero. That of a rigid one is what it has to
     carry: the torque at the pulley that it drives, of the arm behind the harmonic drive and of the belts further out.
     Below zero, which no belt can do, the model does not hold.
     """
-    machine, told = response.machine, command(response.machine, response.motion, response.time)
-    of = _of_elastic_belts if machine.loose else _of_rigid_belts
-    return of(machine, told, response.y, response.yd) if machine.belts.ends else jnp.zeros((2, 0, len(response.time)))
+    model, commanded = response.model, command(response.model, response.motion, response.time)
+    of = _of_elastic_belts if model.belt_driven else _of_rigid_belts
+    return of(model, commanded, response.y, response.yd) if model.belts.ends else jnp.zeros((2, 0, len(response.time)))
 
 
 @jit
-def _of_elastic_belts(machine: Multibody, told: Command, y: Array, yd: Array) -> Float[Array, "2 B T"]:
-    error = pins(machine, told, at_rest(deviations(machine, y))).error
+def _of_elastic_belts(model: Multibody, commanded: Command, y: Array, yd: Array) -> Float[Array, "2 B T"]:
+    error = pins(model, commanded, at_rest(deviations(model, y))).error
 
     def length(y: Array) -> Array:
-        return stretch(machine, bushings(machine, y), deviations(machine, y), error)
+        return stretch(model, bushings(model, y), deviations(model, y), error)
 
-    return tensions(machine, *jax.jvp(length, (y,), (yd,)))
+    return tensions(model, *jax.jvp(length, (y,), (yd,)))
 
 
 @jit
-def _of_rigid_belts(machine: Multibody, told: Command, y: Array, yd: Array) -> Float[Array, "2 B T"]:
-    by_time = Command(*(part.T for part in told)), y.T, yd.T
-    ydd = jax.lax.map(lambda now: acceleration(machine, *now), by_time, batch_size=BATCH).T
-    torque = list(drive_torques(machine, told, y, yd, ydd) / machine.drives.ratio)
-    pull = [jnp.zeros_like(torque[0])] * len(machine.belts.ends)
-    for b, (driver, driven) in reversed(list(enumerate(machine.belts.ends))):
-        pull[b] = torque[driven] / machine.belts.radius[1, b] / 2
-        torque[driver] = torque[driver] + 2 * pull[b] * machine.belts.radius[0, b]
-    return machine.belts.pretension + jnp.stack([jnp.stack(pull), -jnp.stack(pull)])
+def _of_rigid_belts(model: Multibody, commanded: Command, y: Array, yd: Array) -> Float[Array, "2 B T"]:
+    by_time = Command(*(part.T for part in commanded)), y.T, yd.T
+    ydd = jax.lax.map(lambda now: acceleration(model, *now), by_time, batch_size=BATCH).T
+    torque = list(drive_torques(model, commanded, y, yd, ydd) / model.drives.ratio)
+    tension = [jnp.zeros_like(torque[0])] * len(model.belts.ends)
+    for b, (driver, driven) in reversed(list(enumerate(model.belts.ends))):
+        tension[b] = torque[driven] / model.belts.radius[1, b] / 2
+        torque[driver] = torque[driver] + 2 * tension[b] * model.belts.radius[0, b]
+    return model.belts.pretension + jnp.stack([jnp.stack(tension), -jnp.stack(tension)])
 
 
 def slack(time: Float[Array, "T"], tension: Float[Array, "2 B T"]) -> Iterator[tuple[int, str, float, float]]:
-    """Yield belt, span (`upper` or `lower`) and the times between which it pulls with nothing [s]."""
-    loose, at = np.asarray(tension) <= 0, np.asarray(time)
-    for span, belt in np.argwhere(loose.any(2)):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], loose[span, belt].astype(int), [0]])))
+    """Yield belt, span (`upper` or `lower`) and the times between which its tension is zero [s]."""
+    is_slack, at = np.asarray(tension) <= 0, np.asarray(time)
+    for span, belt in np.argwhere(is_slack.any(2)):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], is_slack[span, belt].astype(int), [0]])))
         for first, end in edges.reshape(-1, 2):
             yield int(belt), ("upper", "lower")[span], float(at[first]), float(at[end - 1])

@@ -1,7 +1,6 @@
 """The exact equations of motion integrated in time, with error control. The only module with diffrax."""
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import diffrax
@@ -19,7 +18,7 @@ from ident.jit import jit
 from ident.vibrate.motion.motion import Motion
 
 MAX_STEPS = 2_000_000
-"""Steps of a section at which the integrator gives up."""
+"""Steps of a section at most."""
 EXPLICIT_STEPS = 20_000
 """Steps for a second of motion, by the stability of an explicit method, above which an implicit one takes less time."""
 REACH = 3.0
@@ -27,7 +26,7 @@ REACH = 3.0
 OMEGA = 2 * np.pi * 10
 """Rates are weighed against coordinates as at this frequency [rad/s]."""
 SAMPLES = 250
-"""Times of a section, after each of which progress is shown and what there is can be kept."""
+"""Times of a section, after each of which progress is shown and the solution so far can be returned."""
 
 
 Progress = Callable[[Iterable[int]], Iterator[int]]
@@ -42,42 +41,45 @@ class Exact(NamedTuple):
         yd: (n, T) their rates [1/s]
         steps: steps taken.
         method: name of the method.
+        interrupted: [s] until when it was solved before the user stopped it; None if to the end.
     """
 
     y: Float[Array, "n T"]
     yd: Float[Array, "n T"]
     steps: int
     method: str
+    interrupted: float | None = None
 
 
-def acceleration(machine: Multibody, command: Command, y: Array, yd: Array) -> Float[Array, "n"]:
+def acceleration(model: Multibody, command: Command, y: Array, yd: Array) -> Float[Array, "n"]:
     """Solve M(y) d2y/dt2 = -h(y, dy/dt, t) for the accelerations [rad/s^2].
 
     The residual is affine in the accelerations, so that all columns of M and h come from one evaluation at none and
     each of the unit accelerations.
 
     Args:
-        machine: gathered with `rank=1`.
-        command: what the motors are told, (driven,) each.
+        model: gathered with `rank=1`.
+        command: of the motors, (driven,) each.
         y: (n,) coordinates.
         yd: (n,) their rates.
     """
     n = y.shape[0]
     wide = Command(*(part[:, None] for part in command))
-    trial = jnp.concatenate([jnp.zeros((n, 1)), jnp.eye(n)], 1)
-    R = residual(machine, wide, y[:, None], yd[:, None], trial)
+    unit_accelerations = jnp.concatenate([jnp.zeros((n, 1)), jnp.eye(n)], 1)
+    R = residual(model, wide, y[:, None], yd[:, None], unit_accelerations)
     h = R[:, 0]
     return solve_positive(R[:, 1:] - h[:, None], -h)
 
 
 def integrate(
-    machine: Multibody,
+    model: Multibody,
     motion: Motion,
     start: tuple[Array, Array],
     times: Float[np.ndarray, "T"],
     *,
     rtol: float = 1e-7,
     atol: float = 1e-10,
+    max_steps: int = MAX_STEPS,
     progress: Progress = iter,
 ) -> Exact:
     """Integrate from rest or any other state; the first of the times is the start.
@@ -86,16 +88,17 @@ def integrate(
     (Kvaerno); step sizes by error control, with a new start at each break of the motion.
 
     Args:
-        machine: gathered with `rank=1`, without sets.
-        motion: what the motors are told.
+        model: gathered with `rank=1`, without batch axes of the arm's numbers.
+        motion: the commanded motion.
         start: coordinates and their rates, (n,) each.
         times: increasing times at which the solution is wanted [s].
         rtol: relative tolerance of each step.
         atol: absolute tolerance of the coordinates [rad]; that of the rates is OMEGA as large.
+        max_steps: steps of a section at which the integrator gives up.
         progress: shows how far it is, over the sections of the time span.
 
     Returns:
-        The solution; where the user interrupts, up to the section before.
+        The solution; where the user interrupts, up to the section before, which it says.
 
     Raises:
         ModelError: the tolerance cannot be met.
@@ -108,22 +111,25 @@ def integrate(
         raise ModelError(
             "the arm has no stable equilibrium where the motion starts; check stiffnesses, masses and units"
         )
-    method = "Dopri8" if _explicit_steps(machine, motion, start) < EXPLICIT_STEPS else "Kvaerno5"
-    parts, steps = [(start[0][:, None], start[1][:, None])], 0
+    method = "Dopri8" if _explicit_steps(model, motion, start) < EXPLICIT_STEPS else "Kvaerno5"
+    parts, steps, interrupted = [(start[0][:, None], start[1][:, None])], 0, None
     sections, tolerances = _sections(times), (jnp.asarray(rtol), jnp.asarray(atol))
-    with suppress(KeyboardInterrupt):
+    try:
         for k in progress(range(len(sections))):
             state = parts[-1][0][:, -1], parts[-1][1][:, -1]
-            reached, y, yd, took = _solve(machine, motion, state, jnp.asarray(sections[k]), *tolerances, method)
-            if not reached:
+            solved, y, yd, took = _solve(model, motion, state, jnp.asarray(sections[k]), *tolerances, method, max_steps)
+            if not solved:
                 raise ModelError(
                     f"the simulation cannot meet its tolerance from {sections[k][0]:.4g} to {sections[k][-1]:.4g} s; "
                     "loosen the tolerance, or check stiffness, damping and motion there"
                 )
             parts.append((y[:, 1:], yd[:, 1:]))
             steps += int(took)
+    except KeyboardInterrupt:
+        reached = (len(parts) - 1) * SAMPLES
+        interrupted = float(times[reached]) if reached < len(times) - 1 else None
     y, yd = (jnp.concatenate(part, 1)[:, : len(times)] for part in zip(*parts, strict=True))
-    return Exact(y, yd, steps, method)
+    return Exact(y, yd, steps, method, interrupted)
 
 
 def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:
@@ -134,36 +140,37 @@ def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:
     return [whole[k * SAMPLES : (k + 1) * SAMPLES + 1] for k in range(count)]
 
 
-def _explicit_steps(machine: Multibody, motion: Motion, start: tuple[Array, Array]) -> float:
+def _explicit_steps(model: Multibody, motion: Motion, start: tuple[Array, Array]) -> float:
     """Return how many steps an explicit method needs for a second, by the fastest rate at the start."""
-    return float(np.abs(np.linalg.eigvals(np.asarray(_linear(machine, motion, start)))).max() / REACH)
+    return float(np.abs(np.linalg.eigvals(np.asarray(_linear(model, motion, start)))).max() / REACH)
 
 
 @jit
-def _linear(machine: Multibody, motion: Motion, start: tuple[Array, Array]) -> Float[Array, "state state"]:
+def _linear(model: Multibody, motion: Motion, start: tuple[Array, Array]) -> Float[Array, "state state"]:
     """Return the derivatives of the rates at the start by the state there."""
     command = Command(*motion(jnp.asarray(motion.breaks)[0]))
 
     def rates(state: Array) -> Array:
         y, yd = jnp.split(state, 2)
-        return jnp.concatenate([yd, acceleration(machine, command, y, yd)])
+        return jnp.concatenate([yd, acceleration(model, command, y, yd)])
 
     return jax.jacfwd(rates)(jnp.concatenate(start))
 
 
 @jit
 def _solve(
-    machine: Multibody,
+    model: Multibody,
     motion: Motion,
     start: tuple[Array, Array],
     times: Array,
     rtol: Array,
     atol: Array,
     method: str,
+    max_steps: int,
 ) -> tuple[Array, Array, Array, Array]:
     def rates(t: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:
         y, v = state
-        return OMEGA * v, acceleration(machine, Command(*motion(t)), y, OMEGA * v) / OMEGA
+        return OMEGA * v, acceleration(model, Command(*motion(t)), y, OMEGA * v) / OMEGA
 
     y, yd = start
     control = diffrax.PIDController(rtol=rtol, atol=atol)
@@ -176,9 +183,9 @@ def _solve(
         (y, yd / OMEGA),
         saveat=diffrax.SaveAt(ts=times),
         stepsize_controller=diffrax.ClipStepSizeController(control, jump_ts=jnp.asarray(motion.breaks)),
-        max_steps=MAX_STEPS,
+        max_steps=max_steps,
         throw=False,
     )
-    done = solution.result == diffrax.RESULTS.successful
+    successful = solution.result == diffrax.RESULTS.successful
     y, v = (part.T for part in solution.ys)
-    return done, y, OMEGA * v, solution.stats["num_accepted_steps"]
+    return successful, y, OMEGA * v, solution.stats["num_accepted_steps"]

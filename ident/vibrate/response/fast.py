@@ -1,13 +1,14 @@
-"""The equations of motion linearised about the sagging, moving arm and integrated panel by panel.
+"""The equations of motion linearised about the quasi-static deflection and integrated interval by interval.
 
-With y = y_r(t) + x, y_r the equilibrium at the posture of the moment:
+With y = y_r(t) + x, y_r the static equilibrium at the posture of the moment:
 
     M(t) d2x/dt2 + D(t) dx/dt + K(t) x = f(t),   f = -residual(y_r, dy_r/dt, d2y_r/dt2)
 
 M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning
-masses; f has them all, and the kinematic error to first order. What is left out is of second order in x and in what
-shakes. Whatever follows the posture alone is smooth and interpolated within each panel of time, the method's transition
-matrices too. The method is Gauss's of order six, which follows slow modes closely and stays stable for fast ones.
+masses; f has them all, and the kinematic error to first order. What is left out is of second order in x and in the
+excitation. Whatever follows the posture alone is smooth and interpolated within each time interval, the method's
+transition matrices too. The method is Gauss's of order six, which follows slow modes closely and stays stable for fast
+ones.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
@@ -62,7 +63,7 @@ STAGES = 3
 GAUSS = (np.polynomial.legendre.leggauss(STAGES)[0] + 1) / 2
 """The stages within a step, from 0 to 1."""
 ONCE, TWICE = ([p.integ(k) for p in basis(GAUSS)] for k in (1, 2))
-"""Rate and place within a step by the stages' accelerations; h and h^2 are factors."""
+"""Rate and value within a step by the stages' accelerations; h and h^2 are factors."""
 A, B = np.array([[p(c) for p in ONCE] for c in GAUSS]), np.array([p(1.0) for p in ONCE])
 A2, B2 = A @ A, B @ A
 """The same, of the method for first-order equations applied twice: unlike TWICE at the stages it is always stable."""
@@ -72,30 +73,30 @@ class Fast(NamedTuple):
     """A solution of the linearised equations, step by step.
 
     Attributes:
-        x: (P, S, n) deviation from rest at the start of each step [rad]
+        x: (P, S, n) deviation from the quasi-static deflection at the start of each step [rad]
         v: (P, S, n) its rate [1/s]
         a: (P, S, STAGES, n) its acceleration at the stages of each step [1/s^2]
-        rest: (P, n, m) coordinates at rest, at the nodes of the panels.
+        quasi_static: (P, n, m) coordinates at static equilibrium, at the nodes of the intervals.
     """
 
     x: Float[Array, "P S n"]
     v: Float[Array, "P S n"]
     a: Float[Array, "P S stages n"]
-    rest: Float[Array, "P n m"]
+    quasi_static: Float[Array, "P n m"]
 
     def at(self, grid: TimeIntervals, time: Times) -> tuple[Float[Array, "n T"], Float[Array, "n T"]]:
-        """Return the coordinates at any times of the panels, and their rates."""
-        k, s, place, h = grid.steps_of(time)
+        """Return the coordinates at any times of the intervals, and their rates."""
+        k, s, share, h = grid.steps_of(time)
         x, v, a = self.x[k, s], self.v[k, s], self.a[k, s]
-        once, twice = (evaluate(integral, place)[:, :, None] for integral in (ONCE, TWICE))
+        once, twice = (evaluate(integral, share)[:, :, None] for integral in (ONCE, TWICE))
         h = h[:, None]
-        x, v = x + h * place[:, None] * v + h**2 * (twice * a).sum(1), v + h * (once * a).sum(1)
-        rest, rate = between_nodes(grid, self.rest, time)
-        return rest + x.T, rate + v.T
+        x, v = x + h * share[:, None] * v + h**2 * (twice * a).sum(1), v + h * (once * a).sum(1)
+        y, rate = between_nodes(grid, self.quasi_static, time)
+        return y + x.T, rate + v.T
 
 
 class _Places(NamedTuple):
-    """Weights of the nodes for stages and middles of a panel's steps, its start and edges, and steps about nodes."""
+    """Weights of the nodes for stages and middles of an interval's steps, its start, edges, and steps about nodes."""
 
     in_steps: np.ndarray
     stages: tuple[np.ndarray, ...]
@@ -115,21 +116,21 @@ def _places(S: int) -> _Places:
         start=weights(np.array([0.0]))[0],
         edges=weights(np.array([0.0, 1.0]))[1],
         middles=weights((np.arange(S) + 0.5) / S)[0],
-        about_nodes=[weights(NODE_PLACES + (place - 0.5) / S)[0] for place in GAUSS],
+        about_nodes=[weights(NODE_PLACES + (stage - 0.5) / S)[0] for stage in GAUSS],
     )
 
 
 def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
-    Ten to a period of the first mode, of the stiffest set at the stiffer end of the motion, and three to one of the
+    Ten to a period of the first mode, of the stiffest arm at the stiffer end of the motion, and three to one of the
     fastest excitation: the turning masses, or the kinematic error at twice their frequency. Of an arm that is traced by
     `jit`, nothing of that is known: ABSTRACT.
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
         return ABSTRACT
     ends = motion(jnp.asarray(motion.breaks)[np.array([0, -1])])[0]
-    at_ends = [_first_frequency(arm, ends[:, k].reshape((-1,) + (1,) * len(arm.sets))) for k in range(2)]
+    at_ends = [_first_frequency(arm, ends[:, k].reshape((-1,) + (1,) * len(arm.batch))) for k in range(2)]
     first = max(float(jnp.max(frequency)) for frequency in at_ends)
     speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
     orders = [1 + may_differ_from_zero(drive.error) for drive in arm.drives]
@@ -144,40 +145,40 @@ def _first_frequency(arm: Arm, posture: Array) -> Array:
     return natural_frequencies(at_posture(arm, posture), 1)
 
 
-def integrate(arm: Arm, machine: Multibody, motion: Motion, grid: TimeIntervals, loads: Loads | None = None) -> Fast:
+def integrate(arm: Arm, model: Multibody, motion: Motion, grid: TimeIntervals, loads: Loads | None = None) -> Fast:
     """Integrate from rest at the first break of the motion.
 
     Args:
         arm: the arm.
-        machine: the same arm under its load, gathered with `rank=1`.
-        motion: what the motors are told.
-        grid: panels of time; their steps are the method's.
-        loads: the load case of the machine.
+        model: its multibody model under the load, gathered with `rank=1`.
+        motion: the commanded motion.
+        grid: the time intervals; their steps are the method's.
+        loads: the load case.
     """
     at, first = _places(grid.steps), grid.start[0]
 
-    def panel(state: tuple[Array, Array], given: tuple[Array, Array, _Slow]) -> tuple[tuple, tuple]:
+    def interval(state: tuple[Array, Array], given: tuple[Array, Array, _Slow]) -> tuple[tuple, tuple]:
         (z, seam), (start, h, slow) = state, given
-        begin, end = (interpolate(slow.rest, at.edges) / (h * grid.steps)).T
+        first_slope, last_slope = (interpolate(slow.quasi_static, at.edges) / (h * grid.steps)).T
         gain, yields = _transitions(slow, at, h)
-        drift, push = _advance(h, machine.size)
-        own = _at_middles(at, yields @ _shaking(machine, motion, slow, at, start, h))
+        drift, push = _advance(h, model.size)
+        own = _at_middles(at, yields @ _excitation(model, motion, slow, at, start, h))
         along = drift + push @ gain
 
         def step(z: Array, given: tuple[Array, Array]) -> tuple[Array, Array]:
             share, kick = given
             return jnp.tensordot(share, along, 1) @ z + kick, z
 
-        z = z.at[machine.size :].add(jnp.where(start == first, 0.0, seam - begin))
+        z = z.at[model.size :].add(jnp.where(start == first, 0.0, seam - first_slope))
         z, states = jax.lax.scan(step, z, (jnp.asarray(at.middles.T), (push @ own).T))
-        return (z, end), (states, (_at_middles(at, gain @ states.T) + own).T)
+        return (z, last_slope), (states, (_at_middles(at, gain @ states.T) + own).T)
 
-    slow, none = _slow(arm, machine, motion, loads, at, grid), jnp.zeros(machine.size)
-    rest = interpolate(slow.rest[0], at.start)[:, 0]
-    state = jnp.concatenate([initial_equilibrium(machine, motion, rest) - rest, none]), none
-    _, (states, a) = jax.lax.scan(panel, state, (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
+    slow, none = _slow(arm, model, motion, loads, at, grid), jnp.zeros(model.size)
+    y = interpolate(slow.quasi_static[0], at.start)[:, 0]
+    state = jnp.concatenate([initial_equilibrium(model, motion, y) - y, none]), none
+    _, (states, a) = jax.lax.scan(interval, state, (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
     x, v = jnp.split(states, 2, -1)
-    return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), slow.rest)
+    return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), slow.quasi_static)
 
 
 def _advance(h: Array, n: int) -> tuple[Float[Array, "state state"], Float[Array, "state stages"]]:
@@ -196,9 +197,9 @@ def _at_middles(at: _Places, x: Float[Array, "m k S"]) -> Float[Array, "k S"]:
 
 
 class _Slow(NamedTuple):
-    """What changes with the posture alone, at the nodes of each panel."""
+    """What changes with the posture alone, at the nodes of each interval."""
 
-    rest: Float[Array, "P n m"]
+    quasi_static: Float[Array, "P n m"]
     M: Float[Array, "P n n m"]
     D: Float[Array, "P n n m"]
     K: Float[Array, "P n n m"]
@@ -207,47 +208,47 @@ class _Slow(NamedTuple):
     kinematics: Kinematics
 
 
-def _slow(arm: Arm, machine: Multibody, motion: Motion, loads: Loads | None, at: _Places, grid: TimeIntervals) -> _Slow:
-    """Linearise the equations at the nodes, nothing shaking: in the coordinates and in the pins' angles."""
+def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, at: _Places, grid: TimeIntervals) -> _Slow:
+    """Linearise the equations at the nodes, nothing exciting them: in the coordinates and in the pins' angles."""
     length = (grid.step * grid.steps)[:, None]
-    smooth, told = balanced(machine), command(machine, motion, grid.nodes.ravel())
-    rest = quasi_static_deflection(arm, machine, told.q, loads)
-    none = jnp.zeros_like(rest)
+    smooth, commanded = balanced(model), command(model, motion, grid.nodes.ravel())
+    y = quasi_static_deflection(arm, model, commanded.q, loads)
+    none = jnp.zeros_like(y)
 
-    def by_panel(x: Array) -> Array:
+    def by_interval(x: Array) -> Array:
         return x.reshape((*x.shape[:-1], len(grid.start), NODES))
 
-    line = [(interpolate(by_panel(rest), W) / length**k).reshape(rest.shape) for k, W in enumerate(at.nodes)]
-    turning = pins(smooth, told, Turning(*(deviations(machine, part) for part in line)))
+    line = [(interpolate(by_interval(y), W) / length**k).reshape(y.shape) for k, W in enumerate(at.nodes)]
+    turning = pins(smooth, commanded, Turning(*(deviations(model, part) for part in line)))
 
     def shifted(k: int, pin: Array) -> Array:
         angles = [part + pin if i == k else part for i, part in enumerate(turning.pin)]
         return residual_of(smooth, eqx.tree_at(lambda t: t.pin, turning, Turning(*angles)), *line)
 
-    still = jnp.zeros((machine.joints, *rest.shape[1:]))
+    still = jnp.zeros((model.joints, *y.shape[1:]))
     slow = _Slow(
-        rest=rest,
-        M=slope(lambda ydd: residual(smooth, told, rest, none, ydd), none),
-        D=slope(lambda yd: residual(smooth, told, rest, yd, none), none),
-        K=slope(lambda y: residual(smooth, told, y, none, none), rest),
-        by_pin=tuple(slope(partial(shifted, k), still) for k in range(3)) if machine.inexact else (),
+        quasi_static=y,
+        M=slope(lambda ydd: residual(smooth, commanded, y, none, ydd), none),
+        D=slope(lambda yd: residual(smooth, commanded, y, yd, none), none),
+        K=slope(lambda y: residual(smooth, commanded, y, none, none), y),
+        by_pin=tuple(slope(partial(shifted, k), still) for k in range(3)) if model.transmission_error else (),
         residual=residual_of(smooth, turning, *line),
-        kinematics=kinematics(smooth, turning.pin, *(bushings(machine, part) for part in line)),
+        kinematics=kinematics(smooth, turning.pin, *(bushings(model, part) for part in line)),
     )
-    return jax.tree.map(lambda x: jnp.moveaxis(by_panel(x), -2, 0), slow)
+    return jax.tree.map(lambda x: jnp.moveaxis(by_interval(x), -2, 0), slow)
 
 
-def _shaking(
-    machine: Multibody, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array
+def _excitation(
+    model: Multibody, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array
 ) -> Float[Array, "stages S"]:
     """Return f at the stages of each step, one above the other."""
     moving = jax.tree.map(lambda x: interpolate(x, at.stages[0]), slow.kinematics)
-    told = command(machine, motion, start + h * at.in_steps)
-    line = [interpolate(slow.rest, W) / (h * len(at.middles.T)) ** k for k, W in enumerate(at.stages)]
-    turning = pins(machine, told, Turning(*(deviations(machine, part) for part in line)))
-    turned = equations(machine, moving, turning.slope, imbalance(machine, moving, turning.pulley))
+    commanded = command(model, motion, start + h * at.in_steps)
+    line = [interpolate(slow.quasi_static, W) / (h * len(at.middles.T)) ** k for k, W in enumerate(at.stages)]
+    turning = pins(model, commanded, Turning(*(deviations(model, part) for part in line)))
+    turned = equations(model, moving, turning.slope, imbalance(model, moving, turning.pulley))
     f = interpolate(slow.residual, at.stages[0]) + turned
-    for by_pin, deviation in zip(slow.by_pin, transmission_error(machine, turning), strict=False):
+    for by_pin, deviation in zip(slow.by_pin, transmission_error(model, turning), strict=False):
         f = f + matvec(interpolate(by_pin, at.stages[0]), deviation)
     return -jnp.concatenate([f[:, stage::STAGES] for stage in range(STAGES)])
 
@@ -257,7 +258,7 @@ def _transitions(
 ) -> tuple[Float[Array, "m stages state"], Float[Array, "m stages stages"]]:
     """Return how the accelerations at the stages of a step follow from the state at its start, and from f.
 
-    They are found for steps about the nodes; between, they change as slowly as M, D and K do.
+    They are computed for steps about the nodes; between, they change as slowly as M, D and K do.
     """
     rows, known = [], []
     for i, W in enumerate(at.about_nodes):

@@ -61,7 +61,7 @@ def outline(
     if not 0 < factor < np.inf:
         raise InputError(Problem("factor", f"{factor:g}", "a factor above 0", "1 draws the vibration as it is"))
     at = np.clip(np.round((moments - clock[0]) / slack).astype(int), 0, len(clock) - 1)
-    lines = _lines(arm, response.machine, response.motion, jnp.asarray(clock[at]), response.y[:, at], loads)
+    lines = _lines(arm, response.model, response.motion, jnp.asarray(clock[at]), response.y[:, at], loads)
     rest, moved = (np.asarray(line) for line in lines)
     return Outline(clock[at], rest, rest + factor * (moved - rest), float(factor))
 

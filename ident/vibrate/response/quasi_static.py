@@ -1,4 +1,4 @@
-"""How an arm hangs at rest along its motion: the line about which it vibrates."""
+"""The quasi-static deflection of an arm along its motion, about which it vibrates."""
 
 from typing import Any
 
@@ -21,32 +21,32 @@ from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.time_intervals import TimeIntervals
 
 BELT_STEPS = 3
-"""Newton steps that take the stretch of belts into account; it moves an arm at rest by less than a thousandth."""
+"""Newton steps that take the stretch of belts into account; it moves the equilibrium by less than a thousandth."""
 
 
 def quasi_static_deflection(
-    arm: Arm, machine: Multibody, posture: Array, loads: Loads | None = None
+    arm: Arm, model: Multibody, posture: Array, loads: Loads | None = None
 ) -> Float[Array, "n *#batch"]:
-    """Return the coordinates at which the arm rests at a posture (driven, *batch) [rad]; see `kinematics`.
+    """Return the coordinates of the static equilibrium at a posture (driven, *batch) [rad]; see `kinematics`.
 
-    Differentiable. The turning masses are on their axes here: they shake the arm and do not bend it.
+    Differentiable. The turning masses are on their axes here: they excite the arm and do not bend it.
 
     Raises:
         ModelError: the posture does not fit the arm.
     """
     chain = at_posture(arm, posture, loads)
     y = flat(in_shaft_axes(chain, equilibrium(chain)))
-    if not machine.loose:
+    if not model.belt_driven:
         return y
-    machine = balanced(machine)
+    model = balanced(model)
     still = Command(posture, *(jnp.zeros_like(posture),) * 2)
 
     def improve(_: Array, y: Array) -> Array:
         none = jnp.zeros_like(y)
-        K = slope(lambda y: residual(machine, still, y, none, none), y)
-        return y - solve_positive(K, residual(machine, still, y, none, none))
+        K = slope(lambda y: residual(model, still, y, none, none), y)
+        return y - solve_positive(K, residual(model, still, y, none, none))
 
-    taut = jnp.zeros((len(machine.loose), *y.shape[1:]))
+    taut = jnp.zeros((len(model.belt_driven), *y.shape[1:]))
     return jax.lax.fori_loop(0, BELT_STEPS, improve, jnp.concatenate([y, taut]))
 
 
@@ -62,26 +62,26 @@ def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "k n *bat
 
 @jit
 def quasi_static_along(
-    arm: Arm, machine: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals
+    arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals
 ) -> Float[Array, "P n m"]:
-    """Return the coordinates at rest at the nodes of the panels."""
-    rest = quasi_static_deflection(arm, machine, command(machine, motion, grid.nodes.ravel()).q, loads)
-    return jnp.moveaxis(rest.reshape((rest.shape[0], *grid.nodes.shape)), 1, 0)
+    """Return the coordinates of the static equilibrium at the nodes of the intervals."""
+    y = quasi_static_deflection(arm, model, command(model, motion, grid.nodes.ravel()).q, loads)
+    return jnp.moveaxis(y.reshape((y.shape[0], *grid.nodes.shape)), 1, 0)
 
 
 @jit
-def initial_equilibrium(machine: Multibody, motion: Motion, rest: Float[Array, "n"]) -> Float[Array, "n"]:
-    """Return the coordinates at which the arm rests before a motion, the weight of the turning masses included.
+def initial_equilibrium(model: Multibody, motion: Motion, balanced: Float[Array, "n"]) -> Float[Array, "n"]:
+    """Return the coordinates of the static equilibrium before a motion, the weight of the turning masses included.
 
-    By one step of Newton's method from where it would rest without them: they hardly bend it.
+    By one step of Newton's method from the equilibrium without them: they hardly bend the arm.
 
     Args:
-        machine: gathered with `rank=1`.
-        motion: at whose start the arm rests.
-        rest: coordinates at rest, the turning masses on their axes.
+        model: gathered with `rank=1`.
+        motion: at whose start the arm is at rest.
+        balanced: coordinates of the equilibrium with the turning masses on their axes.
     """
     posture = motion(jnp.asarray(motion.breaks)[:1])[0]
     still = Command(posture, *(jnp.zeros_like(posture),) * 2)
-    y, none = rest[:, None], jnp.zeros((len(rest), 1))
-    K = slope(lambda y: residual(machine, still, y, none, none), y)
-    return (y - solve_positive(K, residual(machine, still, y, none, none)))[:, 0]
+    y, none = balanced[:, None], jnp.zeros((len(balanced), 1))
+    K = slope(lambda y: residual(model, still, y, none, none), y)
+    return (y - solve_positive(K, residual(model, still, y, none, none)))[:, 0]

@@ -13,11 +13,11 @@ from ident.arm.rotations import matvec
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 
-Vibration = Float[Array, "3 T *sets"]
+Vibration = Float[Array, "3 T *batch"]
 
 
 class Pulleys(NamedTuple):
-    """How the pulleys turn as they are told, `(driven, T)` each.
+    """How the pulleys turn as commanded, `(driven, T)` each.
 
     Attributes:
         angle: against their shafts [rad]
@@ -32,54 +32,56 @@ class Response(eqx.Module):
     """The response of an arm to a motion, sampled uniformly.
 
     Attributes:
-        machine: the arm under its load.
-        motion: what the motors were told.
+        model: the multibody model of the arm under its load.
+        motion: the commanded motion.
         time: (T,) [s]
-        y: (n, T, *sets) coordinates, see `kinematics`.
-        yd: (n, T, *sets) their rates [1/s]
+        y: (n, T, *batch) coordinates, see `kinematics`.
+        yd: (n, T, *batch) their rates [1/s]
         path: (3, T) [m] where the end point would be, were the joints rigid.
-        displacement: (3, T, *sets) [m] of the end point from that path, in the base frame.
-        sag: (3, T, *sets) [m] the part of it that the arm would have at rest in the posture of the moment.
+        displacement: (3, T, *batch) [m] of the end point from that path, in the base frame.
+        quasi_static: (3, T, *batch) [m] quasi-static deflection, the part of it at static equilibrium.
         method: how it was computed.
+        interrupted: [s] until when it was solved before the user stopped it; None if to the end.
     """
 
-    machine: Multibody
+    model: Multibody
     motion: Motion
     time: Float[Array, "T"]
-    y: Float[Array, "n T *sets"]
-    yd: Float[Array, "n T *sets"]
+    y: Float[Array, "n T *batch"]
+    yd: Float[Array, "n T *batch"]
     path: Float[Array, "3 T"]
     displacement: Vibration
-    sag: Vibration
+    quasi_static: Vibration
     method: str = eqx.field(static=True)
+    interrupted: float | None = eqx.field(static=True, default=None)
 
     @property
     def vibration(self) -> Vibration:
-        """(3, T, *sets) [m] displacement of the end point from where the sagging arm would be."""
-        return self.displacement - self.sag
+        """(3, T, *batch) [m] displacement of the end point from its quasi-static deflection."""
+        return self.displacement - self.quasi_static
 
     @property
     def posture(self) -> Float[Array, "driven T"]:
-        """Angles that the motors are told [rad]."""
+        """Commanded angles [rad]."""
         return self.motion(self.time)[0]
 
     @property
-    def phi(self) -> Float[Array, "3 N T *sets"]:
+    def phi(self) -> Float[Array, "3 N T *batch"]:
         """Rotation vectors of the bushings along their shafts' axes [rad]."""
-        return bushings(self.machine, self.y)
+        return bushings(self.model, self.y)
 
     @property
-    def moment(self) -> Float[Array, "3 N T *sets"]:
+    def moment(self) -> Float[Array, "3 N T *batch"]:
         """Moments of the bushings, stiffness and damping, along their shafts' axes [N m]."""
-        rate = bushings(self.machine, self.yd)
-        return matvec(self.machine.stiffness, self.phi) + matvec(self.machine.damping, rate)
+        rate = bushings(self.model, self.yd)
+        return matvec(self.model.stiffness, self.phi) + matvec(self.model.damping, rate)
 
     @property
     def pulley(self) -> Pulleys:
         """Angles [rad] and turning frequencies [Hz], counted positive, of the pulleys, `(driven, T)` each."""
-        q, qd, _ = command(self.machine, self.motion, self.time)
-        ratio = self.machine.drives.ratio[np.asarray(self.machine.driven)]
-        angle, rate = (_first_set(ratio * part) for part in (q, qd))
+        q, qd, _ = command(self.model, self.motion, self.time)
+        ratio = self.model.drives.ratio[np.asarray(self.model.driven)]
+        angle, rate = (_first_of_batch(ratio * part) for part in (q, qd))
         return Pulleys(angle, jnp.abs(rate) / (2 * jnp.pi))
 
     def after(self, time: float) -> Vibration:
@@ -87,21 +89,21 @@ class Response(eqx.Module):
         return self.vibration[:, int(np.searchsorted(np.asarray(self.time), time - 1e-9)) :]
 
 
-def _first_set(x: Array) -> Float[Array, "driven T"]:
+def _first_of_batch(x: Array) -> Float[Array, "driven T"]:
     return x[(..., *(0,) * (x.ndim - 2))]
 
 
-def peak(vibration: Vibration) -> Float[Array, "3 *sets"]:
+def peak(vibration: Vibration) -> Float[Array, "3 *batch"]:
     """Return the largest magnitude in each direction [m]."""
     return jnp.abs(vibration).max(1)
 
 
-def rms(vibration: Vibration) -> Float[Array, "3 *sets"]:
+def rms(vibration: Vibration) -> Float[Array, "3 *batch"]:
     """Return the root mean square in each direction [m]."""
     return jnp.sqrt((vibration**2).mean(1))
 
 
-def settling_time(response: Response, tolerance: float) -> Float[np.ndarray, "3 *sets"]:
+def settling_time(response: Response, tolerance: float) -> Float[np.ndarray, "3 *batch"]:
     """Return how long after arrival each direction stays beyond the tolerance [m] for the last time [s].
 
     Infinite where the response ends before it stays within.

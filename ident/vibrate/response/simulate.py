@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -30,9 +31,9 @@ RATE = 500.0
 """Samples a second, unless asked otherwise."""
 
 JUMP = 1e-4
-"""Largest jump of a pin's speed [rad/s]: 4 m of arm on a mode of 4 Hz would be shaken by 0.02 mm."""
+"""Largest jump of a pin's speed [rad/s]: 4 m of arm on a mode of 4 Hz would vibrate by 0.02 mm."""
 CHUNK = 4
-"""Sets that one call solves."""
+"""Arms of a batch that one call solves."""
 
 
 def simulate(
@@ -44,7 +45,6 @@ def simulate(
     elastic_belts: bool = False,
     rate: float = RATE,
     step: float | None = None,
-    rtol: float = 1e-7,
     progress: Progress = iter,
 ) -> Response:
     """Simulate an arm from rest through a motion.
@@ -52,45 +52,54 @@ def simulate(
     Differentiable in the arm's numbers where the method is fast.
 
     Args:
-        arm: the arm; its numbers may be arrays `(*sets)`, as fitted values or posterior draws (fast method only).
-        motion: what the motors are told; its pauses included.
+        arm: the arm; its numbers may be arrays `(*batch)`, as posterior draws (fast method only).
+        motion: the commanded motion, its pauses included.
         loads: what hangs on the arm, constant all the time.
-        method: `fast`, linearised about the moving, sagging arm, or `exact`.
+        method: `fast`, linearised about the quasi-static deflection of the moving arm, or `exact`.
         elastic_belts: whether belts stretch; otherwise the pins follow the motors.
         rate: samples a second.
         step: longest time step of the fast method [s]; see `fast.step_for` when None.
-        rtol: relative tolerance of the exact method.
         progress: shows progress of the exact method, section by section.
 
     Raises:
         InputError: no such method, a rate or step out of range, an arm without a named point, the exact method for
-            several sets, or a motion whose speed jumps.
+            a batch, or a motion whose speed jumps.
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
-    sets = arm.sets
-    _check_method(method, sets)
+    batch = arm.batch
+    _check_method(method, batch)
     solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
+    interrupted = None
     if method == "exact":
-        solution = _exact(arm, solve, rtol, progress)
+        solution, interrupted = _exact(arm, solve, progress)
     else:
-        solution = _over_sets(arm, solve, _whole) if sets else solve(arm)
+        solution = _over_batch(arm, solve, _whole) if batch else solve(arm)
     time = solve.time[: solution.y.shape[1]]
     _refuse_collapse(motion, solution.displacement)
-    gathered = _gathered(arm, loads, 1 + len(sets), elastic_belts)
-    path = solution.path[(..., *(0,) * len(sets))]
+    model = _multibody(arm, loads, 1 + len(batch), elastic_belts)
+    path = solution.path[(..., *(0,) * len(batch))]
     return Response(
-        gathered, motion, jnp.asarray(time), solution.y, solution.yd, path, solution.displacement, solution.sag, method
+        model,
+        motion,
+        jnp.asarray(time),
+        solution.y,
+        solution.yd,
+        path,
+        solution.displacement,
+        solution.quasi_static,
+        method,
+        interrupted,
     )
 
 
 class Solution(NamedTuple):
-    """Coordinates and rates (n, T), path, displacement and sag of the end point (3, T)."""
+    """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T)."""
 
     y: Array
     yd: Array
     path: Array
     displacement: Array
-    sag: Array
+    quasi_static: Array
 
 
 def _whole(solution: Solution) -> Solution:
@@ -98,8 +107,8 @@ def _whole(solution: Solution) -> Solution:
 
 
 def vibration_of(solution: Solution) -> Float[Array, "3 T"]:
-    """Return the displacement of the end point from where the sagging arm would be [m]."""
-    return solution.displacement - solution.sag
+    """Return the displacement of the end point from its quasi-static deflection [m]."""
+    return solution.displacement - solution.quasi_static
 
 
 def vibrations(
@@ -110,15 +119,15 @@ def vibrations(
     elastic_belts: bool = False,
     rate: float = RATE,
     step: float | None = None,
-) -> Float[Array, "3 T *sets"]:
-    """Return how the end point of each of several sets vibrates [m], by the fast method: `simulate`, and no more.
+) -> Float[Array, "3 T *batch"]:
+    """Return how the end point of each arm of a batch vibrates [m], by the fast method: `simulate`, and no more.
 
     Arguments and errors: see `simulate`.
     """
     solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
-    found = _over_sets(arm, solve, vibration_of)
-    _refuse_collapse(motion, found)
-    return found
+    vibration = _over_batch(arm, solve, vibration_of)
+    _refuse_collapse(motion, vibration)
+    return vibration
 
 
 def fast_method(
@@ -132,23 +141,29 @@ def fast_method(
     return FastMethod(_nameless(motion), loads, time, grid, elastic, has_transmission_error(arm))
 
 
-def _over_sets(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
-    """Solve for an arm of each of the sets `(*sets)`, one after another on each core, these axes last.
+def _over_batch(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
+    """Solve for each arm of a batch `(*batch)`, one after another on each core, these axes last.
 
-    One set fills a core better than several side by side, whose intermediate values do not fit its cache. What does not
+    One arm fills a core better than several side by side, whose intermediate values do not fit its cache. What does not
     depend on the numbers that differ is computed once for all.
     """
-    sets, one = arm.sets, nominal(arm)
-    batched = {path: value for path, value in arm.numbers().items() if jnp.ndim(value)}
-    flat = {path: jnp.broadcast_to(value, sets).reshape(-1) for path, value in batched.items()}
-    found = by_chunk(lambda values: _mapped(one, values, solve, keep), flat)
-    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *sets)), found)
+    batch, one = arm.batch, nominal(arm)
+    varying = {path: value for path, value in arm.numbers().items() if jnp.ndim(value)}
+    flat = {path: jnp.broadcast_to(value, batch).reshape(-1) for path, value in varying.items()}
+    chunked = by_chunk(lambda values: _mapped(one, values, solve, keep), flat)
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *batch)), chunked)
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    """Return the threads that solve: one a core, however many callers there are at once."""
+    return ThreadPoolExecutor(os.cpu_count(), "simulate")
 
 
 def by_chunk(run: Callable[[Any], Any], flat: Any, chunk: int = CHUNK) -> Any:
-    """Run some sets at a time, which are on the first axis of all arrays, as many chunks at once as there are cores.
+    """Run some of a batch at a time, which is the first axis of all arrays, as many chunks at once as there are cores.
 
-    The first to come compiles the program, for which jax lets the others wait. Under `jit` or `grad` all sets at once.
+    The first to come compiles the program, for which jax lets the others wait. Under `jit` or `grad` all at once.
     """
     leaves = jax.tree.leaves(flat)
     if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
@@ -156,9 +171,13 @@ def by_chunk(run: Callable[[Any], Any], flat: Any, chunk: int = CHUNK) -> Any:
     flat, count = jax.tree.map(np.asarray, flat), len(leaves[0])
     picked = [np.minimum(np.arange(start, start + chunk), count - 1) for start in range(0, count, chunk)]
     chunks = [jax.tree.map(lambda leaf, which=which: leaf[which], flat) for which in picked]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = list(pool.map(lambda one: jax.block_until_ready(run(one)), chunks))
-    return jax.tree.map(lambda *parts: jnp.concatenate(parts)[:count], *found)
+    futures = [_pool().submit(lambda one: jax.block_until_ready(run(one)), one) for one in chunks]
+    try:
+        parts = [future.result() for future in futures]
+    finally:
+        for future in futures:
+            future.cancel()
+    return jax.tree.map(lambda *leaf: jnp.concatenate(leaf)[:count], *parts)
 
 
 @jit
@@ -167,32 +186,37 @@ def _mapped(arm: Arm, values: dict[str, Array], solve: "FastMethod", keep: Calla
 
 
 class FastMethod(eqx.Module):
-    """The fast method for one set of numbers, all else given."""
+    """The fast method for one arm, all else given."""
 
     motion: Motion
     loads: Loads | None
     time: Times
     grid: TimeIntervals
     elastic: bool = eqx.field(static=True)
-    inexact: bool = eqx.field(static=True)
+    transmission_error: bool = eqx.field(static=True)
 
     @jit
     def __call__(self, arm: Arm) -> Solution:
-        """Simulate an arm of one set."""
-        gathered = multibody(arm, self.loads, rank=1, elastic_belts=self.elastic, inexact=self.inexact)
-        solved = fast.integrate(arm, gathered, self.motion, self.grid, self.loads)
+        """Simulate an arm without batch axes."""
+        model = multibody(
+            arm, self.loads, rank=1, elastic_belts=self.elastic, transmission_error=self.transmission_error
+        )
+        solved = fast.integrate(arm, model, self.motion, self.grid, self.loads)
         y, yd = solved.at(self.grid, self.time)
-        return Solution(y, yd, *_end_point(gathered, self.motion, self.grid, self.time, y, solved.rest))
+        return Solution(y, yd, *_end_point(model, self.motion, self.grid, self.time, y, solved.quasi_static))
 
 
-def _exact(arm: Arm, asked: FastMethod, rtol: float, progress: Progress) -> Solution:
-    motion, loads, time, grid = asked.motion, asked.loads, np.asarray(asked.time), asked.grid
-    gathered = _gathered(arm, loads, 1, asked.elastic)
-    rest = quasi_static_along(arm, gathered, motion, loads, grid)
-    first = initial_equilibrium(gathered, motion, between_nodes(grid, rest, time[:1])[0][:, 0])
+def _exact(arm: Arm, method: FastMethod, progress: Progress) -> tuple[Solution, float | None]:
+    """Return the exact solution, and until when it was solved if it was interrupted [s]."""
+    motion, loads, time, grid = method.motion, method.loads, np.asarray(method.time), method.grid
+    model = _multibody(arm, loads, 1, method.elastic)
+    nodes = quasi_static_along(arm, model, motion, loads, grid)
+    first = initial_equilibrium(model, motion, between_nodes(grid, nodes, time[:1])[0][:, 0])
     start = first, jnp.zeros_like(first)
-    y, yd, *_ = exact.integrate(gathered, motion, start, time, rtol=rtol, progress=progress)
-    return Solution(y, yd, *_end_point(gathered, motion, grid, time[: y.shape[1]], y, rest))
+    solved = exact.integrate(model, motion, start, time, progress=progress)
+    y = solved.y
+    solution = Solution(y, solved.yd, *_end_point(model, motion, grid, time[: y.shape[1]], y, nodes))
+    return solution, solved.interrupted
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -211,10 +235,10 @@ def _concrete(arm: Arm) -> Arm:
     return jax.lax.stop_gradient(arm)
 
 
-def _check_method(method: str, sets: tuple[int, ...]) -> None:
+def _check_method(method: str, batch: tuple[int, ...]) -> None:
     if method not in ("fast", "exact"):
         raise InputError(Problem("method", f"'{method}'", "fast or exact", "choose one"))
-    if method == "exact" and sets:
+    if method == "exact" and batch:
         raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
 
 
@@ -228,13 +252,13 @@ def _check(arm: Arm, rate: float, step: float | None) -> None:
 
 
 def refuse_jumps(arm: Arm, motion: Motion) -> None:
-    """Refuse a motion whose speed jumps, at its start too: no motor does that, and the blow would not be felt."""
+    """Refuse a motion whose speed jumps, at its start too: no motor does that, and the shock would be missed."""
     first = np.abs(np.asarray(motion.coefficients)[-2:-1, 0])
     jumps = np.vstack([first, jumps_of(motion, 1)])
-    place, joint = np.unravel_index(np.argmax(jumps), jumps.shape)
-    if jumps[place, joint] > JUMP:
+    piece, joint = np.unravel_index(np.argmax(jumps), jumps.shape)
+    if jumps[piece, joint] > JUMP:
         name = arm.driven[joint].name if joint < len(arm.driven) else f"joint {joint + 1}"
-        got = f"a jump of {name}'s speed by {np.rad2deg(jumps[place, joint]):.4g} deg/s at {motion.breaks[place]:.4g} s"
+        got = f"a jump of {name}'s speed by {np.rad2deg(jumps[piece, joint]):.4g} deg/s at {motion.breaks[piece]:.4g} s"
         remedy = "let a path begin at rest, and smooth a log (`smoothing`)"
         raise InputError(Problem(motion.name, got, "a motion from rest without such jumps", remedy))
 
@@ -249,22 +273,22 @@ def _refuse_collapse(motion: Motion, displacement: Array) -> None:
 
 
 @jit
-def _gathered(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
+def _multibody(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
     return multibody(arm, loads, rank=rank, elastic_belts=elastic)
 
 
 @jit
 def _end_point(
-    multibody: Multibody, motion: Motion, grid: TimeIntervals, time: Times, y: Array, rest: Float[Array, "P n m"]
+    model: Multibody, motion: Motion, grid: TimeIntervals, time: Times, y: Array, nodes: Float[Array, "P n m"]
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"], Float[Array, "3 T"]]:
-    """Return path, displacement and sag of the end point; the sag from its values at the nodes of the panels."""
+    """Return path, displacement and quasi-static deflection of the end point, the last by the intervals' nodes."""
 
     def from_path(time: Times, y: Array, error: float) -> tuple[Array, Array]:
-        turning = pins(multibody, command(multibody, motion, time), at_rest(deviations(multibody, y)))
-        path = end_point(multibody, turning.pin.angle - turning.error - deviations(multibody, y))
+        turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
+        path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
         angle = turning.pin.angle - (1 - error) * turning.error
-        return path, end_point(multibody, angle, bushings(multibody, y)) - path
+        return path, end_point(model, angle, bushings(model, y)) - path
 
     path, displacement = from_path(jnp.asarray(time), y, 1.0)
-    _, sag = from_path(grid.nodes.ravel(), jnp.moveaxis(rest, 1, 0).reshape((y.shape[0], -1)), 0.0)
-    return path, displacement, between_nodes(grid, jnp.moveaxis(sag.reshape((3, -1, NODES)), 1, 0), time)[0]
+    _, at_nodes = from_path(grid.nodes.ravel(), jnp.moveaxis(nodes, 1, 0).reshape((y.shape[0], -1)), 0.0)
+    return path, displacement, between_nodes(grid, jnp.moveaxis(at_nodes.reshape((3, -1, NODES)), 1, 0), time)[0]

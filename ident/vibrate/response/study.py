@@ -1,6 +1,6 @@
-"""A simulation with what is asked of it: two methods against each other, draws of a posterior, a measured trace."""
+"""Studies of a motion: two methods against each other, draws of a posterior, a measured trace."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from ident.text import did_you_mean, quoted
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.response import Response, peak, rms, settling_time
-from ident.vibrate.response.simulate import RATE, sample_times, simulate
+from ident.vibrate.response.simulate import RATE, simulate
 from ident.vibrate.signal.compare import Comparison, Trace, compare
 
 DIRECTIONS = ("x", "y", "z")
@@ -47,14 +47,17 @@ class SimulatedMotion:
     """A simulated motion.
 
     Attributes:
-        response: by the exact method where it came to the end, else by the fast one, if that was asked for.
-        other: by the other method, if both were asked for.
-        interrupted: [s] until when the exact method came before the user stopped it; None if it was not stopped.
+        response: by the exact method where it came to the end, else by the fast one, if it was chosen.
+        other: by the other method, if both were chosen.
     """
 
     response: Response
     other: Response | None = None
-    interrupted: float | None = None
+
+    @property
+    def interrupted(self) -> float | None:
+        """Until when [s] the exact method came before the user stopped it; None if it was not stopped."""
+        return self.response.interrupted if self.other is None else self.other.interrupted
 
     @property
     def difference(self) -> Float[np.ndarray, "3"]:
@@ -125,12 +128,11 @@ def simulate_motion(
     if exact is None:
         assert fast is not None
         return SimulatedMotion(fast)
-    if len(exact.time) == len(sample_times(motion, rate)):
+    if exact.interrupted is None:
         return SimulatedMotion(exact, fast)
     if len(exact.time) < 2 and fast is None:
         raise KeyboardInterrupt
-    stopped = float(exact.time[-1])
-    return SimulatedMotion(exact, None, stopped) if fast is None else SimulatedMotion(fast, exact, stopped)
+    return SimulatedMotion(exact) if fast is None else SimulatedMotion(fast, exact)
 
 
 def draw(
@@ -141,21 +143,19 @@ def draw(
     loads: Loads | None = None,
     elastic_belts: bool = False,
     rate: float = RATE,
-    tolerance: float = 1e-4,
-    at: float | None = None,
+    measure: Callable[[Response], Sizes] | None = None,
     progress: Progress = iter,
 ) -> Draws:
     """Simulate a motion by the fast method for draws of some of the arm's numbers.
 
     Args:
         arm: has the other numbers.
-        motion: what the motors are told.
+        motion: the commanded motion.
         values: draws by path.
         loads: the load case.
         elastic_belts: whether belts stretch.
         rate: samples a second.
-        tolerance: [m] for the settling time.
-        at: [s] from when on the late peak counts.
+        measure: gives the sizes of a response; `measures` with a tolerance of 0.1 mm when None.
         progress: shows how far it is, over the batches of draws.
 
     Raises:
@@ -169,7 +169,7 @@ def draw(
         drawn = arm.replace({path: jnp.asarray(column[chosen]) for path, column in values.items()})
         response = simulate(drawn, motion, loads=loads, elastic_belts=elastic_belts, rate=rate)
         vibrations.append(np.asarray(response.vibration))
-        sizes.append(measures(response, tolerance, at))
+        sizes.append(measure(response) if measure else measures(response, 1e-4))
     vibration = np.concatenate(vibrations, 2)[:, :, :count]
     whole = Sizes(*(np.concatenate(part, 1)[:, :count] for part in zip(*map(_parts, sizes), strict=True)))
     return Draws(dict(values), vibration, whole)
@@ -200,7 +200,7 @@ def against(
     """Compare a response with a measured trace, direction by direction.
 
     Args:
-        response: one set.
+        response: without batch axes.
         time: (S,) [s] of the trace, on the clock of the motion.
         values: by direction `x`, `y`, `z` [m or m/s^2]
         kind: `displacement` or `acceleration`.
@@ -209,12 +209,12 @@ def against(
     Raises:
         InputError: see `compare`.
     """
-    found, at = {}, np.asarray(response.time)
+    comparisons, at = {}, np.asarray(response.time)
     for direction, measured in values.items():
         ours = Trace(at, np.asarray(response.vibration[DIRECTIONS.index(direction)]))
         theirs = Trace(time, measured, "acceleration" if kind == "acceleration" else "displacement")
-        found[direction] = compare(ours, theirs, band=band)
-    return found
+        comparisons[direction] = compare(ours, theirs, band=band)
+    return comparisons
 
 
 def _parts(sizes: Sizes) -> tuple[np.ndarray, ...]:

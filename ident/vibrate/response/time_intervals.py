@@ -1,4 +1,4 @@
-"""Panels of time: what changes with the posture is computed at a few nodes of each and interpolated between them."""
+"""Time intervals: what changes with the posture is computed at a few nodes of each and interpolated between them."""
 
 from typing import NamedTuple
 
@@ -11,20 +11,20 @@ from scipy.interpolate import PPoly
 from ident.vibrate.motion.motion import Motion
 
 NODES = 6
-"""Nodes of a panel: the slow quantities are polynomials of degree five in it."""
+"""Nodes of an interval: the slow quantities are polynomials of degree five in it."""
 NODE_PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2
-"""The nodes within a panel, from 0 to 1."""
+"""The nodes within an interval, from 0 to 1."""
 TURN = 0.8
-"""Largest turn of a pin within a panel [rad]: polynomials of degree five follow its sine to 1e-6."""
+"""Largest turn of a pin within an interval [rad]: polynomials of degree five follow its sine to 1e-6."""
 JUMP = 1e-6
 """Jump of a derivative, against its largest value, that counts as one."""
 
 FINER = 8
-"""Panels are at most this much shorter than they must be, where that makes them more alike."""
-PANEL_COST = 90
-"""What a panel costs apart from its steps, in steps: measured on the paper's arm, by runs of different panels."""
+"""Intervals are at most this much shorter than they must be, where that makes them more alike."""
+INTERVAL_COST = 90
+"""What an interval costs apart from its steps, in steps: measured on the paper's arm."""
 MOST_STEPS = 200
-"""Steps of a panel at most: beyond, its intermediate values leave the cache."""
+"""Steps of an interval at most: beyond, its intermediate values leave the cache."""
 SHORTEST = 1e-9
 """Time [s] within which a jump counts as at the edge."""
 
@@ -32,12 +32,12 @@ Times = Float[Array | np.ndarray, "T"]
 
 
 class TimeIntervals(NamedTuple):
-    """A span of time in panels of as many equal steps each.
+    """A span of time in intervals, each of as many equal steps.
 
     Attributes:
-        start: (P,) [s] where the panels start.
+        start: (P,) [s] where the intervals start.
         step: (P,) [s] the steps of each.
-        steps: number S of steps of a panel.
+        steps: number S of steps of an interval.
     """
 
     start: Float[Array | np.ndarray, "P"]
@@ -50,19 +50,19 @@ class TimeIntervals(NamedTuple):
         return self.start[:, None] + (self.step * self.steps)[:, None] * NODE_PLACES
 
     def steps_of(self, time: Times) -> tuple[Array, Array, Array, Array]:
-        """Return for each time its panel, its step there, its place in that from 0 to 1, and the step's length [s]."""
-        panel = jnp.clip(jnp.searchsorted(self.start, time, side="right") - 1, 0, len(self.start) - 1)
-        h = jnp.asarray(self.step)[panel]
-        count = (time - jnp.asarray(self.start)[panel]) / h
+        """Return for each time its interval, its step there, the share of that past, and the step's length [s]."""
+        interval = jnp.clip(jnp.searchsorted(self.start, time, side="right") - 1, 0, len(self.start) - 1)
+        h = jnp.asarray(self.step)[interval]
+        count = (time - jnp.asarray(self.start)[interval]) / h
         step = jnp.clip(jnp.floor(count).astype(int), 0, self.steps - 1)
-        return panel, step, jnp.asarray(count - step), h
+        return interval, step, jnp.asarray(count - step), h
 
 
 def time_intervals(motion: Motion, end: float, step: float) -> TimeIntervals:
     """Divide the time from the first break of a motion, none of them across a jump of its derivatives.
 
     Args:
-        motion: what the motors are told.
+        motion: the commanded motion.
         end: last time [s].
         step: longest step [s].
     """
@@ -91,8 +91,8 @@ def _steps(lengths: np.ndarray, step: float) -> int:
 
 
 def _cost(edges: np.ndarray, counts: np.ndarray, step: float) -> int:
-    """Return the cost of panels, in steps: all have as many as the longest asks for."""
-    return int(counts.sum()) * (_steps(np.diff(edges) / counts, step) + PANEL_COST)
+    """Return the cost of intervals, in steps: all have as many as the longest asks for."""
+    return int(counts.sum()) * (_steps(np.diff(edges) / counts, step) + INTERVAL_COST)
 
 
 def fastest(motion: Motion) -> Float[np.ndarray, "driven"]:
@@ -125,8 +125,8 @@ def _path(motion: Motion) -> PPoly:
 
 def basis(places: np.ndarray) -> list[Polynomial]:
     """Return the polynomials that are one at one of the places and zero at the others (Lagrange)."""
-    found = [Polynomial.fromroots(np.delete(places, n)) for n in range(len(places))]
-    return [p / p(place) for p, place in zip(found, places, strict=True)]
+    products = [Polynomial.fromroots(np.delete(places, n)) for n in range(len(places))]
+    return [p / p(place) for p, place in zip(products, places, strict=True)]
 
 
 def evaluate(polynomials: list[Polynomial], u: Array) -> Float[Array, "T polynomials"]:
@@ -135,13 +135,13 @@ def evaluate(polynomials: list[Polynomial], u: Array) -> Float[Array, "T polynom
 
 
 POWERS = np.stack([p.coef for p in basis(NODE_PLACES)])
-"""Coefficients (nodes, powers) of the polynomials of a panel."""
+"""Coefficients (nodes, powers) of the polynomials of an interval."""
 
 
 def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the weights (NODES, places) by which values at the nodes give value, slope and curvature elsewhere.
 
-    Places run from 0 to 1 over the panel; slope and curvature are by that coordinate.
+    Places run from 0 to 1 over the interval; slope and curvature are by that coordinate.
     """
     values, slopes, curvatures = (np.stack([p.deriv(k)(places) for p in basis(NODE_PLACES)]) for k in range(3))
     return values, slopes, curvatures
@@ -155,9 +155,9 @@ def interpolate(x: Float[Array, "*rest m"], W: Float[np.ndarray, "m places"]) ->
 def between_nodes(
     grid: TimeIntervals, x: Float[Array, "P c m"], time: Times
 ) -> tuple[Float[Array, "c T"], Float[Array, "c T"]]:
-    """Return values at times within the panels by those at the nodes, and their rates."""
-    k, s, place, h = grid.steps_of(time)
-    u = ((s + place) / grid.steps)[:, None]
+    """Return values at times within the intervals by those at the nodes, and their rates."""
+    k, s, share, h = grid.steps_of(time)
+    u = ((s + share) / grid.steps)[:, None]
     coefficients = jnp.moveaxis(jnp.tensordot(x, jnp.asarray(POWERS), 1), 2, 0)[:, k]
     value, slope = coefficients[-1], jnp.zeros_like(coefficients[-1])
     for lower in coefficients[-2::-1]:

@@ -23,7 +23,7 @@ class Trace:
     """A vibration in one direction.
 
     Attributes:
-        time: (T,) [s] uniform to one part in a thousand.
+        time: (T,) [s] uniform, see `series.samples`.
         values: (T,) [m] or [m/s^2].
         quantity: displacement or acceleration.
     """
@@ -106,8 +106,8 @@ def compare(
         Sizes of both, and their ratios.
 
     Raises:
-        InputError: a trace has gaps or is not uniform, the traces share too little time, the measured one stands
-            still, or a measured displacement would have to be differentiated.
+        InputError: a trace has gaps or is not uniform, the traces share too little time, the measured one is
+            constant, or a measured displacement would have to be differentiated.
     """
     refuse([*_quantity_problems(simulated, measured), *band_problems(*band)])
     ours, theirs = samples(simulated.time, simulated.values), samples(measured.time, measured.values)

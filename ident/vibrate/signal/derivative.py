@@ -17,7 +17,7 @@ def second_derivative(time: ArrayLike, values: ArrayLike) -> Float[np.ndarray, "
     away from the ends; at the ends as good as the curvature of a cubic spline there.
 
     Args:
-        time: (T,) [s] uniform to one part in a thousand.
+        time: (T,) [s] uniform, see `series.samples`.
         values: (T, ...) [m].
 
     Returns:

@@ -13,7 +13,7 @@ from ident.errors import InputError, Problem
 from ident.vibrate.signal.series import Samples, refuse, samples
 
 TURNING = 0.05
-"""Share of the fastest turning rate below which the pulley counts as standing."""
+"""Share of the fastest turning rate below which the pulley counts as at rest."""
 FAITHFUL = 0.5
 """Share of the Nyquist order up to which the interpolation keeps amplitudes to within 0.2 %."""
 
@@ -28,7 +28,7 @@ class OrderTrack:
         time: (B,) [s] when half of the block's revolutions are done.
         frequency: (B,) [Hz] mean turning frequency.
         highest_order: (B,) [-] highest order that the sampling resolves, half the Nyquist order at the block's fastest.
-        revolutions: of a block; orders less than 2 / revolutions apart are not told from each other.
+        revolutions: of a block; orders less than 2 / revolutions apart are not resolved.
     """
 
     orders: Float[np.ndarray, "O"]
@@ -49,11 +49,11 @@ def order_tracking(
     Used are the pieces over which the angle runs one way, faster than 5 % of its fastest; blocks follow each other
     without overlap, and what does not fill a block is left out.
 
-    Limits: an order k at turning frequency f stands at k f, which must stay below a quarter of the sampling rate; above
+    Limits: an order k at turning frequency f is at k f, which must stay below a quarter of the sampling rate; above
     that the amplitude is NaN. A resonance that is passed within a block is averaged over it.
 
     Args:
-        time: (T,) [s] uniform to one part in a thousand.
+        time: (T,) [s] uniform, see `series.samples`.
         values: (T, ...) [any].
         angle: (T,) [rad] of the pulley, unwrapped; in either direction.
         orders: (O,) [-] multiples of the turning frequency; at least 2 / revolutions.

@@ -10,7 +10,12 @@ from numpy.typing import ArrayLike
 from ident.errors import InputError, Problem
 
 UNIFORM = 1e-2
-"""Largest deviation of a time step from the mean step, relative to it."""
+"""Largest deviation of a time step from the mean step, relative to it.
+
+Times written with six digits deviate by 0.5 % at 500 samples a second for 10 s, and `ident.measure` admits as much.
+As jitter it is noise of 1 % of a sine at a quarter of the sampling rate; as drift it spreads a peak over 1 % of its
+frequency.
+"""
 SHORTEST = 16
 """Samples below which a trace or a segment is too short for a spectrum."""
 
@@ -20,7 +25,7 @@ class Samples:
     """A trace that is uniformly sampled and has no gaps.
 
     Attributes:
-        time: (T,) [s] ascending, uniform to one part in a thousand.
+        time: (T,) [s] ascending, uniform within UNIFORM.
         values: (T, ...) [any] finite.
     """
 
@@ -49,8 +54,8 @@ def samples(time: ArrayLike, values: ArrayLike) -> Samples:
         The trace in double precision.
 
     Raises:
-        InputError: shapes differ, there are fewer than 16 samples, a value is not finite, or the time steps are not
-            uniform to one part in a thousand.
+        InputError: shapes differ, there are fewer than 16 samples, a value is not finite, or a time step deviates
+            from the mean one by more than UNIFORM.
     """
     t, x = np.asarray(time, float), np.asarray(values, float)
     refuse(_shape_problems(t, x))
@@ -61,9 +66,8 @@ def samples(time: ArrayLike, values: ArrayLike) -> Samples:
 
 def refuse(problems: Iterable[Problem]) -> None:
     """Raise an InputError if there is any problem."""
-    found = tuple(problems)
-    if found:
-        raise InputError(found)
+    if problems := tuple(problems):
+        raise InputError(problems)
 
 
 def band_problems(low: float, high: float) -> Iterator[Problem]:

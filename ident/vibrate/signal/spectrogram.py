@@ -15,7 +15,7 @@ from ident.vibrate.signal.windows import averaging_words, noise_bandwidth, overl
 
 @dataclass(frozen=True)
 class Spectrogram:
-    """One-sided amplitudes over time: a steady sine of amplitude A on a bin stands there as A in every column.
+    """One-sided amplitudes over time: a steady sine of amplitude A on a bin shows as A in every column.
 
     Attributes:
         time: (B,) [s] middle of each segment, on the trace's own clock.
@@ -52,10 +52,10 @@ def spectrogram(
 
     Only segments that lie wholly in the trace count, so the first and last half segment have no column of their own.
     Each segment's mean is taken off. A sine whose frequency runs by r Hz/s is spread over r segment_seconds, and
-    stands lower than it is as soon as that exceeds the bandwidth: no segment length shows both exactly.
+    shows lower than it is as soon as that exceeds the bandwidth: no segment length shows both exactly.
 
     Args:
-        time: (T,) [s] uniform to one part in a thousand.
+        time: (T,) [s] uniform, see `series.samples`.
         values: (T, ...) [any].
         window: hann, or another of `windows.WINDOWS`.
         segment_seconds: [s] duration of a segment, rounded to whole samples; the resolution is its inverse.

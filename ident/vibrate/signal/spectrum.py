@@ -20,7 +20,7 @@ from ident.vibrate.signal.windows import averaging_words, noise_bandwidth, overl
 
 @dataclass(frozen=True)
 class Spectrum:
-    """A one-sided amplitude spectrum: a sine of amplitude A on a bin stands there as A, whatever the window.
+    """A one-sided amplitude spectrum: a sine of amplitude A on a bin shows as A, whatever the window.
 
     Attributes:
         frequency: (F,) [Hz] from zero to half the sampling rate.
@@ -78,11 +78,11 @@ def amplitude_spectrum(
 
     A sine of amplitude A on a bin gives A; between two bins a Hann window gives down to 0.85 A (scalloping, 1.42 dB):
     `peaks` mends most of that. Each segment's mean is taken off before the window. Segments are averaged in power:
-    that steadies noise, and widens the bins in proportion. What decays within a segment stands lower than its peak.
+    that steadies noise, and widens the bins in proportion. What decays within a segment shows lower than its peak.
     Samples that do not fill the last segment, fewer than there are segments, are left out.
 
     Args:
-        time: (T,) [s] uniform to one part in a thousand.
+        time: (T,) [s] uniform, see `series.samples`.
         values: (T, ...) [any].
         window: hann, or another of `windows.WINDOWS`.
         segments: number of segments.
@@ -137,8 +137,8 @@ def peaks(spectrum: Spectrum, count: int, between: tuple[float, float] = (0.0, n
     """
     refuse([*_single(spectrum), *band_problems(*between)])
     places, _ = find_peaks(spectrum.amplitude)
-    found = [_refined(spectrum, int(place)) for place in places]
-    inside = [peak for peak in found if between[0] <= peak.frequency <= between[1]]
+    refined = [_refined(spectrum, int(place)) for place in places]
+    inside = [peak for peak in refined if between[0] <= peak.frequency <= between[1]]
     return tuple(sorted(inside, key=lambda peak: -peak.amplitude)[:count])
 
 

@@ -46,7 +46,7 @@ def overlap_problems(overlap: float) -> Iterator[Problem]:
 
 
 def averaging_words(window: str, segments: str, overlap: float, resolution: float, bandwidth: float) -> str:
-    """Say window, segments and resolution on one line, as it stands on a figure."""
+    """Say window, segments and resolution on one line, for a figure."""
     overlapping = f", {100 * overlap:.0f} % overlap" if overlap else ""
     widths = f"resolution {_digits(resolution, 2)} Hz, ENBW {_digits(bandwidth, 2)} Hz"
     return f"{WINDOWS[window]} window, {segments} of {_digits(1 / resolution, 3)} s{overlapping}, {widths}"

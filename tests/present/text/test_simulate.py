@@ -109,11 +109,14 @@ def test_what_was_interrupted_before_arrival_has_no_residual(plain):
 
     keep = 20
     cut = eqx.tree_at(
-        lambda r: (r.time, r.y, r.yd, r.path, r.displacement, r.sag),
+        lambda r: (r.time, r.y, r.yd, r.path, r.displacement, r.quasi_static),
         early,
-        (early.time[:keep], *(x[:, :keep] for x in (early.y, early.yd, early.path, early.displacement, early.sag))),
+        (
+            early.time[:keep],
+            *(x[:, :keep] for x in (early.y, early.yd, early.path, early.displacement, early.quasi_static)),
+        ),
     )
-    stopped = replace(plain, study=SimulatedMotion(cut, None, 0.19), at=0.5)
+    stopped = replace(plain, study=SimulatedMotion(replace(cut, interrupted=0.19)), at=0.5)
     report = simulate_report(stopped)
     assert "INTERRUPTED: the exact method came to 0.19 s" in report
     assert np.isnan(stopped.sizes.residual).all()

@@ -12,18 +12,18 @@ from scipy.stats import binomtest
 from ident.errors import InputError, ModelError
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.redesign.binomial import BinomialEstimate
+from ident.vibrate.redesign.constraints import Requirements
 from ident.vibrate.redesign.design import design
 from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.search import Requirements, Search
+from ident.vibrate.redesign.search import Search
 from ident.vibrate.redesign.sensitivity import changeable, sensitivities
 from ident.vibrate.redesign.sweep import axis, sweep
 from ident.vibrate.redesign.variable import Variable, check
-from ident.vibrate.redesign.verify import exceeding, verify
+from ident.vibrate.redesign.verify import exceedances, verify
 
 K1, K2, K3 = (f"joint{j}.k_tors" for j in (1, 2, 3))
 STEP = 2e-3
 BENDING = tuple(f"joint{j}.k_bend" for j in (1, 2, 3))
-MANY = (K1, K2, K3, *BENDING, "link2.mass", "fingers.com.x", "drive2.ratio")
 
 
 def about(path, low=0.5, high=2.0, weight=1.0):
@@ -34,18 +34,15 @@ def about(path, low=0.5, high=2.0, weight=1.0):
 
 
 def short(variables, **options):
-    """A trial of the paper's way in half a second: the arm is shaken hard, and little is computed.
-
-    By default it takes the same numbers as given from outside as all others do, so that they share programs.
-    """
+    """An evaluator of the paper's way in half a second: the arm is excited hard, and little is computed."""
     motion = named(stroke(lcd_arm().stroke, percent=200, dwell=0.2))
-    usual = {"rate": 200.0, "step": STEP, "also": ("joint1.k_bend", K1, K2)}
+    usual = {"rate": 200.0, "step": STEP}
     return Evaluator(lcd_arm(), motion, tuple(variables), **(usual | options))
 
 
 def smooth(variables):
-    """The same, measured by its rms, with draws, of more numbers."""
-    return short(variables, measure="rms", draws={K1: drawn(2, 0)[K1]}, also=MANY)
+    """The same, measured by its rms, with draws."""
+    return short(variables, measure="rms", draws={K1: drawn(2, 0)[K1]})
 
 
 def drawn(count, seed):
@@ -105,10 +102,10 @@ def test_the_best_beats_every_point_of_a_dense_grid(found):
 
 def test_starts_curve_and_present_are_no_quieter_than_the_best(found, present):
     assert found.present.largest == pytest.approx(present)
-    assert found.present.amount == 0
+    assert found.present.change_norm == 0
     assert len(found.optima) == 3
     assert all(place.largest >= found.best.largest for place in found.optima)
-    sizes, amounts = ([getattr(place, name) for place in found.curve] for name in ("largest", "amount"))
+    sizes, amounts = ([getattr(place, name) for place in found.curve] for name in ("largest", "change_norm"))
     assert amounts == sorted(amounts)
     assert all(b <= a * (1 + 1e-6) for a, b in pairwise(sizes)), "more change, less amplitude"
     for place in found.optima:
@@ -116,21 +113,21 @@ def test_starts_curve_and_present_are_no_quieter_than_the_best(found, present):
 
 
 def test_the_cheapest_keeps_the_limit_and_changes_less(found, present):
-    cheapest = found.cheapest
+    cheapest = found.minimum_change
     assert cheapest.largest <= LIMIT * present * (1 + 1e-6)
     assert cheapest.largest == pytest.approx(LIMIT * present, rel=1e-5), "no more than asked for"
-    assert 0 < cheapest.amount < found.best.amount
+    assert 0 < cheapest.change_norm < found.best.change_norm
 
 
 def test_a_requirement_is_met_and_costs_amplitude(found):
     amount = 0.2
-    less = design(short(TWO), required=Requirements(amount=amount), starts=1, curve=False)
-    assert less.best.amount == pytest.approx(amount, rel=1e-6)
+    less = design(short(TWO), required=Requirements(change_norm=amount), starts=1, curve=False)
+    assert less.best.change_norm == pytest.approx(amount, rel=1e-6)
     assert less.best.largest > found.best.largest
     # the first frequency is that of vertical bending or of torsion: ask for more torsion than the best has
     torsion = max(found.best.frequency, found.present.frequency) * 1.005
-    stiff = Search.of(short(TWO), Requirements())
-    most = stiff.stands(stiff.high)[0][0]
+    stiff = Search(short(TWO), Requirements())
+    most = stiff.objective.end_state(stiff.objective.high)[0][0]
     if most > torsion:
         kept = design(short(TWO), required=Requirements(frequency=torsion), starts=1, curve=False)
         assert kept.best.frequency >= torsion * (1 - 1e-6)
@@ -139,10 +136,10 @@ def test_a_requirement_is_met_and_costs_amplitude(found):
 
 def test_slopes_of_frequency_and_deflection_and_of_the_log_odds():
     trial = replace(smooth((about(K1), about("joint1.k_bend"))), draws=drawn(6, 1))
-    search = Search.of(trial, Requirements())
+    search = Search(trial, Requirements())
     u = np.array([0.2, -0.1])
-    limit = search.largest(u)
-    for function in (search.stands, lambda u: search.log_odds(u, limit)):
+    limit = search.objective.largest(u)
+    for function in (search.objective.end_state, lambda u: search.objective.log_odds(u, limit)):
         slopes = np.atleast_2d(function(u)[1])
         differences = central(lambda u: np.atleast_1d(function(u)[0]), u, 1e-3).T  # noqa: B023
         np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-5 * np.abs(slopes).max())
@@ -170,20 +167,20 @@ def uncertain(found, present):
 
 
 def test_fresh_draws_agree_with_others_and_with_the_exact_method(uncertain):
-    trial, place, limit = uncertain.trial, uncertain.best, uncertain.limit
+    trial, place, limit = uncertain.evaluator, uncertain.best, uncertain.limit
     checked = verify(trial, place, limit, drawn(1000, 3))
     changes = np.stack([0 * place.changes, place.changes])
-    again = exceeding(replace(trial, draws=drawn(1000, 4)), changes, limit)
+    again = exceedances(replace(trial, draws=drawn(1000, 4)), changes, limit)
     for one, other in zip((checked.before, checked.after), again, strict=True):
-        assert one.exceeding.draws == other.draws == 1000
-        share = (one.exceeding.share + other.share) / 2
+        assert one.exceedance.draws == other.draws == 1000
+        share = (one.exceedance.share + other.share) / 2
         sd = np.sqrt(2 * share * (1 - share) / 1000)
-        assert abs(one.exceeding.share - other.share) <= 4 * sd + 1e-12
+        assert abs(one.exceedance.share - other.share) <= 4 * sd + 1e-12
         assert np.abs(one.difference).max() < 0.02
         assert one.vibration.shape == (3, len(one.time))
         np.testing.assert_allclose(one.amplitude, np.abs(one.vibration).max(1))
-    assert checked.after.exceeding.share < checked.before.exceeding.share
-    assert uncertain.best.exceeding <= uncertain.present.exceeding
+    assert checked.after.exceedance.share < checked.before.exceedance.share
+    assert uncertain.best.exceedance <= uncertain.present.exceedance
 
 
 def test_the_interval_of_a_probability_is_clopper_and_pearsons():
@@ -219,7 +216,7 @@ def test_bounds_that_cannot_be_are_refused(variable, words):
         ((), {}, "nothing to change"),
         ((about(K1), about(K1)), {}, "twice"),
         (TWO, {"limit": 0.0}, "a number above 0"),
-        (TWO, {"required": Requirements(amount=-1.0)}, "a number above 0"),
+        (TWO, {"required": Requirements(change_norm=-1.0)}, "a number above 0"),
         (TWO, {"required": Requirements(frequency=-1.0)}, "a frequency"),
     ],
 )

@@ -69,7 +69,7 @@ def test_a_change_acts_on_every_draw(both):
 def test_factors_and_differences_of_draws():
     draws = {"joint2.k_tors": np.array([1.0, 3.0]), "bracket.com.x": np.array([0.1, 0.3])}
     factor, shift = Variable(("joint2.k_tors", "joint3.k_tors"), 1.0, 2.0), Variable(("bracket.com.x",), 0.0, 0.2)
-    sets = replace(TRIAL, draws=draws, variables=(factor, shift)).sets(np.array([[np.log(2), 0.05], [0, 0]]))
+    sets = replace(TRIAL, draws=draws, variables=(factor, shift)).batch(np.array([[np.log(2), 0.05], [0, 0]]))
     np.testing.assert_allclose(sets["joint2.k_tors"], [2 * SOFT, 2, 6, SOFT, 1, 3])
     np.testing.assert_allclose(sets["joint3.k_tors"], float(ARM.get("joint3.k_tors")) * np.array([2, 2, 2, 1, 1, 1]))
     np.testing.assert_allclose(sets["bracket.com.x"], [0.195, 0.15, 0.35, 0.145, 0.1, 0.3])

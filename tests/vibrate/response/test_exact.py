@@ -1,5 +1,6 @@
 """The exact equations in time: energy, decay, order, another engine's motion, stiff arms, failure."""
 
+from collections.abc import Iterable, Iterator
 from functools import cache
 from itertools import pairwise
 
@@ -33,9 +34,9 @@ def at_rest(arm: Arm, motion: Motion) -> np.ndarray:
     return np.array(quasi_static_deflection(arm, multibody(arm, rank=1), motion(jnp.zeros(1))[0])[:, 0])
 
 
-def run(arm: Arm, motion: Motion, y: np.ndarray, yd: np.ndarray, end: float, **tolerances: float) -> exact.Exact:
+def run(arm: Arm, motion: Motion, y: np.ndarray, yd: np.ndarray, end: float, **options: float) -> exact.Exact:
     times = np.linspace(0, end, SAMPLES + 1)
-    return exact.integrate(multibody(arm, rank=1), motion, (jnp.asarray(y), jnp.asarray(yd)), times, **tolerances)
+    return exact.integrate(multibody(arm, rank=1), motion, (jnp.asarray(y), jnp.asarray(yd)), times, **options)
 
 
 @pytest.mark.parametrize(("percent", "span", "engine"), [(10, FASTEST, QuickMujoco), (100, QUICKEST, PinocchioMoving)])
@@ -170,9 +171,20 @@ def test_stiff_arm_takes_the_implicit_method() -> None:
     assert run(lcd_arm(), swing(), *started(), 0.5).method == "Dopri8"
 
 
-def test_tolerance_that_cannot_be_met(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line that names the times; two million steps of a real one take minutes."""
-    nothing = jnp.zeros((9, SAMPLES + 1))
-    monkeypatch.setattr(exact, "_solve", lambda *_: (False, nothing, nothing, 0))
+def test_tolerance_that_cannot_be_met() -> None:
+    """One line that names the times."""
     with pytest.raises(ModelError, match=r"^the simulation cannot meet its tolerance from 0 to 0\.5 s; loosen .*$"):
-        run(lcd_arm(), swing(), *started(), 0.5, rtol=1e-16)
+        run(lcd_arm(), swing(), *started(), 0.5, max_steps=10)
+
+
+@pytest.mark.parametrize("sections", [0, 1, 2])
+def test_an_interrupted_solution_says_so(sections: int) -> None:
+    def stopping(numbers: Iterable[int]) -> Iterator[int]:
+        yield from list(numbers)[:sections]
+        raise KeyboardInterrupt
+
+    times = np.linspace(0, 0.5, 2 * SAMPLES + 1)
+    y, yd = map(jnp.asarray, started())
+    solution = exact.integrate(multibody(lcd_arm(), rank=1), swing(), (y, yd), times, progress=stopping)
+    assert solution.y.shape == solution.yd.shape == (9, sections * SAMPLES + 1)
+    assert solution.interrupted == (None if sections == 2 else pytest.approx(0.25 * sections))

@@ -22,7 +22,7 @@ def moved():
 def test_the_end_is_the_responses_end_point(moved):
     _, response, shown = moved
     at = np.searchsorted(np.asarray(response.time), MOMENTS - 1e-9)
-    rest = np.asarray(response.path + response.sag)[:, at]
+    rest = np.asarray(response.path + response.quasi_static)[:, at]
     vibration = np.asarray(response.vibration)[:, at]
     assert shown.time == pytest.approx(MOMENTS)
     np.testing.assert_allclose(shown.rest[:, -1], rest, atol=1e-7)

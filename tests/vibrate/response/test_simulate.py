@@ -88,21 +88,22 @@ def interrupted() -> Response:
 
 def test_interruption_keeps_what_there_is() -> None:
     response, T = interrupted(), 2 * SAMPLES + 1
-    parts = (response.time, response.y, response.yd, response.path, response.displacement, response.sag)
+    parts = (response.time, response.y, response.yd, response.path, response.displacement, response.quasi_static)
     assert {part.shape[-1] for part in parts} == {T}
     assert response.method == "exact"
+    assert response.interrupted == response.time[-1]
     assert np.isfinite(np.asarray(response.vibration)).all()
     assert np.asarray(response.phi).shape == np.asarray(response.moment).shape == (3, 3, T)
     np.testing.assert_allclose(response.vibration, short(lcd_arm(), swing()).vibration[:, :T], atol=1e-6)
 
 
-def test_sag_is_the_deflection_of_the_held_arm() -> None:
+def test_quasi_static_deflection_is_that_of_the_chain() -> None:
     response = short(lcd_arm(), swing())
     some = slice(0, None, 250)
     chain = at_posture(lcd_arm(), response.posture[:, some])
     right = deflection(chain, jax.jit(equilibrium)(chain))[:, -1]
-    # measured by the polynomials between six nodes of a panel
-    assert np.abs(np.asarray(response.sag[:, some] - right)).max() < 1e-6 * np.abs(np.asarray(right)).max()
+    # measured by the polynomials between six nodes of an interval
+    assert np.abs(np.asarray(response.quasi_static[:, some] - right)).max() < 1e-6 * np.abs(np.asarray(right)).max()
 
 
 def made(traces: np.ndarray, arrival: float) -> Response:
@@ -110,7 +111,7 @@ def made(traces: np.ndarray, arrival: float) -> Response:
     response = short(lcd_arm(), swing())
     T = traces.shape[1]
     motion = Motion("made", response.motion.breaks, response.motion.coefficients, arrival)
-    whole = {"time": jnp.arange(T) / 100, "displacement": jnp.asarray(traces), "sag": jnp.zeros((3, T))}
+    whole = {"time": jnp.arange(T) / 100, "displacement": jnp.asarray(traces), "quasi_static": jnp.zeros((3, T))}
     for name, value in whole.items():
         response = eqx.tree_at(lambda r, name=name: getattr(r, name), response, value)
     return eqx.tree_at(lambda r: r.motion, response, motion)
@@ -161,7 +162,7 @@ def test_tension_of_elastic_belts() -> None:
 def test_slack_is_told() -> None:
     """Belts that are hardly tensioned go slack, and the report names span and times."""
     response = interrupted()
-    loose = eqx.tree_at(lambda r: r.machine.belts.pretension, response, 0 * response.machine.belts.pretension)
+    loose = eqx.tree_at(lambda r: r.model.belts.pretension, response, 0 * response.model.belts.pretension)
     tension = belt_tension(loose)
     told = list(slack(response.time, tension))
     assert not list(slack(response.time, belt_tension(response)))

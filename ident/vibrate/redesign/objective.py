@@ -1,0 +1,133 @@
+"""What a design minimises and keeps within limits: functions of scaled changes, with exact slopes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.special import log_ndtr, logsumexp
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads
+from ident.jit import jit
+from ident.vibrate.motion.motion import Motion
+from ident.vibrate.redesign.end_states import end_states
+from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.variable import Variable, apply
+
+BLUR = 0.05
+"""Width in ln(amplitude) over which a draw passes from below the limit to above it, so that there is a slope."""
+CACHED = 16
+"""Results that are remembered: an optimiser asks for the same several times."""
+
+Point = Float[np.ndarray, "V"]
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Functions of u: changes in units of the widest that is allowed.
+
+    Attributes:
+        evaluator: with a step that suits all of the bounds.
+        scale: (V,) the widest change of each variable.
+        low: (V,) lower bounds of u.
+        high: (V,) upper bounds of u.
+    """
+
+    evaluator: Evaluator
+    scale: Point
+    low: Point
+    high: Point
+
+    @classmethod
+    def of(cls, evaluator: Evaluator) -> "Objective":
+        """Scale an evaluator's variables."""
+        low, high = evaluator.bounds
+        scale = np.maximum(np.abs(low), np.abs(high))
+        evaluator = evaluator if evaluator.step else replace(evaluator, step=evaluator.step_for(evaluator.bounds))
+        return cls(evaluator, scale, low / scale, high / scale)
+
+    @cached_property
+    def weight(self) -> Point:
+        """Cost of changing each variable."""
+        return np.array([variable.weight for variable in self.evaluator.variables])
+
+    @cached_property
+    def present(self) -> float:
+        """Largest amplitude as it is [m]."""
+        return self.largest(np.zeros(len(self.scale)))
+
+    def squared_norm(self, u: Point) -> tuple[float, Point]:
+        """Return the square of the change norm, and its slopes."""
+        return float((self.weight * u**2).sum()), 2 * self.weight * u
+
+    def change_norm(self, u: Point) -> float:
+        """Return the change norm [-], see `design.Place`."""
+        return float(np.sqrt(self.squared_norm(u)[0]))
+
+    def largest(self, u: Point) -> float:
+        """Return the largest amplitude of the arm itself [m]."""
+        return float(self.parts(u)[0].max())
+
+    def parts(self, u: Point) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J V"]]:
+        """Return the parts of which that is the largest [m], and their slopes."""
+
+        def parts() -> tuple[np.ndarray, np.ndarray]:
+            values, slopes = self.evaluator.alone.slopes(u * self.scale)
+            return values.ravel(), slopes.reshape((len(u), -1)).T * self.scale
+
+        return self._cached("parts", u, parts)
+
+    def end_state(self, u: Point) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 V"]]:
+        """Return first frequency [Hz] and deflection [m], and their slopes."""
+
+        def end_state() -> tuple[np.ndarray, np.ndarray]:
+            e = self.evaluator
+            values, slopes = _end_state_slopes(e.arm, e.variables, e.motion, e.loads, jnp.asarray(u * self.scale))
+            return np.asarray(values), np.asarray(slopes) * self.scale
+
+        return self._cached("end state", u, end_state)
+
+    def log_odds(self, u: Point, limit: float) -> tuple[float, Point]:
+        """Return the blurred log-odds that a draw exceeds the limit, and their slopes."""
+
+        def odds() -> tuple[float, np.ndarray]:
+            values, slopes = self.evaluator.slopes(u * self.scale, slice(1, None))
+            draws = values.shape[2]
+            parts, slopes = values.reshape((-1, draws)), slopes.reshape((len(u), -1, draws))
+            worst = parts.argmax(0), np.arange(draws)
+            z = np.log(parts[worst] / limit) / BLUR
+            dz = slopes[:, *worst] / parts[worst] / BLUR * self.scale[:, None]
+            above, below = logsumexp(log_ndtr(z)), logsumexp(log_ndtr(-z))
+            density = -(z**2) / 2 - np.log(2 * np.pi) / 2
+            return float(above - below), (dz * (np.exp(density - above) + np.exp(density - below))).sum(1)
+
+        return self._cached(f"odds {limit}", u, odds)
+
+    def _cached(self, name: str, u: Point, compute: Callable[[], Any]) -> Any:
+        key = name, u.tobytes()
+        if key not in self._results:
+            if len(self._results) >= CACHED:
+                del self._results[next(iter(self._results))]
+            self._results[key] = compute()
+        return self._results[key]
+
+    @cached_property
+    def _results(self) -> dict[tuple[str, bytes], Any]:
+        return {}
+
+
+@jit
+def _end_state_slopes(
+    arm: Arm, variables: tuple[Variable, ...], motion: Motion, loads: Loads | None, changes: Float[Array, "V"]
+) -> tuple[Float[Array, "2"], Float[Array, "2 V"]]:
+    """Return first frequency and deflection after changes, and their slopes."""
+
+    def end_state(changes: Array) -> Array:
+        return jnp.stack(end_states(arm.replace(apply(arm.numbers(), variables, list(changes))), motion, loads))
+
+    return end_state(changes), jax.jacfwd(end_state)(changes)

@@ -1,0 +1,55 @@
+"""One search: what comes back belongs to the point where it ended."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ident.inference.least_squares import evaluate, solve
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.problem import InverseProblem
+
+
+def curved(p):
+    """Rosenbrock's residuals: many steps along a curved valley."""
+    return jnp.stack([10 * (p["b"] - p["a"] ** 2), 1 - p["a"]])
+
+
+def root(p):
+    """No answer below zero."""
+    return jnp.stack([jnp.where(p["a"] > 0, jnp.sqrt(jnp.abs(p["a"])), jnp.nan), p["b"]])
+
+
+def problem(model, measured=(0.0, 0.0), sigma=1.0):
+    items = tuple(Parameter((name,), False, 0.0, 0.0) for name in "ab")
+    return InverseProblem(
+        model, jnp.asarray(measured), jnp.full(2, sigma), Parameters(items), ("value",) * len(measured)
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "measured", "start"),
+    [
+        (curved, (0.0, 0.0), (-1.2, 1.0)),
+        (curved, (0.0, 0.0), (1.0, 1.0)),
+        (curved, (3.0, -2.0), (5.0, -4.0)),
+        (root, (0.1, 2.0), (4.0, 0.0)),
+    ],
+)
+def test_prediction_jacobian_cost_and_gradient_are_those_of_the_end(model, measured, start):
+    posed = problem(model, measured)
+    end = solve(posed, np.array(start))
+    there = evaluate(posed, end.theta)
+    np.testing.assert_array_equal(there.theta, end.theta)
+    np.testing.assert_array_equal(there.predicted, end.predicted)
+    np.testing.assert_array_equal(there.jacobian, end.jacobian)
+    residuals = np.asarray(end.predicted) - measured
+    assert float(end.cost) == pytest.approx(residuals @ residuals, rel=1e-12, abs=1e-300)
+    np.testing.assert_allclose(end.gradient, 2 * np.asarray(end.jacobian).T @ residuals, atol=1e-12)
+    assert end.converged
+    assert float(end.cost) < 1e-18
+
+
+def test_a_start_without_answer_has_no_cost():
+    end = solve(problem(root), np.array([-1.0, 0.0]))
+    assert np.isnan(end.cost)
+    np.testing.assert_array_equal(end.theta, [-1.0, 0.0])
