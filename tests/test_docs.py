@@ -21,14 +21,15 @@ STRICTLY = ("-W", "--keep-going", "-n", "-q")
 FROM_ELSEWHERE = re.compile(r"<(?:link|script|img|iframe|source)\b[^>]*(?:src|href)=\"(?:https?:)?//[^\"]*")
 SETUP = ("python3 -m venv", "pip install", "python -m pytest")
 """How commands of an installation begin; `.ci/run` has them."""
+TWO = ("--change=joint1.k_tors", "--change=joint2.k_tors")
 REDUCED = {
     "sample": ("--ess=100", "--steps=500", "--starts=1", "--no-figure"),
     "simulate": ("--method=fast", "--no-figure"),
     "sweep": ("--speed=200", "--rate=100", "--dwell=0.5", "--no-figure"),
-    "design": ("--path=teach.csv", "--dwell=0.2", "--rate=100", "--starts=1", "--no-curve", "--no-figure"),
+    "design": ("--path=teach.csv", "--dwell=0.2", "--rate=100", "--starts=1", "--no-curve", "--no-figure", *TWO),
 }
 """What is added to a command that takes long: the way through it is tested, its numbers are elsewhere. Motions are
-those of `tests/cli/test_sweep.py` and `tests/cli/test_design.py`, which need the same programs."""
+those of `tests/cli/test_sweep.py` and `tests/studies/test_design.py`, which need the same programs."""
 REDUCED_OPTIONS = {
     "SampleOptions(": "ess=100, steps=500, starts=1, ",
     "SweepOptions(": "speed=200, rate=100, dwell=0.5, ",
@@ -43,6 +44,7 @@ def folder(run, tmp_path):
     return tmp_path
 
 
+@pytest.mark.timeout(900)  # programs are compiled, slowly on a machine that others share
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_examples_run(page, run, folder):
     names = {"__name__": "__main__"}
