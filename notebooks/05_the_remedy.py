@@ -52,7 +52,7 @@ from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.sweep import axis, sweeps
 from ident.vibrate.redesign.trend import curve, near, trend
 from ident.vibrate.redesign.variable import Variable
-from ident.vibrate.response.simulate import vibrations
+from ident.vibrate.response.simulate import simulate
 
 data = Path("..") / "data" / "lcd_arm"
 arm_file = read_arm(data / "arm.toml")
@@ -211,7 +211,7 @@ assert apart < 0.12
 def shaken(arm, changes):
     """Vibration (3, T, G) [m] of an arm after changes of the five numbers."""
     some = replace(trial, arm=arm)
-    return np.asarray(vibrations(some.changed(changes), motion, step=trial.step, rate=trial.rate))
+    return np.asarray(simulate(some.changed(changes), motion, step=trial.step, rate=trial.rate).vibration)
 
 
 PARTS = {"start, to 4.5 s": (0, 4.5), "dwell, to 7.7 s": (4.5, 7.7), "stop and after": (7.7, 99)}
