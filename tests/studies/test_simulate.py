@@ -78,10 +78,11 @@ def test_a_saved_result_comes_back_as_it_was(request, tmp_path, case):
         axes.get_ylabel() for axes in result.figures()["drives"].axes
     ]
     again = tmp_path / "again" / "other.nc"
-    assert loaded.save(again) == tuple(again.with_suffix(end) for end in (".csv", ".nc", ".json"))
-    first, second = (json.loads(path.read_text()) | {"created": ""} for path in (paths[2], again.with_suffix(".json")))
+    csv, document = (again.with_name(f"other.simulate{end}") for end in (".csv", ".json"))
+    assert loaded.save(again) == (csv, again, document)
+    first, second = (json.loads(path.read_text()) | {"created": ""} for path in (paths[2], document))
     assert first == second
-    assert paths[0].read_text().splitlines()[1:] == again.with_suffix(".csv").read_text().splitlines()[1:]
+    assert paths[0].read_text().splitlines()[1:] == csv.read_text().splitlines()[1:]
     with (
         xarray.open_dataset(paths[1], engine="h5netcdf") as one,
         xarray.open_dataset(again, engine="h5netcdf") as other,
