@@ -35,7 +35,7 @@ def through_json(value, arrays=None):
         Load.parse("glass + 5 kg @ tip + 20 N -z @ tip"),
         Problem("a", "b", "c", "d"),
     ],
-    ids=repr,
+    ids=lambda value: type(value).__name__,
 )
 def test_plain_values_come_back(value):
     again = through_json(value)

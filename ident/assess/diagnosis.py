@@ -18,9 +18,6 @@ from ident.vibrate.modal.excitation import Excitation, excitation
 from ident.vibrate.modal.resonance import ResonanceCrossing, resonance_crossings
 from ident.vibrate.redesign.sensitivity import Sensitivities
 
-STAGES = ("stiffness", "resonance", "vibration", "sensitivities", "remedies", "verification")
-"""In order; the last two only where the vibration is not accepted."""
-
 Verdict = Literal["accept", "warn", "reject"]
 
 
@@ -69,7 +66,8 @@ class Diagnosis:
     """A diagnosis as far as it has come.
 
     Attributes:
-        stages: value of each finished stage, by its name in `STAGES` and in that order.
+        stages: value of each finished stage, in order: stiffness, resonance, vibration, sensitivities; and, where the
+            vibration is not accepted, remedies and verification.
     """
 
     stages: Mapping[str, Any] = field(default_factory=dict)

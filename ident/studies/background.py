@@ -1,4 +1,4 @@
-"""What is computed ahead of its turn."""
+"""What is computed in the background, before its turn."""
 
 from collections.abc import Callable
 from concurrent.futures import Future

@@ -84,21 +84,21 @@ def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
     from ident.assess.diagnosis import Diagnosis
     from ident.present.text.diagnose import stage_report
 
-    diagnosis, ahead = Diagnosis(), dict[str, Callable[[], Any]]()
+    diagnosis, begun = Diagnosis(), dict[str, Callable[[], Any]]()
     for stage, compute in STAGES.items():
         if diagnosis.needs(stage):
             value = store.read(stage)
             resumed = value is not None
             if not resumed:
-                value = ahead[stage]() if stage in ahead else compute(job, diagnosis)
+                value = begun[stage]() if stage in begun else compute(job, diagnosis)
                 store.write(stage, value)
             diagnosis = diagnosis.then(stage, value)
             on_stage(stage_report(diagnosis, stage, resumed=resumed))
-            ahead |= _ahead(stage, diagnosis, store)
+            begun |= _begun(stage, diagnosis, store)
     return diagnosis
 
 
-def _ahead(stage: str, diagnosis: "Diagnosis", store: "Store") -> dict[str, Callable[[], Any]]:
+def _begun(stage: str, diagnosis: "Diagnosis", store: "Store") -> dict[str, Callable[[], Any]]:
     """Begin in the background, behind the first stage, what depends on no other: the sensitivities."""
     from ident.vibrate.redesign.sensitivity import sensitivities
 

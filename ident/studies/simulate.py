@@ -1,5 +1,6 @@
 """Simulate how the end point vibrates while the arm carries out a motion."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ from ident.studies.shared import as_file
 if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import Float
+    from matplotlib.animation import FuncAnimation
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from ident.measure import Log, Trace
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
+    from ident.vibrate.response.outline import Outline
     from ident.vibrate.response.study import Draws, SimulatedMotion
     from ident.vibrate.signal.compare import Comparison
 
@@ -38,6 +41,7 @@ class SimulateOptions(HeldMotionOptions):
     elastic_belts: bool = option(False, "belts stretch")
     method: str | None = option(None, "fast, exact or both (default; with --posterior: fast)")
     rate: float = option(500.0, "samples a second")
+    step: float | None = option(None, "longest time step [s] of method fast; default: as the arm needs", above=0.0)
     band: tuple[float, float] = option(
         (4.0, 8.0),
         "band LOW:HIGH [Hz] in which the strongest frequency is compared",
@@ -47,6 +51,11 @@ class SimulateOptions(HeldMotionOptions):
     tolerance: float = option(0.1, "of the settling time [mm]", above=0.0)
     at: float | None = option(None, "time [s] from which on a further peak is reported, as 4")
     limit: float | None = option(None, "peak [mm] that should not be exceeded", above=0.0)
+
+    def problems(self) -> list[Problem]:
+        """Refuse a step of a method that chooses its own."""
+        misplaced = Problem("step", "it with another method", "the method fast", "choose that (`method`)")
+        return [*super().problems(), *([misplaced] if self.step and self.method != "fast" else [])]
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,6 +93,30 @@ class SimulateResult(Result):
         return self.simulation.vibration
 
     @property
+    def arrival(self) -> float:
+        """When the arm arrives [s]; from then on it is held."""
+        return float(self.simulation.response.motion.arrival)
+
+    @property
+    def posture(self) -> 'Float[np.ndarray, "driven T"]':
+        """Commanded joint angles [rad]."""
+        import numpy as np
+
+        return np.asarray(self.simulation.response.posture)
+
+    @property
+    def path(self) -> 'Float[np.ndarray, "3 T"]':
+        """Where the end point would be, were the joints rigid, in the base frame [m]."""
+        import numpy as np
+
+        return np.asarray(self.simulation.response.path)
+
+    @property
+    def pulleys(self) -> "Mapping[str, Float[np.ndarray, 'T']]":
+        """Turning frequencies of the drives' pulleys, counted positive, by the drive's name [Hz]."""
+        return {name: frequency for name, (_, frequency) in self.simulation.pulleys.items()}
+
+    @property
     def peak(self) -> 'Float[np.ndarray, "3"]':
         """Largest magnitude of the vibration in x, y and z [m]."""
         return self.simulation.sizes.peak
@@ -110,11 +143,33 @@ class SimulateResult(Result):
 
         return {"": simulate_figure(self.simulation), "drives": drives_figure(self.simulation)}
 
+    def path_figure(self, times: Sequence[float], *, factor: float = 100.0) -> "Figure":
+        """Draw the path of the end point, and the arm at some times [s], from the side and from above.
+
+        Args:
+            times: [s] when the arm is drawn.
+            factor: by how much the vibration is drawn larger than it is.
+        """
+        from ident.present.figures.motion import path_figure
+
+        return path_figure(self.simulation.response, self._outline(times, factor))
+
+    def animation(self, times: Sequence[float], *, factor: float = 100.0, fps: float = 10.0) -> "FuncAnimation":
+        """Animate the arm at equally spaced times [s], as in `path_figure`, at so many pictures a second."""
+        from ident.present.figures.motion import motion_animation
+
+        return motion_animation(self.simulation.response, self._outline(times, factor), fps=fps)
+
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each direction: peak and its time, rms, residual, settling time [m, s]."""
         from ident.present.files.simulate import size_rows
 
         return size_rows(self.simulation)
+
+    def _outline(self, times: Sequence[float], factor: float) -> "Outline":
+        from ident.vibrate.response.outline import outline
+
+        return outline(self.arm, self.simulation.response, times, factor=factor, loads=self.simulation.basis.loads)
 
     def _write(self, path: Path) -> tuple[Path, ...]:
         from ident.present.files.document import write_json
@@ -158,22 +213,13 @@ def simulate(
         ModelError: the arm collapses.
     """
     from ident.assess.simulation import Simulation
-    from ident.vibrate.response.study import simulate_motion
 
     options, arm_file = options or SimulateOptions(), as_file(arm)
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     measured = _trace(trace)
     _check_time(options.at, basis)
-    study = simulate_motion(
-        basis.arm,
-        basis.motion,
-        loads=basis.loads,
-        method=options.method or ("fast" if drawn else "both"),
-        elastic_belts=options.elastic_belts,
-        rate=options.rate,
-        progress=progress("exact method"),
-    )
+    study = _simulated(basis, options, "fast" if drawn else "both", progress)
     simulation = Simulation(
         basis,
         study,
@@ -185,6 +231,18 @@ def simulate(
         _compared(study, measured, options.band) if measured else None,
     )
     return SimulateResult(simulation, options)
+
+
+def _simulated(basis: "Basis", options: SimulateOptions, method: str, progress: Progress) -> "SimulatedMotion":
+    """Simulate the motion by the method of the options, or else another."""
+    from ident.vibrate.response.simulate import simulate
+    from ident.vibrate.response.study import SimulatedMotion, simulate_motion
+
+    arm, motion, loads, method = basis.arm, basis.motion, basis.loads, options.method or method
+    belts, rate, shown = options.elastic_belts, options.rate, progress("exact method")
+    if options.step is not None:
+        return SimulatedMotion(simulate(arm, motion, loads=loads, elastic_belts=belts, rate=rate, step=options.step))
+    return simulate_motion(arm, motion, loads=loads, method=method, elastic_belts=belts, rate=rate, progress=shown)
 
 
 def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Draws | None":

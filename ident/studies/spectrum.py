@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import radians
+from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,8 @@ from ident.studies.shared import as_file
 from ident.studies.simulate import SimulateResult
 
 if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.modal_analysis import ModalAnalysis
     from ident.measure import Pulley, Trace
+    from ident.vibrate.signal.spectrum import Peak
 
 MODES = 6
 """Natural frequencies of an arm that are marked."""
@@ -81,6 +84,46 @@ class SpectrumResult(Result):
     def name(self) -> str:
         """The trace's name and what was done with it."""
         return f"{self.spectra.name.removesuffix('.simulate')}.spectrum"
+
+    @property
+    def frequency(self) -> 'Float[np.ndarray, "F"]':
+        """Frequencies of the (first) trace's spectrum [Hz], up to half the sampling rate."""
+        return self.spectra.spectra[self.spectra.name].frequency
+
+    @property
+    def amplitudes(self) -> "Mapping[str, Float[np.ndarray, 'F']]":
+        """Amplitudes of the (first) trace at these frequencies, 0-peak, by direction [m or m/s^2]."""
+        spectrum = self.spectra.spectra[self.spectra.name]
+        return {d: spectrum.column(i).amplitude for i, d in enumerate(self.spectra.directions)}
+
+    def band_rms(self, low: float, high: float) -> "Mapping[str, float]":
+        """Return the root mean square of what lies in a band of the (first) trace, by direction [m or m/s^2].
+
+        Args:
+            low: [Hz] lower end of the band.
+            high: [Hz] upper end.
+
+        Raises:
+            InputError: the spectrum has no frequency in the band.
+        """
+        from ident.vibrate.signal.spectrum import band_rms
+
+        rms = band_rms(self.spectra.spectra[self.spectra.name], low, high)
+        return dict(zip(self.spectra.directions, map(float, rms), strict=True))
+
+    def peaks(self, direction: str, *, low: float = 0.0, high: float = inf, count: int = 5) -> "tuple[Peak, ...]":
+        """Return the largest peaks of the (first) trace in a direction within a band, the largest first [Hz].
+
+        Args:
+            direction: one of those of the spectrum.
+            low: [Hz] lower end of the band.
+            high: [Hz] upper end.
+            count: peaks, at most.
+        """
+        from ident.vibrate.signal.spectrum import peaks
+
+        column = self.spectra.directions.index(direction)
+        return peaks(self.spectra.spectra[self.spectra.name].column(column), count, (low, high))
 
     def report(self) -> str:
         """Return the text that `ident spectrum` prints."""

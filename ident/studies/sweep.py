@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
     from ident.vibrate.redesign.sweep import Axis, Sweep
+    from ident.vibrate.redesign.trend import Trend
 
 MEASURES = ("peak", "rms", "residual")
 """How large a vibration is; see `ident.vibrate.response.amplitude`."""
@@ -95,6 +96,17 @@ class SweepResult(Result):
     def sweeps(self) -> "Mapping[str, Sweep]":
         """Amplitudes by what is varied: `sweeps["speed"].amplitude` (3, K) [m] at `.axes[0].values` (K,) [SI or %]."""
         return {" by ".join(axis.name for axis in sweep.axes): sweep for sweep in self.study.sweeps}
+
+    @property
+    def trends(self) -> "Mapping[str, Mapping[str, tuple[Trend, Trend | None]]]":
+        """How amplitudes go with what is varied, by its name and the direction; none of a map.
+
+        Each over the whole range, and about the present value, where that lies within: `trends["speed"]["y"]`.
+        """
+        from ident.vibrate.redesign.trend import trends
+
+        single = {} if self.study.is_map else self.sweeps
+        return {name: {d: (whole, about) for d, whole, about in trends(sweep)} for name, sweep in single.items()}
 
     def report(self) -> str:
         """Return the text that `ident sweep` prints."""

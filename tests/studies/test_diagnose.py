@@ -11,8 +11,9 @@ from diagnose_small import CAMPAIGN, OPTIONS, SMALL, small_diagnosis
 from results import assert_plain
 
 import ident
-from ident.assess.diagnosis import STAGES, Diagnosis, ResonanceAssessment
+from ident.assess.diagnosis import Diagnosis, ResonanceAssessment
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard
+from ident.studies.diagnose_stages import STAGES
 from ident.vibrate.redesign.binomial import BinomialEstimate
 
 pytestmark = pytest.mark.timeout(900)
@@ -33,12 +34,12 @@ def accepted(result):
     """The same arm where the limit is far away: no remedy is sought."""
     vibration = replace(result.diagnosis.vibration, limit=1.0, keeps=BinomialEstimate(10, 10))
     stages = {**result.diagnosis.stages, "vibration": vibration}
-    return DiagnoseResult(Diagnosis({stage: stages[stage] for stage in STAGES[:4]}), result.options)
+    return DiagnoseResult(Diagnosis({stage: stages[stage] for stage in list(STAGES)[:4]}), result.options)
 
 
 def test_each_stage_is_a_value(result):
     diagnosis = result.diagnosis
-    assert tuple(diagnosis.stages) == STAGES
+    assert list(diagnosis.stages) == list(STAGES)
     draws = diagnosis.task.basis.draws
     assert {len(values) for values in draws.values()} == {SMALL.draws}
     assert diagnosis.task.basis.arm.get("joint1.k_tors") == pytest.approx(float(np.median(draws["joint1.k_tors"])))

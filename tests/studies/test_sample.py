@@ -1,11 +1,9 @@
 """`ident.sample` from Python: what it gives, that it goes on and comes back, and what it refuses."""
 
 import json
-import math
 import warnings
 
 import arviz
-import h5netcdf
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
@@ -76,13 +74,6 @@ def test_its_file_is_arviz_inference_data(result, file):
     assert float(arviz.summary(data.posterior, round_to="none")["ess_bulk"].min()) > 50
 
 
-def test_what_is_among_its_variables_is_not_written_twice(result, file):
-    with h5netcdf.File(file) as opened:
-        sizes = [math.prod(variable.shape) for variable in opened["ident"].variables.values()]
-    assert result.sample.sample.theta.size in sizes
-    assert result.sample.posterior_predictive.simulated.size not in sizes
-
-
 def test_its_table_has_a_row_for_each_unknown(result):
     rows = result.table()
     assert_plain(rows)
@@ -151,7 +142,7 @@ def test_a_posterior_of_an_older_version_is_refused_in_one_line(result, tmp_path
     data.attrs["format"] = '"ident-sample/1"'
     data.to_netcdf(str(path), engine="h5netcdf")
     for read in (ident.load, lambda path: drawn_values(path, lcd_arm(), 10)):
-        with pytest.raises(ident.InputError, match=r"ident-sample/1.*run the command again") as refusal:
+        with pytest.raises(ident.InputError, match="run the command again") as refusal:
             read(path)
         assert len(str(refusal.value).splitlines()) == 1
 
@@ -161,7 +152,7 @@ def test_a_damaged_file_is_refused_in_one_line(file, tmp_path):
     whole = file.read_bytes()
     for content in (b"", whole[:1000], whole[: len(whole) // 2], b"{}"):
         damaged.write_bytes(content)
-        with pytest.raises(ident.InputError, match="other contents") as refusal:
+        with pytest.raises(ident.InputError, match="no result to load") as refusal:
             ident.load(damaged)
         assert len(str(refusal.value).splitlines()) == 1
 
