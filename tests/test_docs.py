@@ -8,6 +8,7 @@ from contextlib import redirect_stdout
 from io import StringIO
 
 import pytest
+from commands import log
 from examples import DOCS, ROOT, examples, pages
 from numbers_in_text import same_text
 
@@ -23,17 +24,22 @@ SETUP = ("python3 -m venv", "pip install", "python -m pytest")
 REDUCED = {
     "sample": ("--ess=100", "--steps=500", "--starts=1", "--no-figure"),
     "simulate": ("--method=fast", "--no-figure"),
-    "sweep": ("--no-figure", "--dwell=0.1"),
-    "design": ("--starts=1", "--no-curve", "--no-figure", "--speed=60", "--dwell=0.1", "--change=joint1.k_tors"),
+    "sweep": ("--speed=200", "--rate=100", "--dwell=0.5", "--no-figure"),
+    "design": ("--path=teach.csv", "--dwell=0.2", "--rate=100", "--starts=1", "--no-curve", "--no-figure"),
 }
-"""What is added to a command that takes long: the way through it is tested, its numbers are elsewhere."""
-REDUCED_OPTIONS = {"SampleOptions(": "ess=100, steps=500, starts=1, "}
+"""What is added to a command that takes long: the way through it is tested, its numbers are elsewhere. Motions are
+those of `tests/cli/test_sweep.py` and `tests/cli/test_design.py`, which need the same programs."""
+REDUCED_OPTIONS = {
+    "SampleOptions(": "ess=100, steps=500, starts=1, ",
+    "SweepOptions(": "speed=200, rate=100, dwell=0.5, ",
+}
 """The same for Python."""
 
 
 @pytest.fixture
 def folder(run, tmp_path):
     (tmp_path / "data").symlink_to(ROOT / "data")
+    log(tmp_path / "teach.csv")
     return tmp_path
 
 

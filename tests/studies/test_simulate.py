@@ -173,3 +173,33 @@ def test_the_options_are_recorded(fast, tmp_path):
     document = json.loads(Path(fast.save(tmp_path)[2]).read_text())
     assert document["format"] == "ident-simulate/2"
     assert document["options"] | {"at": 0.7, "speed": 200.0, "band": [4.0, 8.0]} == document["options"]
+
+
+def test_what_the_arm_does_over_time_is_at_hand(fast):
+    assert fast.arrival == pytest.approx(fast.time[-1] - 0.5, abs=0.01)
+    assert np.degrees(fast.posture[:, [0, -1]]) == pytest.approx(np.array([[80, 0], [-160, 0], [80, 0]]), abs=1e-9)
+    first, last = fast.path[:, 0], fast.path[:, -1]
+    assert last - first == pytest.approx([last[0] - first[0], 0, 0], abs=1e-9), "the hand moves straight, along x"
+    assert last[0] == pytest.approx(0.992855 + 0.95 + 2.79)
+    turns = np.degrees(np.gradient(fast.posture[1], fast.time)) * float(fast.arm.get("drive2.ratio")) / 360
+    assert fast.pulleys["drive2"] == pytest.approx(np.abs(turns), abs=0.05 * turns.max())
+    assert list(fast.pulleys) == ["drive1", "drive2", "drive3"]
+
+
+def test_the_arm_is_drawn_at_work(fast):
+    figure = fast.path_figure([0.0, 0.3], factor=5.0)
+    assert "vibration 5 times as large" in str(figure.axes[0].get_legend().get_texts())
+    title = figure.axes[0].get_legend().get_title().get_text()
+    assert title.endswith("the arm at 0.0, 0.3 s")
+    animation = fast.animation([0.1, 0.2, 0.3], fps=5.0)
+    assert list(animation.new_frame_seq()) == [0, 1, 2]
+    with pytest.raises(InputError, match="moments outside the response"):
+        fast.path_figure([99.0])
+
+
+def test_a_shorter_step_brings_the_same():
+    whole, half = (simulate(FILE, SimulateOptions(**SHORT, method="fast", step=step)) for step in (None, 5e-4))
+    assert np.abs(half.vibration - whole.vibration).max() > 0
+    np.testing.assert_allclose(half.peak, whole.peak, rtol=1e-3)
+    with pytest.raises(InputError, match="step: got it with another method"):
+        SimulateOptions(step=5e-4)
