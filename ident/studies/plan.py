@@ -111,7 +111,7 @@ class PlanResult(Result):
 
     @property
     def sd_at_draws(self) -> Mapping[str, tuple[float, ...]]:
-        """The same at the end of the batch, at other draws of what is not known [-]."""
+        """Standard deviation at the end of the batch, at other draws of what is not known: of ln(value) [-]."""
         names, end = self.plan.parameters.names, self.plan.steps[-1].sd if self.plan.steps else self.plan.known.sd
         return {name: tuple(map(float, column[1:])) for name, column in zip(names, end.T, strict=True)}
 
