@@ -26,6 +26,7 @@ The first name that is used switches jax to double precision, for the whole proc
 has single precision otherwise. Arrays that the process has made before stay as they are.
 """
 
+import difflib
 import importlib
 from typing import TYPE_CHECKING, Any
 
@@ -69,7 +70,10 @@ __all__ = sorted([*_ERRORS, *_MODULES])
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
-        raise AttributeError(f"module 'ident' has no attribute '{name}'")
+        near = difflib.get_close_matches(name, __all__, n=1)
+        raise AttributeError(
+            f"module 'ident' has no attribute '{name}'" + (f"; did you mean {near[0]}?" if near else "")
+        )
     import jax
 
     jax.config.update("jax_enable_x64", True)

@@ -19,6 +19,8 @@ from ident.errors import IdentError
 
 KEPT_APART = 4096
 """Bytes from which an array is kept apart from the document, where there is a place for it."""
+ROOMS = ("errors", "arm", "description", "measure", "inference", "identify", "vibrate", "assess", "studies")
+"""Where the values lie that a file may hold."""
 SEQUENCES: dict[str, Any] = {"tuple": tuple, "set": frozenset}
 
 
@@ -177,7 +179,7 @@ def _name(kind: type) -> str:
 
 def _class(name: str) -> Any:
     module, _, qualified = name.partition(":")
-    if not module or module.startswith("_") or not qualified.replace("_", "").isalnum():
+    if module.partition(".")[0] not in ROOMS or not qualified.replace("_", "").isalnum():
         raise CodecError(f"no class of ident: {name:.60}")
     kind = getattr(importlib.import_module(f"ident.{module}"), qualified)
     if not (isinstance(kind, type) and kind.__module__ == f"ident.{module}"):

@@ -141,7 +141,7 @@ assert alone["peak, only drive 3 eccentric [mm]"][1] == max(v[1] for v in alone.
 figure = Figure(figsize=(8.0, 5.6), layout="constrained")
 panels = figure.subplots(3, 1, sharex=True)
 for axes, name, trace in zip(panels, AXES, 1e3 * vibration, strict=True):
-    axes.plot(time, trace, color=BLUE, linewidth=0.6, label="about the sagging arm")
+    axes.plot(time, trace, color=BLUE, linewidth=0.6, label="about the quasi-static position")
     axes.axvline(low.arrival, color=GREY, linewidth=0.8, linestyle=":", label="arrival")
     axes.set_ylabel(f"{name} [mm]")
 panels[-1].set_xlabel("time [s]")
@@ -279,6 +279,7 @@ for axes, field, goal in ((left, "peak", 1.0), (right, "after", 0.1)):
     axes.set_xticks([1, 2, 3, 4], ["1", "2", "3", "4"])
     axes.minorticks_off()
     axes.set_yticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
+    axes.set_autoscale_on(False)
     axes.set_xlabel("duration of the stroke [s]")
     axes.set_ylabel("largest vibration [mm]")
 left.set_title("During the stroke", fontsize=10, fontweight="bold", loc="left")

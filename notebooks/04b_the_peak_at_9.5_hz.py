@@ -215,9 +215,9 @@ def point(name, joint, position):
     return f'[[point]]\nname = "{name}"\njoint = "{joint}"\nposition = {given(position, "m")}\n'
 
 
-def read_with(start, end, parts):
-    """Return the arm of the shipped file with other parts between two places of its text."""
-    before, after = TEXT[: TEXT.index(start)], TEXT[TEXT.index(end) :]
+def read_with(start, end, parts, text=TEXT):
+    """Return the arm that a text describes with other parts between two places of it."""
+    before, after = text[: text.index(start)], text[text.index(end) :]
     with TemporaryDirectory() as folder:
         path = Path(folder) / "arm.toml"
         path.write_text("\n".join([before, *parts, after]), encoding="utf-8")
@@ -286,7 +286,7 @@ assert 2 < extra < 1e3 * own
 # deflects too much already. The paper calls the fingers' effect on the deflection trivial. A dial gauge at bracket and
 # finger would tell at once.
 #
-# **Links** cannot explain it. A hinge in the middle of link 2, softer and softer:
+# **Links** cannot explain it. A hinge in the middle of link 2, softer and softer, of an arm without drives and belts:
 
 
 # %%
@@ -294,7 +294,8 @@ LINK, JOINT = '[[joint.link]]\nname = "link2"', '[[joint]]\nname = "joint3"'
 mass, half = float(arm.get("link2.mass")) / 2, [0.475, 0.18, 0.09]
 inner = body("link2", mass, [0.2375, 0.0, 0.06], half)
 outer = hinge("flexure", [0.475, 0.0, 0.06], 0.0) + body("link2_outer", mass, [0.2375, 0.0, 0.0], half)
-with_link = read_with(LINK, JOINT, (inner, outer)).replace({"joint3.offset.x": 0.475, "joint3.offset.z": 0.06})
+with_link = read_with(LINK, JOINT, (inner, outer), TEXT[: TEXT.index("# Drives, belts")])
+with_link = with_link.replace({"joint3.offset.x": 0.475, "joint3.offset.z": 0.06})
 
 for k in (1e7, 1e6, 3e5, 1e5):
     _, second, deflection = row(f"hinge in link 2 of {k:8.0f} N m/rad", with_link.replace({"flexure.k_bend": k}))

@@ -46,7 +46,7 @@ def test_the_first_name_switches_to_double_precision():
 
 
 def test_what_is_no_name_is_refused():
-    with pytest.raises(AttributeError, match="no attribute 'fitt'"):
+    with pytest.raises(AttributeError, match=r"no attribute 'fitt'; did you mean fit\?"):
         ident.fitt  # noqa: B018
 
 

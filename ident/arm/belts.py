@@ -8,7 +8,10 @@ the driven shaft tilts under the belt. L(D) = sqrt(D^2 - d^2) + d asin(d/D), d =
 its share of the arcs, so that dL/dD = cos(beta), sin(beta) = d/D. By virtual work, torque T_u - T_l times radius on
 each pulley, (T_u + T_l) cos(beta) along the line of centres and (T_u - T_l) sin(beta) across it follow. Angles are
 counted from the command, on which the belts run without stretch, and forces from the assembled arm: the bushings were
-aligned under pretension. Source: ours, after the paper's Figure 3; its printed equations are lost.
+aligned under pretension.
+
+References:
+    Ours, after the paper's Figure 3; its printed equations are lost.
 """
 
 from typing import TYPE_CHECKING

@@ -49,6 +49,9 @@ def static_equilibrium(chain: Chain) -> StaticEquilibrium:
     NaN where there is no equilibrium near phi = 0, that is, where the arm buckles. Once differentiable, forward and
     reverse, by the implicit function theorem, H dphi_s = -d(grad V): the last Newton step is taken at constant phi and
     H, so that its derivative is just this.
+
+    References:
+        Ours; compared with MuJoCo and Pinocchio in tests/arm/test_against_engines.py.
     """
     still = jax.lax.stop_gradient(chain)
     phi = _newton(still)

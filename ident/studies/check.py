@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.studies.result import Result
-from ident.studies.shared import ProblemOptions, as_file
+from ident.studies.shared import ProblemOptions, as_campaign, as_file
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -20,7 +20,7 @@ class CheckOptions(ProblemOptions):
     """Options of `ident.check`: what is unknown, and what is known of it."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class CheckResult(Result):
     """What a campaign can tell about an arm.
 
@@ -74,7 +74,11 @@ class CheckResult(Result):
         return (path,)
 
 
-def check(arm: "Arm | ArmFile", campaign: "Campaign", options: CheckOptions | None = None) -> CheckResult:
+def check(
+    arm: "Arm | ArmFile | str | Path",
+    campaign: "Campaign | str | Path",
+    options: CheckOptions | None = None,
+) -> CheckResult:
     """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
 
     Args:
@@ -88,7 +92,7 @@ def check(arm: "Arm | ArmFile", campaign: "Campaign", options: CheckOptions | No
     """
     from ident.identify.check import check_campaign
 
-    options, arm_file = options or CheckOptions(), as_file(arm)
+    options, arm_file, campaign = CheckOptions.of(options), as_file(arm), as_campaign(campaign)
     checked = check_campaign(
         arm_file.arm, campaign, options.unknowns, seed=options.seed, trust_values=options.trust_values
     )

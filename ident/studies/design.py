@@ -84,7 +84,7 @@ class DesignOptions(HeldMotionOptions):
         return Requirements(self.min_frequency or 0.0, deflection, inf if self.max_change is None else self.max_change)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class DesignResult(Result):
     """The change by which an arm vibrates least, or its sensitivities alone.
 
@@ -157,13 +157,13 @@ class DesignResult(Result):
         write_result(design_document(self.study, self.options.recorded()), self.fields(), path)
         if not self.text:
             return (path,)
-        arm_file, arm = self.study.basis.arm_file, path.with_suffix(".toml")
+        arm_file, arm = self.study.basis.arm_file, self._beside(path, ".toml")
         write_arm(self.text, f"by ident design from {arm_file.path}, sha256 {arm_file.sha256}", arm)
         return path, arm
 
 
 def design(
-    arm: "Arm | ArmFile",
+    arm: "Arm | ArmFile | str | Path",
     options: DesignOptions | None = None,
     *,
     path: "Log | str | Path | None" = None,
@@ -192,7 +192,7 @@ def design(
     from ident.vibrate.redesign.sensitivity import sensitivities
     from ident.vibrate.redesign.verify import verify
 
-    options, arm_file = options or DesignOptions(), as_file(arm)
+    options, arm_file = DesignOptions.of(options), as_file(arm)
     searched, fresh = drawn_groups(posterior, arm_file.arm, options.draws, options.fresh, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=searched)
     evaluator = _evaluator(basis, options)

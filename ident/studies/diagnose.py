@@ -12,7 +12,7 @@ from ident.studies.fit import FitOptions
 from ident.studies.motion import HeldMotionOptions, basis_of
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
-from ident.studies.shared import as_file
+from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,7 +37,7 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
     effort: Effort = field(default_factory=Effort)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class DiagnoseResult(Result):
     """A diagnosis of an arm.
 
@@ -105,7 +105,7 @@ class DiagnoseResult(Result):
         from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import write_page
 
-        head, page, document = self._provenance(), path.with_suffix(".html"), path.with_suffix(".json")
+        head, page, document = self._provenance(), self._beside(path, ".html"), self._beside(path, ".json")
         write_page(diagnose_page(self.diagnosis, head), page)
         write_json(diagnose_document(self.diagnosis, head), document)
         posterior = partial(write_posterior, self.diagnosis, head)
@@ -120,8 +120,8 @@ class DiagnoseResult(Result):
 
 
 def diagnose(
-    arm: "Arm | ArmFile",
-    campaign: "Campaign",
+    arm: "Arm | ArmFile | str | Path",
+    campaign: "Campaign | str | Path",
     options: DiagnoseOptions | None = None,
     *,
     path: "Log | str | Path | None" = None,
@@ -151,16 +151,17 @@ def diagnose(
     """
     from ident.store import Store
 
-    options, folder = options or DiagnoseOptions(), Path(folder) if folder else None
-    job = Job(as_file(arm), campaign, options, _checked_path(as_file(arm), options, path), folder, progress)
-    if restart and folder:
+    options, folder = DiagnoseOptions.of(options), Path(folder) if folder is not None else None
+    arm_file, campaign = as_file(arm), as_campaign(campaign)
+    job = Job(arm_file, campaign, options, _checked_path(arm_file, options, path), folder, progress)
+    if restart and folder is not None:
         discard(folder)
     fresh = folder is not None and not folder.exists()
     store = Store(folder, job.identity)
     try:
         return DiagnoseResult(carry_out(job, store, on_stage), options)
     except InputError:
-        if fresh and folder and store.read("stiffness") is None:
+        if fresh and folder is not None and store.read("stiffness") is None:
             discard(folder)
         raise
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
-from ident.studies.shared import ProblemOptions, as_file
+from ident.studies.shared import ProblemOptions, as_campaign, as_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +26,7 @@ class FitOptions(ProblemOptions):
     starts: int = option(16, "starts of the fit, at least", low=1)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class FitResult(Result):
     """A fit of an arm to a campaign.
 
@@ -117,7 +117,11 @@ class FitResult(Result):
 
 
 def fit(
-    arm: "Arm | ArmFile", campaign: "Campaign", options: FitOptions | None = None, *, progress: Progress = silent
+    arm: "Arm | ArmFile | str | Path",
+    campaign: "Campaign | str | Path",
+    options: FitOptions | None = None,
+    *,
+    progress: Progress = silent,
 ) -> FitResult:
     """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
 
@@ -133,7 +137,7 @@ def fit(
     """
     from ident.identify.fit import fit_campaign
 
-    options, arm_file = options or FitOptions(), as_file(arm)
+    options, arm_file, campaign = FitOptions.of(options), as_file(arm), as_campaign(campaign)
     fitted = fit_campaign(
         arm_file.arm,
         campaign,

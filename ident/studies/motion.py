@@ -54,7 +54,7 @@ class HeldMotionOptions(MotionOptions):
 
 
 def basis_of(
-    arm: "Arm | ArmFile",
+    arm: "Arm | ArmFile | str | Path",
     options: MotionOptions,
     *,
     path: "Log | str | Path | None" = None,

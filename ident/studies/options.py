@@ -5,14 +5,27 @@ What `ident --help` says and what the command line refuses follow from these, an
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import Field, dataclass, field, fields, replace
-from typing import Any
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Any, Self, get_args, get_origin
 
 from ident.errors import InputError, Problem
 
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart")
 """Inputs of studies that the command line takes as flags, too."""
+
+
+WORDS: dict[Any, tuple[type, str]] = {
+    bool: (bool, "True or False"),
+    int: (Integral, "a whole number"),
+    float: (Real, "a number"),
+    str: (str, "a text"),
+    tuple: (tuple | list, "several values, as (one,) or (one, two)"),  # type: ignore[dict-item]
+    dict: (Mapping, "a mapping, as {name: value}"),
+}
+"""What a value of each type of option is, and how that is said."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +60,8 @@ class Spec:
         """Say what would have been right; empty where the value is."""
         if self.choices and value not in (*self.choices, None):
             return f"one of {', '.join(self.choices)}"
-        if isinstance(value, int | float) and not isinstance(value, bool):
+        if isinstance(value, Real) and not isinstance(value, bool):
+            value = float(value)
             if self.above is not None and not self.above < value < math.inf:
                 return f"a number above {self.above:g}"
             if self.low is not None and not self.low <= value < math.inf:
@@ -75,12 +89,22 @@ class Options:
         problems = []
         for each, spec in specs(type(self)):
             value = getattr(self, each.name)
-            if expected := spec.problem(value):
-                got = f"{value:g}" if isinstance(value, int | float) else f"'{value}'"
+            if expected := _misfit(value, each.type) or spec.problem(value):
+                got = f"{value:g}" if isinstance(value, Real) and not isinstance(value, bool) else f"{value!r:.60}"
                 problems.append(Problem(each.name, got, expected, "correct it"))
-        problems += self.problems()
-        if problems:
+        if problems := problems or self.problems():
             raise InputError(problems)
+
+    @classmethod
+    def of(cls, options: "Self | None") -> "Self":
+        """Return the options that a study was given, or the default ones.
+
+        Raises:
+            InputError: they are those of another study.
+        """
+        if isinstance(options, cls | None):
+            return options or cls()
+        raise InputError(Problem("options", f"a {type(options).__name__}", f"{cls.__name__}(...)", "give those"))
 
     def problems(self) -> list[Problem]:
         """Return what does not go together; `where` of each is an option's name."""
@@ -89,6 +113,16 @@ class Options:
     def recorded(self) -> dict[str, Any]:
         """Return the options as result files record them."""
         return {each.name: getattr(self, each.name) for each, _ in specs(type(self))}
+
+
+def _misfit(value: Any, kind: Any) -> str:
+    """Say what a value should be that is not of its option's type; empty where it is."""
+    kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    wanted = [WORDS[get_origin(one) or one] for one in kinds if (get_origin(one) or one) in WORDS]
+    fits = [type_ for type_, _ in wanted]
+    if not wanted or (value is None and NoneType in kinds) or isinstance(value, tuple(fits)):
+        return "" if not isinstance(value, bool) or bool in fits or not wanted else wanted[0][1]
+    return " or ".join(words for _, words in wanted)
 
 
 def specs(kind: type[Options]) -> list[tuple[Field[Any], Spec]]:

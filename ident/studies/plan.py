@@ -71,7 +71,7 @@ class PlanOptions(FitOptions):
         )
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class PlanResult(Result):
     """What to measure next on an arm, and what it will give.
 
@@ -111,7 +111,7 @@ class PlanResult(Result):
 
     @property
     def sd_at_draws(self) -> Mapping[str, tuple[float, ...]]:
-        """The same at the end of the batch, at other draws of what is not known [-]."""
+        """Standard deviation at the end of the batch, at other draws of what is not known: of ln(value) [-]."""
         names, end = self.plan.parameters.names, self.plan.steps[-1].sd if self.plan.steps else self.plan.known.sd
         return {name: tuple(map(float, column[1:])) for name, column in zip(names, end.T, strict=True)}
 
@@ -138,7 +138,7 @@ class PlanResult(Result):
         from ident.present.files.document import write_result
         from ident.present.files.plan import plan_document, write_form
 
-        forms = (path.with_suffix(".csv"),) if self.plan.steps else ()
+        forms = (self._beside(path, ".csv"),) if self.plan.steps else ()
         for each in forms:
             write_form(self.plan, each)
         document = plan_document(self.form, self.plan, self.arm, self.options.recorded())
@@ -147,8 +147,8 @@ class PlanResult(Result):
 
 
 def plan(
-    arm: "Arm | ArmFile",
-    campaign: "Campaign | None" = None,
+    arm: "Arm | ArmFile | str | Path",
+    campaign: "Campaign | str | Path | None" = None,
     options: PlanOptions | None = None,
     *,
     progress: Progress = silent,
@@ -167,7 +167,7 @@ def plan(
     """
     from ident.identify.plan import plan_campaign
 
-    options, arm_file = options or PlanOptions(), as_file(arm)
+    options, arm_file = PlanOptions.of(options), as_file(arm)
     settings = options.settings
-    fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign else None
+    fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign is not None else None
     return PlanResult(arm_file, plan_campaign(arm_file.arm, fitted, options.unknowns, settings), options)

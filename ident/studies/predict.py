@@ -42,7 +42,7 @@ class PredictOptions(ArmOptions):
         return [*super().problems(), *([Problem("posture", f"{self.posture}", expected, remedy)] if flat else ())]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class PredictResult(Result):
     """What an arm does at each of some postures.
 
@@ -127,7 +127,7 @@ class PredictResult(Result):
         return (path,)
 
 
-def predict(arm: "Arm | ArmFile", options: PredictOptions | None = None) -> PredictResult:
+def predict(arm: "Arm | ArmFile | str | Path", options: PredictOptions | None = None) -> PredictResult:
     """Predict natural frequencies, modes and static deflection of an arm, held at postures under a load.
 
     Args:
@@ -141,7 +141,7 @@ def predict(arm: "Arm | ArmFile", options: PredictOptions | None = None) -> Pred
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 
-    options, arm_file = options or PredictOptions(), as_file(arm)
+    options, arm_file = PredictOptions.of(options), as_file(arm)
     changed, load = arm_file.arm.replace(options.set), Load.parse(options.load)
     postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]
     analyses = tuple(modal_analysis(changed, posture, load, options.modes) for posture in postures)

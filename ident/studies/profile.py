@@ -10,7 +10,7 @@ from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
-from ident.studies.shared import as_file
+from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +32,7 @@ class ProfileOptions(FitOptions):
     reach: float = option(1000.0, "factor on the fitted value beyond which a profile is called open", above=1.0)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class ProfileResult(Result):
     """Profile likelihoods of a fit.
 
@@ -94,7 +94,11 @@ class ProfileResult(Result):
 
 
 def profile(
-    arm: "Arm | ArmFile", campaign: "Campaign", options: ProfileOptions | None = None, *, progress: Progress = silent
+    arm: "Arm | ArmFile | str | Path",
+    campaign: "Campaign | str | Path",
+    options: ProfileOptions | None = None,
+    *,
+    progress: Progress = silent,
 ) -> ProfileResult:
     """Fit an arm to a campaign, and profile the likelihood of its parameters, priors included.
 
@@ -113,7 +117,7 @@ def profile(
     from ident.identify.build_problem import build_problem
     from ident.inference import profile as likelihood
 
-    options, arm_file = options or ProfileOptions(), as_file(arm)
+    options, arm_file, campaign = ProfileOptions.of(options), as_file(arm), as_campaign(campaign)
     likelihood.check(build_problem(arm_file.arm, campaign, options.unknowns).parameters, options.parameter)
     fit = fit_study(arm_file, campaign, options, progress=progress).fit
     profiles = likelihood.profile(fit, options.parameter, reach=options.reach, progress=progress("profiles"))

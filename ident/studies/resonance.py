@@ -46,7 +46,7 @@ class ResonanceOptions(MotionOptions):
         return [*super().problems(), *([wide] if self.margin >= 100 else [])]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class ResonanceResult(Result):
     """A Campbell diagram: natural frequencies along a motion against the frequencies at which pulleys turn.
 
@@ -106,7 +106,7 @@ class ResonanceResult(Result):
 
 
 def resonance(
-    arm: "Arm | ArmFile",
+    arm: "Arm | ArmFile | str | Path",
     options: ResonanceOptions | None = None,
     *,
     path: "Log | str | Path | None" = None,
@@ -131,7 +131,7 @@ def resonance(
     from ident.vibrate.modal.excitation import excitation
     from ident.vibrate.modal.resonance import resonance_crossings
 
-    options, arm_file = options or ResonanceOptions(), as_file(arm)
+    options, arm_file = ResonanceOptions.of(options), as_file(arm)
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     followed = branches(basis.arm.replace(basis.draws), basis.motion, count=options.count, loads=basis.loads)

@@ -5,6 +5,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from ident.errors import InputError, Problem
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -30,11 +32,12 @@ def silent(description: str, total: int | None = None) -> Wrap:
     return iter
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Result:
     """What a study has computed, on what inputs, by which options.
 
-    `print(result)` prints what the command prints; `ident.load` brings a saved result back as it was.
+    `print(result)` prints what the command prints; `ident.load` brings a saved result back as it was. Results
+    are compared by identity: two of them hold too many numbers to be equal in one sense.
     """
 
     form: ClassVar[str]
@@ -72,12 +75,15 @@ class Result:
             path: the main file, ending as its format demands, or a folder, in which the files get the result's name.
 
         Raises:
-            InputError: the folder or a file can't be written.
+            InputError: a file of another ending, or the folder or a file can't be written.
         """
         path = Path(path)
-        if not path.name.endswith(self.suffix):
-            path = path / f"{self.name}{self.suffix}"
-        return self._write(path)
+        if path.suffix == self.suffix:
+            return self._write(path)
+        if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not path.is_dir():
+            remedy = "name the file so, or a folder"
+            raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
+        return self._write(path / f"{self.name}{self.suffix}")
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the figures as PNG into a folder, under the result's name, and return their paths.
@@ -96,6 +102,11 @@ class Result:
     def fields(self) -> Mapping[str, Any]:
         """Return what `ident.load` makes the result of again."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    def _beside(self, path: Path, suffix: str) -> Path:
+        """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""
+        stem, study = path.name.removesuffix(self.suffix), self.form.removeprefix("ident-").partition("/")[0]
+        return path.with_name(f"{stem}{suffix}" if study in stem.split(".") else f"{stem}.{study}{suffix}")
 
     def _write(self, path: Path) -> tuple[Path, ...]:
         raise NotImplementedError

@@ -9,6 +9,7 @@ from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
+from ident.studies.shared import as_campaign
 
 if TYPE_CHECKING:
     import arviz
@@ -38,7 +39,7 @@ class SampleOptions(FitOptions):
     walkers: int | None = option(None, "walkers in each ensemble; default: four to twelve times the unknowns")
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class SampleResult(Result):
     """A sampled posterior of an arm's campaign.
 
@@ -125,8 +126,8 @@ class SampleResult(Result):
 
 
 def sample(
-    arm: "Arm | ArmFile",
-    campaign: "Campaign",
+    arm: "Arm | ArmFile | str | Path",
+    campaign: "Campaign | str | Path",
     options: SampleOptions | None = None,
     *,
     folder: str | Path | None = None,
@@ -156,7 +157,8 @@ def sample(
     from ident.inference.sample import Settings
     from ident.store import Store
 
-    options, folder = options or SampleOptions(), Path(folder) if folder is not None else None
+    options, folder = SampleOptions.of(options), Path(folder) if folder is not None else None
+    campaign = as_campaign(campaign)
     fitted = fit(arm, campaign, options, progress=progress)
     if restart and folder is not None:
         Store.discard(folder)

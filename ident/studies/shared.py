@@ -2,9 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ident.errors import Problem
+from ident.errors import InputError, Problem
 from ident.inference.priors import Prior
 from ident.studies import reading
 from ident.studies.options import Options, option
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.unknowns import Unknowns
+    from ident.measure import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +65,8 @@ class ProblemOptions(Options):
         from ident.identify.unknowns import Unknowns
 
         width = math.inf if self.no_prior else self.prior_sd
-        return Unknowns(self.fix, self.tie, self.free, width, self.prior, self.discrepancy)
+        prior = {name: Prior.parse(form) if isinstance(form, str) else form for name, form in self.prior.items()}
+        return Unknowns(self.fix, self.tie, self.free, width, prior, self.discrepancy)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +93,35 @@ class ArmOptions(Options):
         ]
 
 
-def as_file(arm: "Arm | ArmFile") -> "ArmFile":
-    """Return an arm with where it comes from; one that was made in Python comes from no file."""
-    from ident.description.file import ArmFile
+def as_file(arm: "Arm | ArmFile | str | Path") -> "ArmFile":
+    """Return an arm with where it comes from; one that was made in Python comes from no file.
 
-    return arm if isinstance(arm, ArmFile) else ArmFile(arm, "", "", {})
+    Raises:
+        InputError: it is no arm, or its file none.
+    """
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile, read_arm
+
+    if isinstance(arm, ArmFile):
+        return arm
+    if isinstance(arm, str | Path):
+        return read_arm(arm)
+    if not isinstance(arm, Arm):
+        raise InputError(Problem("arm", f"a {type(arm).__name__}", "an arm, or its file", "see ident.read_arm"))
+    return ArmFile(arm, "", "", {})
+
+
+def as_campaign(campaign: "Campaign | str | Path") -> "Campaign":
+    """Return a campaign, read from its file if need be.
+
+    Raises:
+        InputError: it is no campaign, or its file none.
+    """
+    from ident.measure import Campaign, read_campaign
+
+    if isinstance(campaign, str | Path):
+        return read_campaign(campaign)
+    if not isinstance(campaign, Campaign):
+        got, remedy = f"a {type(campaign).__name__}", "see ident.read_campaign"
+        raise InputError(Problem("campaign", got, "a campaign, or its file", remedy))
+    return campaign

@@ -39,7 +39,9 @@ class SimulateOptions(HeldMotionOptions):
     draws: int = option(200, "draws of the posterior", low=1)
     seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
     elastic_belts: bool = option(False, "belts stretch")
-    method: str | None = option(None, "fast, exact or both (default; with --posterior: fast)")
+    method: str | None = option(
+        None, "fast, exact or both (default; with --posterior: fast)", choices=("fast", "exact", "both")
+    )
     rate: float = option(500.0, "samples a second")
     step: float | None = option(None, "longest time step [s] of method fast; default: as the arm needs", above=0.0)
     band: tuple[float, float] = option(
@@ -58,7 +60,7 @@ class SimulateOptions(HeldMotionOptions):
         return [*super().problems(), *([misplaced] if self.step and self.method != "fast" else [])]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class SimulateResult(Result):
     """A simulated motion of an arm.
 
@@ -177,7 +179,7 @@ class SimulateResult(Result):
         from ident.present.files.simulate import simulate_document, write_csv, write_netcdf
 
         recorded = self.options.recorded()
-        csv, document = path.with_suffix(".csv"), path.with_suffix(".json")
+        csv, document = self._beside(path, ".csv"), self._beside(path, ".json")
         write_csv(self.simulation, recorded, csv)
         write_netcdf_result(self.form, self.fields(), path, lambda part: write_netcdf(self.simulation, recorded, part))
         write_json(simulate_document(self.simulation, recorded), document)
@@ -185,7 +187,7 @@ class SimulateResult(Result):
 
 
 def simulate(
-    arm: "Arm | ArmFile",
+    arm: "Arm | ArmFile | str | Path",
     options: SimulateOptions | None = None,
     *,
     path: "Log | str | Path | None" = None,
@@ -214,7 +216,7 @@ def simulate(
     """
     from ident.assess.simulation import Simulation
 
-    options, arm_file = options or SimulateOptions(), as_file(arm)
+    options, arm_file = SimulateOptions.of(options), as_file(arm)
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     measured = _trace(trace)

@@ -64,7 +64,7 @@ class SpectrumOptions(Options):
     )
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class SpectrumResult(Result):
     """The spectra of a trace, or of two.
 
@@ -185,7 +185,7 @@ def spectrum(
         spectrograms,
     )
 
-    options = options or SpectrumOptions()
+    options = SpectrumOptions.of(options)
     arm_file = _arm(arm, options)
     given, turning = _traces(trace, against, pulleys, options)
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)

@@ -64,7 +64,7 @@ class SweepOptions(HeldMotionOptions):
         return problems
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class SweepResult(Result):
     """How the vibration depends on numbers of an arm.
 
@@ -130,14 +130,14 @@ class SweepResult(Result):
         from ident.present.files.document import write_result
         from ident.present.files.sweep import sweep_document, write_csv
 
-        document, table = sweep_document(self.study, self.options.recorded()), path.with_suffix(".csv")
+        document, table = sweep_document(self.study, self.options.recorded()), self._beside(path, ".csv")
         write_csv(self.study, document, table)
         write_result(document, self.fields(), path)
         return table, path
 
 
 def sweep(
-    arm: "Arm | ArmFile",
+    arm: "Arm | ArmFile | str | Path",
     options: SweepOptions | None = None,
     *,
     path: "Log | str | Path | None" = None,
@@ -163,7 +163,7 @@ def sweep(
     from ident.vibrate.redesign.evaluator import Evaluator
     from ident.vibrate.redesign.sweep import sweep, sweeps
 
-    options, arm_file = options or SweepOptions(), as_file(arm)
+    options, arm_file = SweepOptions.of(options), as_file(arm)
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     evaluator = Evaluator(

@@ -111,3 +111,10 @@ def test_options_are_checked_when_they_are_made():
     for options, words in (({"starts": 0}, "starts"), ({"prior_sd": -1.0}, "prior_sd"), ({"seed": -1}, "seed")):
         with pytest.raises(ident.InputError, match=f"{words}: got {next(iter(options.values())):g}"):
             FitOptions(**options)
+
+
+def test_a_file_of_another_ending_is_refused(result, tmp_path):
+    with pytest.raises(ident.InputError, match=r"the ending \.txt, expected a file \*\.json"):
+        result.save(tmp_path / "my.txt")
+    assert not list(tmp_path.iterdir())
+    assert result.save(tmp_path / "my.json") == (tmp_path / "my.json",)

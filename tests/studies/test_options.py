@@ -3,8 +3,11 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
+from arms import lcd_arm
 
+import ident
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.check import CheckOptions
@@ -41,7 +44,7 @@ def test_defaults_are_fine_and_nobodys_dict_is_shared():
     ("values", "words"),
     [
         ({"count": 0}, "count: got 0, expected a number from 1; correct it"),
-        ({"count": math.inf}, "count: got inf, expected a number from 1; correct it"),
+        ({"count": math.inf}, "count: got inf, expected a whole number; correct it"),
         ({"step_size": 0.0}, "step_size: got 0, expected a number above 0; correct it"),
         ({"step_size": math.nan}, "step_size: got nan, expected a number above 0; correct it"),
         ({"shape": "oval"}, "shape: got 'oval', expected one of round, square; correct it"),
@@ -88,3 +91,38 @@ def test_every_option_has_help_and_a_default_in_its_range(kind):
         assert not spec.problem(getattr(made, each.name))
         if spec.repeated:
             assert spec.read, "what is repeated is read from several texts"
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: ident.FitOptions(starts="4"), "starts: got '4', expected a whole number"),
+        (lambda: ident.FitOptions(starts=2.5), "starts: got 2.5, expected a whole number"),
+        (
+            lambda: ident.FitOptions(fix="joint1.k_bend"),
+            r"fix: got 'joint1.k_bend', expected several",
+        ),
+        (lambda: ident.ResonanceOptions(margin="10"), "margin: got '10', expected a number"),
+        (lambda: ident.SimulateOptions(retract=1), "retract: got 1, expected True or False"),
+        (lambda: ident.SimulateOptions(speed=True), "speed: got True, expected a number"),
+        (lambda: ident.FitOptions.of(ident.CheckOptions()), r"got a CheckOptions, expected FitOptions\(...\)"),
+    ],
+)
+def test_what_is_of_another_type_is_refused(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
+
+
+def test_numbers_of_numpy_are_numbers():
+    assert ident.FitOptions(starts=np.int64(4), prior_sd=np.float64(0.5)).starts == 4
+    with pytest.raises(InputError, match="a number from 1"):
+        ident.FitOptions(starts=np.int64(0))
+
+
+def test_inputs_are_values_or_files():
+    with pytest.raises(InputError, match="arm: got a int"):
+        ident.fit(3, 4)
+    with pytest.raises(InputError, match="campaign: got a int"):
+        ident.fit(lcd_arm(), 5)
+    with pytest.raises(InputError, match=r"nowhere\.toml"):
+        ident.check("nowhere.toml", "nowhere.csv")

@@ -78,10 +78,11 @@ def test_a_saved_result_comes_back_as_it_was(request, tmp_path, case):
         axes.get_ylabel() for axes in result.figures()["drives"].axes
     ]
     again = tmp_path / "again" / "other.nc"
-    assert loaded.save(again) == tuple(again.with_suffix(end) for end in (".csv", ".nc", ".json"))
-    first, second = (json.loads(path.read_text()) | {"created": ""} for path in (paths[2], again.with_suffix(".json")))
+    csv, document = (again.with_name(f"other.simulate{end}") for end in (".csv", ".json"))
+    assert loaded.save(again) == (csv, again, document)
+    first, second = (json.loads(path.read_text()) | {"created": ""} for path in (paths[2], document))
     assert first == second
-    assert paths[0].read_text().splitlines()[1:] == again.with_suffix(".csv").read_text().splitlines()[1:]
+    assert paths[0].read_text().splitlines()[1:] == csv.read_text().splitlines()[1:]
     with (
         xarray.open_dataset(paths[1], engine="h5netcdf") as one,
         xarray.open_dataset(again, engine="h5netcdf") as other,
@@ -173,3 +174,35 @@ def test_the_options_are_recorded(fast, tmp_path):
     document = json.loads(Path(fast.save(tmp_path)[2]).read_text())
     assert document["format"] == "ident-simulate/2"
     assert document["options"] | {"at": 0.7, "speed": 200.0, "band": [4.0, 8.0]} == document["options"]
+
+
+def test_what_the_arm_does_over_time_is_at_hand(fast):
+    assert fast.arrival == pytest.approx(fast.time[-1] - 0.5, abs=0.01)
+    assert np.degrees(fast.posture[:, [0, -1]]) == pytest.approx(np.array([[80, 0], [-160, 0], [80, 0]]), abs=1e-9)
+    lengths, angle = np.array([0.992855, 0.95, 2.79]), np.cumsum(fast.posture, axis=0)
+    assert fast.path[0] == pytest.approx(lengths @ np.cos(angle), abs=1e-9)
+    assert fast.path[1] == pytest.approx(lengths @ np.sin(angle), abs=1e-9)
+    assert np.ptp(fast.path[2]) < 1e-9
+    turns = np.degrees(np.gradient(fast.posture[1], fast.time)) * float(fast.arm.get("drive2.ratio")) / 360
+    assert fast.pulleys["drive2"] == pytest.approx(np.abs(turns), abs=0.05 * turns.max())
+    assert list(fast.pulleys) == ["drive1", "drive2", "drive3"]
+
+
+def test_the_arm_is_drawn_at_work(fast):
+    figure = fast.path_figure([0.0, 0.3], factor=5.0)
+    legend = figure.axes[0].get_legend()
+    assert any(text.get_text().endswith("vibration 5 times as large") for text in legend.get_texts())
+    title = legend.get_title().get_text()
+    assert title.endswith("the arm at 0.0, 0.3 s")
+    page = fast.animation([0.1, 0.2, 0.3], fps=5.0).to_jshtml()
+    assert page.count("data:image/png;base64") == 3
+    with pytest.raises(InputError, match="moments outside the response"):
+        fast.path_figure([99.0])
+
+
+def test_a_shorter_step_brings_the_same():
+    whole, half = (simulate(FILE, SimulateOptions(**SHORT, method="fast", step=step)) for step in (None, 5e-4))
+    assert np.abs(half.vibration - whole.vibration).max() > 0
+    np.testing.assert_allclose(half.peak, whole.peak, rtol=1e-3)
+    with pytest.raises(InputError, match="step: got it with another method"):
+        SimulateOptions(step=5e-4)

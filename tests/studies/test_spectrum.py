@@ -40,6 +40,17 @@ def test_a_sine_stands_in_the_table_in_si():
     assert [row["amplitude"] for row in rows] == pytest.approx([4e-4, 2e-4], rel=1e-3)
 
 
+def test_bands_and_peaks_of_a_sine():
+    values = 3e-4 * np.sin(2 * np.pi * 5 * TIME) + 1e-6 * np.sin(2 * np.pi * 12 * TIME)
+    result = spectrum(Trace("a.csv", "", TIME, "displacement", {"x": values, "y": values / 2}))
+    assert result.band_rms(4.0, 6.0) == pytest.approx({"x": 3e-4 / np.sqrt(2), "y": 1.5e-4 / np.sqrt(2)}, rel=1e-3)
+    assert result.band_rms(20.0, 30.0)["x"] < 1e-9
+    (faint,) = result.peaks("y", low=8.0, high=20.0, count=1)
+    assert (faint.frequency, faint.amplitude) == pytest.approx((12.0, 0.5e-6), rel=1e-3)
+    largest = result.frequency[result.amplitudes["x"].argmax()]
+    assert (largest, result.amplitudes["x"].max()) == pytest.approx((5.0, 3e-4), rel=1e-3)
+
+
 def test_only_what_lies_between_two_times_counts():
     values = np.where(TIME < 5, np.sin(2 * np.pi * 5 * TIME), np.sin(2 * np.pi * 8 * TIME))
     trace = Trace("a.csv", "", TIME, "displacement", {"y": values})

@@ -52,6 +52,19 @@ def test_amplitudes_are_those_of_the_library(both):
     assert np.isnan(row["q05 [mm]"])
 
 
+def test_trends_are_in_a_word_what_the_amplitudes_do(both, chart):
+    amplitude = both.sweeps[K].amplitude[1]
+    whole, about = both.trends[K]["y"]
+    assert whole.ends == (amplitude[0], amplitude[-1])
+    assert amplitude[2] < 1.05 * amplitude[1] < amplitude[0], "up again by less than counts"
+    assert whole.shape == "falls"
+    assert whole.least == (both.sweeps[K].axes[0].values[1], amplitude[1])
+    assert list(both.trends[K]) == ["x", "y", "z", "largest"]
+    assert about is not None
+    assert about.span == whole.span, "of three values all are neighbours of the present one"
+    assert chart.trends == {}
+
+
 @pytest.mark.parametrize("name", ["both", "chart"])
 def test_it_comes_back_as_it_was(name, request, tmp_path):
     result = request.getfixturevalue(name)

@@ -63,7 +63,7 @@ def read_result(path: str | Path) -> tuple[str, dict[str, Any]]:
         return read_netcdf_result(path)
     document = read_document(path, EXPECTED)
     if "result" not in document:
-        remedy = f"load {one_line(netcdf.name)} beside it" if netcdf.exists() else RERUN
+        remedy = f"it is for reading: load {one_line(netcdf.name)} beside it" if netcdf.exists() else RERUN
         raise InputError(Problem(where, f"no result to load ({document['format']})", EXPECTED, remedy))
     return document["format"], fields_of(document["result"], where)
 

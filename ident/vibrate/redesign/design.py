@@ -116,15 +116,17 @@ def design(
     search = Search(evaluator, required)
     begins = search.starts(starts, seed)
     ends = [search.minimum_amplitude(begins[k]) for k in progress(range(len(begins)))]
-    optima = sorted((end for end in ends if end is not None), key=search.objective.largest)
+    optima = [(_place(search, u, limit), u) for u in ends if u is not None]
     if not optima:
         raise ModelError(_why_not(search, seed))
-    least, norm = optima[0], search.objective.change_norm(optima[0])
+    optima.sort(key=lambda pair: pair[0].largest)
+    places, least = [place for place, _ in optima], optima[0][1]
     best = search.minimum_exceedance(least, limit) if evaluator.draws and limit else least
     minimum_change = search.minimum_change(least, limit) if limit else None
-    between = [search.minimum_amplitude(share * least, share * norm) for share in SHARES if curve and norm > 0]
+    norm = places[0].change_norm if curve else 0.0
+    between = [search.minimum_amplitude(share * least, share * norm) for share in SHARES if norm > 0]
 
-    present, *places = (_place(search, u, limit) for u in (0 * best, *optima))
+    present = _place(search, 0 * best, limit)
     middle = [_place(search, u, limit) for u in between if u is not None]
     changes = [] if minimum_change is None else [_place(search, minimum_change, limit)]
     return Design(

@@ -18,7 +18,15 @@ from ident.vibrate.redesign.variable import Variable, apply
 from ident.vibrate.response.amplitude import Amplitude, amplitude
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.fast import step_for
-from ident.vibrate.response.simulate import RATE, FastMethod, by_chunk, fast_method, vibration_of, vibrations
+from ident.vibrate.response.simulate import (
+    RATE,
+    FastMethod,
+    by_chunk,
+    fast_method,
+    refuse_collapse,
+    vibration_of,
+    vibrations,
+)
 
 BATCH = 64
 """Arms between two steps of progress."""
@@ -101,16 +109,12 @@ class Evaluator:
         Raises:
             ModelError: the arm has no stable equilibrium after some change, which is named.
         """
-        numbers, measure = self.batch(changes), self.amplitude
-        step = self.step or self.step_for(changes)
+        numbers, measure, solve = self.batch(changes), self.amplitude, self._solver(changes)
 
         def run(first: int) -> np.ndarray:
-            arm = self.arm.replace(
-                {path: jnp.asarray(column[first : first + BATCH]) for path, column in numbers.items()}
-            )
-            vibration = vibrations(
-                arm, self.motion, loads=self.loads, elastic_belts=self.elastic_belts, rate=self.rate, step=step
-            )
+            some = {path: column[first : first + BATCH] for path, column in numbers.items()}
+            vibration = vibrations(self.arm, some, solve)
+            refuse_collapse(self.motion, vibration)
             return np.asarray(measure(vibration))
 
         starts = range(0, len(changes) * self.size, BATCH)
@@ -134,9 +138,8 @@ class Evaluator:
             which: of the arms; the first is the arm itself.
         """
         numbers = {path: values[which] for path, values in self.batch(change[None]).items()}
-        step = self.step or self.step_for(change[None])
-        solve = fast_method(self.arm, self.motion, self.loads, self.elastic_belts, self.rate, step)
-        measure, parts, slopes = self.amplitude, np.zeros(0), []
+        measure, solve = self.amplitude, self._solver(change[None])
+        parts, slopes = np.zeros(0), []
         for first in range(0, len(self.variables), WIDTH):
             point = numbers, _directions(numbers, self.variables[first : first + WIDTH])
             pair = by_chunk(lambda point: _pushed(self.arm, point, solve, measure), point, chunk=1)
@@ -154,6 +157,10 @@ class Evaluator:
         """Return the numbers of the arm itself after changes, by path."""
         each = [np.asarray(change) for change in changes]
         return {path: float(value) for path, value in apply(self.arm.numbers(), self.variables, each).items()}
+
+    def _solver(self, changes: Float[np.ndarray, "G V"]) -> FastMethod:
+        step = self.step or self.step_for(changes)
+        return fast_method(self.arm, self.motion, self.loads, self.elastic_belts, self.rate, step)
 
     def _is_of_stroke(self, path: str) -> bool:
         return self.arm.stroke is not None and path.split(".")[0] == self.arm.stroke.name

@@ -68,18 +68,18 @@ def outline(
 
 @jit
 def _lines(
-    arm: Arm, machine: Multibody, motion: Motion, times: Float[Array, "F"], y: Array, loads: Loads | None
+    arm: Arm, model: Multibody, motion: Motion, times: Float[Array, "F"], y: Array, loads: Loads | None
 ) -> tuple[Float[Array, "3 K F"], Float[Array, "3 K F"]]:
     """Return bushing centres and end point of the arm at rest in the posture of the moment, and as it vibrates [m]."""
-    commanded = command(machine, motion, times)
+    commanded = command(model, motion, times)
 
     def line(y: Array, error: float) -> Array:
-        phi = bushings(machine, y)
-        turning = pins(machine, commanded, at_rest(deviations(machine, y)))
+        phi = bushings(model, y)
+        turning = pins(model, commanded, at_rest(deviations(model, y)))
         angle = turning.pin.angle - (1 - error) * turning.error
-        at = kinematics(machine, at_rest(angle), phi, jnp.zeros_like(phi), jnp.zeros_like(phi))
-        body = machine.carrier[-1]
-        end = at.centre[:, body] + matvec(at.link[:, :, body], machine.position[:, -1])
+        at = kinematics(model, at_rest(angle), phi, jnp.zeros_like(phi), jnp.zeros_like(phi))
+        body = model.carrier[-1]
+        end = at.centre[:, body] + matvec(at.link[:, :, body], model.position[:, -1])
         return jnp.concatenate([at.centre, end[:, None]], 1)
 
-    return line(quasi_static_deflection(arm, machine, commanded.q, loads), 0.0), line(y, 1.0)
+    return line(quasi_static_deflection(arm, model, commanded.q, loads), 0.0), line(y, 1.0)

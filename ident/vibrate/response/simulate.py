@@ -1,7 +1,7 @@
 """An arm carries out a motion: the one function that runs it and samples what happens."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, NamedTuple
@@ -75,7 +75,7 @@ def simulate(
     else:
         solution = _over_batch(arm, solve, _whole) if batch else solve(arm)
     time = solve.time[: solution.y.shape[1]]
-    _refuse_collapse(motion, solution.displacement)
+    refuse_collapse(motion, solution.displacement)
     model = _multibody(arm, loads, 1 + len(batch), elastic_belts)
     path = solution.path[(..., *(0,) * len(batch))]
     return Response(
@@ -112,22 +112,10 @@ def vibration_of(solution: Solution) -> Float[Array, "3 T"]:
 
 
 def vibrations(
-    arm: Arm,
-    motion: Motion,
-    *,
-    loads: Loads | None = None,
-    elastic_belts: bool = False,
-    rate: float = RATE,
-    step: float | None = None,
-) -> Float[Array, "3 T *batch"]:
-    """Return how the end point of each arm of a batch vibrates [m], by the fast method: `simulate`, and no more.
-
-    Arguments and errors: see `simulate`.
-    """
-    solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
-    vibration = _over_batch(arm, solve, vibration_of)
-    _refuse_collapse(motion, vibration)
-    return vibration
+    arm: Arm, numbers: Mapping[str, Float[Array | np.ndarray, "batch"]], solve: "FastMethod"
+) -> Float[Array, "3 T batch"]:
+    """Return how the end point vibrates [m] with each of some numbers of the arm, by path; NaN where it collapses."""
+    return _of_each(arm, numbers, solve, vibration_of)
 
 
 def fast_method(
@@ -150,8 +138,15 @@ def _over_batch(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) 
     batch, one = arm.batch, nominal(arm)
     varying = {path: value for path, value in arm.numbers().items() if jnp.ndim(value)}
     flat = {path: jnp.broadcast_to(value, batch).reshape(-1) for path, value in varying.items()}
-    chunked = by_chunk(lambda values: _mapped(one, values, solve, keep), flat)
-    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1).reshape((*x.shape[1:], *batch)), chunked)
+    return jax.tree.map(lambda x: x.reshape((*x.shape[:-1], *batch)), _of_each(one, flat, solve, keep))
+
+
+def _of_each(
+    arm: Arm, numbers: Mapping[str, Array | np.ndarray], solve: "FastMethod", keep: Callable[[Solution], Any]
+) -> Any:
+    """Solve for an arm with each of these numbers (batch,), by path."""
+    chunked = by_chunk(lambda values: _mapped(arm, values, solve, keep), dict(numbers))
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), chunked)
 
 
 @cache
@@ -263,8 +258,12 @@ def refuse_jumps(arm: Arm, motion: Motion) -> None:
         raise InputError(Problem(motion.name, got, "a motion from rest without such jumps", remedy))
 
 
-def _refuse_collapse(motion: Motion, displacement: Array) -> None:
-    """Raise where there is no answer; under `jit` or `grad` it is NaN."""
+def refuse_collapse(motion: Motion, displacement: Array) -> None:
+    """Refuse a displacement that is NaN; under `jit` or `grad` it may be.
+
+    Raises:
+        ModelError: the arm collapses.
+    """
     if not isinstance(displacement, jax.core.Tracer) and not np.isfinite(np.asarray(displacement)).all():
         raise ModelError(
             f"no response to {motion.name}: the arm has no stable equilibrium somewhere along it; "
