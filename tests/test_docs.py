@@ -52,8 +52,10 @@ def test_examples_run(page, run, folder):
         if example.shown_only:
             continue
         if example.language == "python":
-            with redirect_stdout(StringIO()):
+            with redirect_stdout(StringIO()) as printed:
                 exec(compile(reduced(example.text), f"{page}:{example.line}", "exec"), names)
+        if example.language == "text":
+            assert same_text(printed.getvalue(), example.text)
         for words in example.commands if example.language == "sh" else ():
             check(page, words, run)
 

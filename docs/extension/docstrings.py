@@ -58,8 +58,16 @@ def hide_fields(
     return ("", returned or "") if what in ("class", "exception") and signature else None
 
 
+def dash(app: Sphinx, doctree: nodes.document) -> None:
+    """Set napoleon's two hyphens behind a name as a dash."""
+    for text in list(doctree.findall(nodes.Text)):
+        if text.startswith(" -- "):
+            text.parent.replace(text, nodes.Text(f" \N{EN DASH} {text.removeprefix(' -- ')}"))
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Listen to autodoc, before napoleon does."""
     app.connect("autodoc-process-docstring", mark_formulas, priority=400)
     app.connect("autodoc-process-signature", hide_fields)
+    app.connect("doctree-read", dash)
     return {"parallel_read_safe": True}

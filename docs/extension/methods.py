@@ -81,7 +81,7 @@ def methods(path: Path) -> Iterator[Method]:
         sources = section(text, "References")
         if sources:
             head, _, rest = SECTION.split(text)[0].partition("\n")
-            title = re.sub(r"^Return ([a-z]+ )", lambda match: match[1].capitalize(), head).rstrip(".")
+            title = re.sub(r"^[a-z]+ ", lambda match: match[0].capitalize(), head.removeprefix("Return ")).rstrip(".")
             yield Method(name, title, rest, sources)
 
 

@@ -1,4 +1,4 @@
-"""Examples of the manual: the fenced `sh` and `python` blocks of a page, in order, files that it includes with it."""
+"""Examples of the manual: the fenced `sh` and `python` blocks of a page, in order, and what a `text` block says of one."""
 
 import re
 import shlex
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-LANGUAGES = ("sh", "python")
+LANGUAGES = ("sh", "python", "text")
 SHOWN_ONLY = re.compile(r"<!-- shown only: .{10,} -->$")
 """The comment, with a reason, above an example that the tests pass over."""
 
@@ -16,7 +16,7 @@ class Example(NamedTuple):
     """An example of a page.
 
     Attributes:
-        language: `sh` or `python`.
+        language: `sh`, `python`, or `text` for what the example before it prints.
         text: what stands in the block.
         line: where, counted from 1.
         shown_only: whether the tests pass it over.
