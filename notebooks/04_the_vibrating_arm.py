@@ -209,6 +209,7 @@ assert (power["9 to 10 Hz"] < 1e-4 * power["3.5 to 8.5 Hz"]).all()
 # %%
 options = ident.SpectrumOptions(direction=("y",), spectrogram=True, segment=1.5, upto=12.0)
 figure = ident.spectrum(low, options).figures()["y"]
+figure.suptitle("Y at 10 %", fontsize=12, fontweight="bold")
 axes = figure.axes[0]
 for i, line in enumerate((":", "--")):
     axes.plot(natural.time, natural.median[i], color="black", linestyle=line, label=str(natural.labels[i]))

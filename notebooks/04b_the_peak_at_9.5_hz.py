@@ -366,6 +366,7 @@ spectra_figure(drawn)
 # %%
 options = ident.SpectrumOptions(direction=("z",), orders=(1.0, 2.0), spectrogram=True, segment=1.5, decibel=True)
 figure = ident.spectrum(both[10], options).figures()["z"]
+figure.suptitle("Z at 10 %, kinematic error and a flexible finger", fontsize=12, fontweight="bold")
 alpha = np.degrees(both[10].posture[0])
 axes = figure.axes[0]
 axes.plot(both[10].time, np.interp(alpha, alphas, finger), color="black", linestyle="--", label="finger's mode")

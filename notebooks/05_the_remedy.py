@@ -159,7 +159,7 @@ panel.set_xlabel(f"lateral torsion 1 at {DWELL} s [Hz]")
 panel.set_ylabel("peak in Y [mm]")
 panel.set_ylim(0)
 panel.set_title("One curve for all five, as long as the dwell decides", **TITLE)
-figure.legend(loc="outside lower center", ncols=7)
+figure.legend(loc="outside lower center", ncols=4)
 figure
 
 # %%
