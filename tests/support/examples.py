@@ -1,4 +1,4 @@
-"""Examples of the manual: fenced `sh` and `python` blocks of a page in order, and what a `text` block says of one."""
+"""Examples of the manual: the `sh` and `python` blocks of a page in order, and what a `text` block says of one."""
 
 import re
 import shlex
