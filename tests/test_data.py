@@ -52,7 +52,7 @@ def test_calibrating_again_changes_nothing_and_check_passes():
 def test_calibration_from_the_nominal_numbers_finds_the_shipped_arm():
     calibrate = program("calibrate")
     text = (LCD / "arm.toml").read_text()
-    assert calibrate.calibrate(calibrate.revise(text, calibrate.NOMINAL, origin="calibrated")) == text
+    assert calibrate.calibrate(calibrate.revise(text, calibrate.NOMINAL)) == text
 
 
 def test_synthesize_reproduces_the_shipped_campaign(tmp_path):

@@ -61,15 +61,16 @@ def calibrate(text: str) -> str:
     if is_calibrated(text):
         return text
 
-    def revised(scale: np.ndarray) -> str:
-        values = {path: value * s for (path, value), s in zip(NOMINAL.items(), scale, strict=True)}
-        rounded = {path: float(f"{value:.{digits}g}") for path, value in values.items()}
-        return update_file(text, rounded, origin="calibrated")
+    def scaled(scale: np.ndarray, digits: int) -> str:
+        return revise(text, {path: value * s for (path, value), s in zip(NOMINAL.items(), scale, strict=True)}, digits)
 
-    digits = 12
-    solution = root(lambda scale: errors(revised(scale)), np.ones(3), tol=1e-10)
-    digits = DIGITS
-    return revised(solution.x)
+    solution = root(lambda scale: errors(scaled(scale, 12)), np.ones(3), tol=1e-10)
+    return scaled(solution.x, DIGITS)
+
+
+def revise(text: str, values: dict[str, float], digits: int = DIGITS) -> str:
+    """Return the arm file's text with other values of these fields, rounded to so many digits, as calibrated ones."""
+    return update_file(text, {path: float(f"{v:.{digits}g}") for path, v in values.items()}, origin="calibrated")
 
 
 def main(check: bool) -> int:

@@ -12,6 +12,7 @@ from types import NoneType, UnionType
 from typing import Any, Self, get_args, get_origin
 
 from ident.errors import InputError, Problem
+from ident.text import did_you_mean
 
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart")
 """Inputs of studies that the command line takes as flags, too."""
@@ -91,7 +92,8 @@ class Options:
             value = getattr(self, each.name)
             if expected := _misfit(value, each.type) or spec.problem(value):
                 got = f"{value:g}" if isinstance(value, Real) and not isinstance(value, bool) else f"{value!r:.60}"
-                problems.append(Problem(each.name, got, expected, "correct it"))
+                remedy = did_you_mean(value, spec.choices, "correct it") if isinstance(value, str) else "correct it"
+                problems.append(Problem(each.name, got, expected, remedy))
         if problems := problems or self.problems():
             raise InputError(problems)
 
