@@ -39,6 +39,14 @@ def test_the_door_opens_without_a_library():
     assert not loaded & {"numpy", "jax", "matplotlib", "scipy", "pydantic", "typer"}
 
 
+def test_a_fit_loads_neither_the_sampler_nor_what_vibrates():
+    loaded = of_the_door("ident.studies.fit, ident.identify.fit, ident.present.files.fit, ident.present.text.fit")
+    assert "ident.inference.fit" in loaded
+    assert not {
+        name for name in loaded if name.startswith(("emcee", "scipy.stats", "arviz", "diffrax", "ident.vibrate"))
+    }
+
+
 def test_the_first_name_switches_to_double_precision():
     program = "import ident; ident.Load; import jax; print(jax.config.jax_enable_x64)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -9,12 +9,13 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ident.arm.fields import SPEED
 from ident.assess.task import CONFIDENT, Draws, Task
 from ident.assess.vibration import exact_response
 from ident.vibrate.redesign.binomial import BinomialEstimate, binomial_estimate
 from ident.vibrate.redesign.constraints import Requirements
 from ident.vibrate.redesign.search import Effort, Search
-from ident.vibrate.redesign.sweep import SPEED, Axis, axis, sweep
+from ident.vibrate.redesign.sweep import Axis, axis, sweep
 from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.response import peak

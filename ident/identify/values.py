@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,8 +10,9 @@ from jaxtyping import Float
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
-from ident.inference.posterior_summary import chains
-from ident.inference.sample import Sample
+
+if TYPE_CHECKING:
+    from ident.inference.sample import Sample
 
 BEST_ONLY = "draws about the best optimum only; the others are left out"
 
@@ -46,7 +47,7 @@ class Values:
         return cls.of_arm(best, arm)
 
     @classmethod
-    def of_sample(cls, sample: Sample, arm: Arm, count: int, seed: int | None = None) -> "Values":
+    def of_sample(cls, sample: "Sample", arm: Arm, count: int, seed: int | None = None) -> "Values":
         """Return draws of an arm's numbers; see `Draws.some`."""
         return Draws.of_sample(sample).some(arm, count, seed)
 
@@ -102,8 +103,10 @@ class Draws:
     remark: str = ""
 
     @classmethod
-    def of_sample(cls, sample: Sample) -> "Draws":
+    def of_sample(cls, sample: "Sample") -> "Draws":
         """Return the draws of a posterior that was sampled in this process."""
+        from ident.inference.posterior_summary import chains
+
         by_chain, items = chains(sample), sample.posterior.parameters.items
         best = by_chain.optimum == by_chain.optimum.min()
         by_paths = {item.paths: own[best].ravel() for item, own in zip(items, by_chain.values, strict=True)}

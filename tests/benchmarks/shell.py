@@ -18,7 +18,7 @@ from ident.description.file import read_arm; from ident.measure import read_camp
 from ident.inference import fit as stage; from ident.identify.build_problem import build_problem
 from ident.jit import SMALL_KERNELS
 t.append(time.perf_counter())
-problem = build_problem(read_arm("ARM"), read_campaign("CAMPAIGN"))
+problem = build_problem(read_arm("ARM").arm, read_campaign("CAMPAIGN"))
 start = problem.parameters.theta(problem.parameters.column("start"))
 t.append(time.perf_counter())
 lowered = eqx.filter_jit(stage.solve.__wrapped__, **SMALL_KERNELS).lower(problem, start)

@@ -68,7 +68,11 @@ def test_it_comes_back_as_it_was(result, tmp_path):
     np.testing.assert_equal(loaded.table(), result.table())
     assert list(loaded.figures()) == list(result.figures())
     page, document, posterior = loaded.save(tmp_path / "again.nc")
-    assert [path.name for path in (page, document, posterior)] == ["again.diagnose.html", "again.diagnose.json", "again.nc"]
+    assert [path.name for path in (page, document, posterior)] == [
+        "again.diagnose.html",
+        "again.diagnose.json",
+        "again.nc",
+    ]
     first, second = (json.loads(path.read_text()) | {"created": ""} for path in (paths[1], document))
     assert first == second
     created = [json.loads(path.read_text())["created"] for path in (paths[1], document)]

@@ -1,8 +1,7 @@
 """How numbers are shown: in the units that people read. What a number of the arm is: `ident.arm.fields`."""
 
-from ident.arm.fields import STIFFNESS, field_named, field_of
+from ident.arm.fields import SPEED, STIFFNESS, field_named, field_of
 from ident.units import NMM_PER_DEG
-from ident.vibrate.redesign.sweep import SPEED
 
 KINDS = {"frequency": (1.0, "Hz"), "deflection": (1e3, "mm"), "deflection_difference": (1e3, "mm")}
 MM = 1e3

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.arm.fields import COMPONENTS
+from ident.arm.fields import COMPONENTS, SPEED
 from ident.errors import InputError, Problem
 from ident.vibrate.motion.motion import FASTEST
-from ident.vibrate.redesign.sweep import SPEED, Axis, axis
+from ident.vibrate.redesign.sweep import Axis, axis
 from ident.vibrate.redesign.variable import Extents, Variable, check, check_path, is_shifted, outside, refuse_factor
 
 SWEPT, CHANGED = (0.4, 2.5), (0.5, 2.0)

@@ -9,13 +9,11 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.drive_check import check_drives
+from ident.arm.fields import SPEED
 from ident.errors import InputError, Problem
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.variable import Variable, apply, check_path, is_shifted, refuse_factor
 from ident.vibrate.response.exact import Progress
-
-SPEED = "speed"
-"""Name of the axis that slows the clock of the motion; its values are percentages of full speed."""
 
 
 @dataclass(frozen=True)
