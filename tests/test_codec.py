@@ -2,6 +2,7 @@
 
 import json
 import math
+from functools import reduce
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -162,7 +163,7 @@ HOSTILE = {
         "value": {"object": 0},
         "objects": [{"class": "inference.parameters:Parameters", "fields": {"items": {"object": 0}}}],
     },
-    "too deep": {"value": json.loads("[" * 900 + "]" * 900), "objects": []},
+    "too deep": {"value": reduce(lambda inner, _: [inner], range(5000), 0), "objects": []},
     "a map with lists as keys": {"value": {"map": [[[1], 2]]}, "objects": []},
     "half a pair": {"value": {"map": [[1]]}, "objects": []},
     "a number that is none": {"value": {"float": "x"}, "objects": []},
