@@ -1,5 +1,6 @@
 """All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,7 @@ class CampaignCheck(Check):
         campaign: what was measured.
         consistency: the data among themselves; None where the model has no answer at the start.
         labels: measurements whose mode is not sure.
-        repeats: pairs of rows that measured the same and contradict each other; refused unless values are trusted.
+        repeats: pairs of rows that measured the same and contradict each other; refused unless one is trusted.
     """
 
     arm: Arm
@@ -42,7 +43,7 @@ class CampaignCheck(Check):
 
 
 def check_campaign(
-    arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None, *, seed: int = 0, trust_values: bool = False
+    arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None, *, seed: int = 0, trusted: Collection[str] = ()
 ) -> CampaignCheck:
     """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
 
@@ -51,15 +52,14 @@ def check_campaign(
         campaign: the measurements.
         unknowns: what is unknown, and its priors.
         seed: of the further points that are tried.
-        trust_values: take values that the arm file makes implausible, and repeats that contradict each other.
+        trusted: rows whose values are right though implausible, or contradict a repeat, see `check_values`.
 
     Raises:
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
             repeats; a campaign that says nothing of any unknown.
     """
     problem = build_problem(arm, campaign, unknowns)
-    if not trust_values:
-        check_values(problem, campaign, arm)
+    check_values(problem, campaign, arm, trusted)
     checked = check(problem, seed=seed)
     if checked.blind:
         got = "no measurement that depends on any of the unknowns"

@@ -1,6 +1,6 @@
 """The main job in one call: an arm and a campaign in, a fit out, with what speaks against it."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,7 +72,7 @@ def fit_campaign(
     *,
     starts: int = STARTS,
     seed: int = 0,
-    trust_values: bool = False,
+    trusted: Collection[str] = (),
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> CampaignFit:
     """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
@@ -83,7 +83,7 @@ def fit_campaign(
         unknowns: what is unknown, and its priors.
         starts: number of starts.
         seed: of the starts.
-        trust_values: take values that the arm file makes implausible.
+        trusted: rows whose values are right though implausible, see `check_values`.
         progress: wraps the numbers of the starts, to show a bar.
 
     Raises:
@@ -91,8 +91,7 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     problem = build_problem(arm, campaign, unknowns)
-    if not trust_values:
-        check_values(problem, campaign, arm)
+    check_values(problem, campaign, arm, trusted)
     best = fit(problem, starts=starts, seed=seed, progress=progress)
     compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
     return CampaignFit(**vars(best), arm=arm, campaign=campaign, cross_predictions=cross_predictions(compared))

@@ -144,7 +144,7 @@ def fit(
         options.unknowns,
         starts=options.starts,
         seed=options.seed,
-        trust_values=options.trust_values,
+        trusted=options.trust_values,
         progress=progress("starts"),
     )
     return FitResult(arm_file, fitted, options)

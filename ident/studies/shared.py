@@ -56,7 +56,12 @@ class ProblemOptions(Options):
         repeated=True,
         read=reading.widths,
     )
-    trust_values: bool = option(False, "accept values that look implausible")
+    trust_values: tuple[str, ...] = option(
+        (),
+        "row whose value is right though it looks implausible, as 7, its number in the file, or all; may be repeated",
+        repeated=True,
+        read=reading.names,
+    )
     seed: int = option(0, "seed of all that is drawn at random", low=0)
 
     @property

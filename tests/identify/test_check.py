@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from scipy.stats import binomtest
 
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
@@ -310,7 +311,19 @@ def test_contradictory_repeats_name_both_rows():
     with pytest.raises(InputError, match=r"c.csv:9, value: got .* from row 2") as error:
         check_campaign(lcd_arm(), campaign)
     assert len(str(error.value).splitlines()) == 1
-    assert check_campaign(lcd_arm(), campaign, trust_values=True).repeats == ((0, 2),)
+    assert check_campaign(lcd_arm(), campaign, trusted=("9",)).repeats == ((0, 2),)
+
+
+def test_right_repeats_are_rarely_taken_to_contradict_each_other():
+    rng, trials, repeats = np.random.default_rng(0), 400, 12
+    alarms = 0
+    for _ in range(trials):
+        values = 0.0263 + 1e-4 * rng.normal(size=repeats)
+        own = tuple(dataclasses.replace(deflection(value), sigma=1e-4) for value in values)
+        alarms += bool(list(contradictory_repeats(Campaign(measurements=own))))
+    assert binomtest(alarms, trials, 0.0027).pvalue > 1e-3
+    wrong = dataclasses.replace(own[0], value=0.0263 + 1e-3)
+    assert list(contradictory_repeats(Campaign(measurements=(*own, wrong))))
 
 
 def test_other_postures_modes_and_values_without_label_are_no_repeats():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from contextlib import nullcontext
 from pathlib import Path
 
 import jax
@@ -129,7 +130,7 @@ def test_damping_ratios_give_the_damping_times():
     )
     campaign = exact(Campaign(measurements=(*shipped().measurements, *ratios)))
     start = arm.replace({f"joint{j}.{tau}": 1e-3 for j in (1, 2, 3) for tau in ("tau_bend", "tau_tors")})
-    found = fit_campaign(start, campaign, Unknowns(prior_sd=math.inf), starts=1, trust_values=True)
+    found = fit_campaign(start, campaign, Unknowns(prior_sd=math.inf), starts=1, trusted=("all",))
     assert found.parameters["joint2.tau_bend"] == pytest.approx(0.0002, rel=1e-5)
     assert found.parameters["joint3.tau_tors"] == pytest.approx(0.002, rel=1e-5)
 
@@ -153,6 +154,31 @@ def test_radians_per_second_taken_for_hertz_are_questioned():
     with pytest.raises(InputError, match="rad/s written as Hz") as error:
         check_values(arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm())), campaign, lcd_arm())
     assert [p.where for p in error.value.problems] == ["t.csv:2", "t.csv:3"]
+
+
+def test_only_the_rows_named_are_trusted():
+    right, typing_error = (
+        Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=v, sigma=1e-4, point="tip", where=f"t.csv:{row}")
+        for row, v in ((2, 0.15), (3, 0.26))
+    )
+    campaign = Campaign(measurements=(right, typing_error))
+    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
+    with pytest.raises(InputError, match=r"say that it is right \(`trust_values` 3\)") as error:
+        check_values(problem, campaign, lcd_arm(), ("2",))
+    assert [p.where for p in error.value.problems] == ["t.csv:3"]
+    for trusted in (("2", "3"), ("all",)):
+        check_values(problem, campaign, lcd_arm(), trusted)
+    with pytest.raises(InputError, match=r"trust_values: got '4', expected rows of the campaign \(2 to 3\), or all"):
+        check_values(problem, campaign, lcd_arm(), ("4",))
+
+
+@pytest.mark.parametrize(("sigma", "refused"), [(0.02, True), (0.05, False)])
+def test_a_value_is_far_off_only_beyond_its_own_uncertainty(sigma, refused):
+    far = Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=0.24, sigma=sigma, point="tip", where="t.csv:2")
+    campaign = Campaign(measurements=(far,))
+    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
+    with pytest.raises(InputError, match=r"9\.13 times") if refused else nullcontext():
+        check_values(problem, campaign, lcd_arm())
 
 
 def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():
