@@ -26,6 +26,16 @@ def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path):
     assert result["parameters"][0]["sd_by_data_alone"] is None, "infinite is null in JSON"
 
 
+def test_a_dial_gauge_alone_is_fitted_and_what_it_leaves_open_is_said(run, tmp_path):
+    lines = (DATA / "campaign.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "dial.csv").write_text("".join(line for line in lines if not line.startswith("frequency")))
+    code, out, err = run("fit", tmp_path / "dial.csv", f"--arm={DATA / 'arm.toml'}")
+    assert (code, err) == (0, "")
+    assert "4 measurements, 6 unknowns" in out
+    assert "inf" not in out
+    assert "nan" not in out
+
+
 def test_options_reach_the_fit(run, tmp_path):
     code, out, _ = run(
         "fit",

@@ -12,7 +12,7 @@ from ident.inference.information import Direction, Information, TradeOff
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
-from ident.present.text.words import NOTABLE, describe, known_from, paragraphs, priors_in_words, span
+from ident.present.text.words import NOTABLE, describe, known_from, paragraphs, priors_in_words, scatter, span
 
 
 def fit_report(fit: CampaignFit) -> str:
@@ -105,7 +105,7 @@ def _information(fit: CampaignFit) -> Iterator[str]:
 
 def spread_in_words(sd: float) -> str:
     """Say how well a theta is known: in percent, or as a factor."""
-    return f"{100 * sd:.2g} %" if sd < 0.3 else f"a factor of {math.exp(sd):.2g}"
+    return scatter(sd).replace("factor", "a factor of")
 
 
 def product(direction: Direction, items: tuple[Parameter, ...]) -> str:

@@ -11,7 +11,7 @@ from ident.inference.optimal_design import A_OPTIMAL, D_OPTIMAL
 from ident.inference.parameters import Parameter
 from ident.inference.prior_information import OPEN_SD
 from ident.present.text.units import unit_of
-from ident.present.text.words import cut, degrees
+from ident.present.text.words import cut, degrees, scatter
 
 RANKED = 8
 """Postures that are listed."""
@@ -46,7 +46,7 @@ def sd_in_words(item: Parameter, sd: float) -> str:
     """Write a standard deviation of theta: in percent or as a factor, or in the unit of a quantity of either sign."""
     if not item.positive:
         return f"{sd * float(item.scale):.2g} {unit_of(item.name)}"
-    return f"{100 * sd:.2g} %" if sd < 0.3 else f"factor {math.exp(sd):.2g}"
+    return scatter(sd)
 
 
 def _heading(plan: CampaignPlan) -> Iterator[str]:
