@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
+from ident.arm.workspace import ANYWHERE, Workspace
 from ident.errors import InputError, Problem
 from ident.identify.build_problem import build_problem
 from ident.identify.candidate_predictions import CandidatePredictions, distinct_predictions
@@ -45,6 +46,7 @@ class PlanSettings:
         costs: of the parts of an experiment, in place of `COSTS`.
         draws: points of the parameters, beside the best estimate, over which gains are averaged.
         seed: of draws and sampled postures.
+        workspace: where the arm may be held.
     """
 
     count: int = 4
@@ -57,6 +59,7 @@ class PlanSettings:
     costs: Mapping[str, float] = field(default_factory=dict)
     draws: int = DRAWS
     seed: int = 0
+    workspace: Workspace = ANYWHERE
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -104,10 +107,10 @@ class CampaignPlan:
         grid: the postures.
         predictions: what they would show, those that show the same once.
         measured: (V,) which of the predictions' postures the campaign has been in.
-        criterion: `d`, `a` or the parameter that experiments are chosen for.
         gain: (C,) gain of each as the next experiment, by the criterion.
         nats: (C,) its information gain.
         steps: the batch, in the order of choice.
+        settings: what was asked for.
     """
 
     arm: Arm
@@ -119,15 +122,27 @@ class CampaignPlan:
     grid: Grid
     predictions: CandidatePredictions
     measured: Bool[np.ndarray, "V"]
-    criterion: str
     gain: Float[np.ndarray, "C"]
     nats: Float[np.ndarray, "C"]
     steps: tuple[Step, ...]
+    settings: PlanSettings
 
     @property
     def name(self) -> str:
         """The campaign's name, or else the arm's."""
         return self.fit.campaign.name if self.fit else self.arm.name
+
+    @property
+    def criterion(self) -> str:
+        """`d`, `a` or the parameter that experiments are chosen for."""
+        return self.settings.criterion
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """The parameters whose standard deviation is above the target at the end of the batch; none without target."""
+        last = self.sd[-1]
+        wide = (last > self.settings.target) & (self.settings.target > 0)
+        return tuple(name for name, is_wide in zip(self.parameters.names, wide, strict=True) if is_wide)
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
@@ -243,7 +258,7 @@ def plan_campaign(
         remedy = "add a [[point]] at the arm's end: there deflection is read, and modes are named by how it moves"
         raise InputError(Problem(arm.name, "no point", "at least one", remedy))
     instruments = settings.instruments(fit.campaign if fit else Campaign())
-    postures, sampled = posture_grid(arm, settings.step, seed=settings.seed)
+    postures, sampled = posture_grid(arm, settings.step, workspace=settings.workspace, seed=settings.seed)
     parameters = fit.problem.parameters if fit else build_problem(arm, _any_campaign(arm), unknowns).parameters
     gain = criterion(settings.criterion, parameters.names)
     spread = {"draws": settings.draws, "seed": settings.seed}
@@ -265,7 +280,7 @@ def plan_campaign(
         grid=Grid(postures, place[: len(postures)], sampled),
         predictions=predictions,
         measured=measured,
-        criterion=settings.criterion,
+        settings=settings,
         gain=gains(known, candidates, gain),
         nats=gains(known, candidates, information_gain),
         steps=greedy(known, candidates, settings.count, gain, target=settings.target),

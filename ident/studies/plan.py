@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
+    from ident.arm.workspace import Workspace
     from ident.description.file import ArmFile
     from ident.identify.plan import CampaignPlan, PlanSettings
     from ident.measure import Campaign
@@ -51,9 +52,8 @@ class PlanOptions(FitOptions):
     )
     draws: int = option(8, "points besides the best estimate over which gains are averaged", low=0)
 
-    @property
-    def settings(self) -> "PlanSettings":
-        """The same as identification takes it, in SI."""
+    def settings(self, workspace: "Workspace") -> "PlanSettings":
+        """Return the same as identification takes it, in SI, for an arm that may be held in a workspace."""
         from ident.identify.plan import PlanSettings
         from ident.measure import OWN_WEIGHT, Load
 
@@ -68,6 +68,7 @@ class PlanOptions(FitOptions):
             costs=self.cost,
             draws=self.draws,
             seed=self.seed,
+            workspace=workspace,
         )
 
 
@@ -156,7 +157,7 @@ def plan(
     """Choose what to measure next on an arm, by what it would tell for its cost.
 
     Args:
-        arm: its joint limits say which postures can be held.
+        arm: its joint limits, and the workspace in its file, say which postures can be held.
         campaign: what is measured already; None for nothing, so that the priors alone are known.
         options: what to choose from, for what, and what is unknown.
         progress: shows how far it is, over the starts of the fit.
@@ -168,6 +169,6 @@ def plan(
     from ident.identify.plan import plan_campaign
 
     options, arm_file = PlanOptions.of(options), as_file(arm)
-    settings = options.settings
+    settings = options.settings(arm_file.workspace)
     fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign is not None else None
     return PlanResult(arm_file, plan_campaign(arm_file.arm, fitted, options.unknowns, settings), options)

@@ -11,6 +11,8 @@ from arms import lcd_arm
 from scipy.stats import multivariate_normal
 
 from ident.arm.arm import Arm
+from ident.arm.parts import Body, Joint, Point
+from ident.arm.workspace import Workspace
 from ident.errors import InputError, ModelError
 from ident.identify.build_problem import arm_problem
 from ident.identify.candidate_predictions import candidate_predictions
@@ -320,6 +322,63 @@ def test_the_grid_keeps_to_the_limits():
     assert sampled
     assert len(fine) == MOST
     assert (np.abs(np.rad2deg(fine)).max(0) <= [95, 180, 95]).all()
+
+
+def test_on_a_line_only_its_multiples_are_held():
+    postures, sampled = posture_grid(lcd_arm(), math.radians(30.0), workspace=Workspace(line=(1.0, -2.0, 1.0)))
+    assert not sampled
+    np.testing.assert_allclose(np.rad2deg(postures), np.outer(np.arange(-90, 91, 30), (1, -2, 1)), atol=1e-9)
+    one, _ = posture_grid(lcd_arm(), math.radians(30.0), workspace=Workspace(line=(0.0, 1.0, 0.0)))
+    assert not one[:, [0, 2]].any()
+    assert len(one) == 12
+
+
+def test_only_listed_postures_are_held():
+    listed = ((0.0, 0.0, 0.0), (0.5, -1.0, 0.5))
+    postures, _ = posture_grid(lcd_arm(), math.radians(30.0), workspace=Workspace(postures=listed))
+    np.testing.assert_array_equal(postures, listed)
+
+
+def test_no_bushing_or_point_comes_below_the_lowest_height():
+    """A pendulum of one joint about y: its end is at 1 - sin(q) [m]."""
+    link = Body("link", 1.0, (0.5, 0.0, 0.0), 0.1 * np.eye(3))
+    joint = Joint("j", axis=(0.0, 1.0, 0.0), offset=(0.0, 0.0, 1.0), k_bend=1e5, k_tors=1e5, link=(link,))
+    arm = Arm("pendulum", (joint,), (Point("end", "j", (1.0, 0.0, 0.0)),))
+    postures, _ = posture_grid(arm, math.radians(15.0), workspace=Workspace(lowest=0.4))
+    height = 1 - np.sin(postures[:, 0])
+    everywhere, _ = posture_grid(arm, math.radians(15.0))
+    np.testing.assert_allclose(postures, everywhere[1 - np.sin(everywhere[:, 0]) >= 0.4])
+    assert 0.4 <= height.min() < 0.5
+    with pytest.raises(InputError, match="no posture that may be held"):
+        posture_grid(arm, workspace=Workspace(lowest=1.1, postures=((0.0,),)))
+
+
+def test_a_sample_does_not_turn_a_first_joint_about_the_vertical():
+    assert not posture_grid(lcd_arm(), math.radians(5.0))[0][:, 0].any()
+    tilted = Arm("tilted", lcd_arm().joints, lcd_arm().points, gravity=(1.0, 0.0, -9.8))
+    assert posture_grid(tilted, math.radians(5.0))[0][:, 0].any()
+
+
+@pytest.mark.parametrize(
+    ("workspace", "words"),
+    [
+        (Workspace(line=(1.0, -2.0)), "line: got 2 numbers, expected 3"),
+        (Workspace(postures=((0.0, 0.0),)), "postures: got 2 numbers, expected 3"),
+        (Workspace(postures=((0.0, 0.0, 3.0),)), r"postures: got \(0, 0, 171.9\) deg, expected a posture within"),
+        (Workspace(line=(1.0, -2.0, 1.0), postures=((0.0, 0.0, 0.0),)), "got line and postures"),
+    ],
+)
+def test_a_workspace_of_another_arm_is_refused(workspace, words):
+    with pytest.raises(InputError, match=words):
+        posture_grid(lcd_arm(), workspace=workspace)
+
+
+def test_a_missed_target_is_named():
+    settings = PlanSettings(step=math.radians(90.0), draws=0, count=1, target=0.01)
+    missed = plan_campaign(lcd_arm(), settings=settings)
+    assert missed.missed == tuple(n for n, sd in zip(missed.known.names, missed.sd[-1], strict=True) if sd > 0.01) != ()
+    assert plan_campaign(lcd_arm(), settings=dataclasses.replace(settings, target=9.0)).missed == ()
+    assert plan_campaign(lcd_arm(), settings=dataclasses.replace(settings, target=0.0)).missed == ()
 
 
 def with_limits(*limits):
