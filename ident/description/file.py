@@ -16,7 +16,6 @@ from pydantic import ValidationError
 from ident.arm.arm import Arm
 from ident.arm.fields import COMPONENTS
 from ident.arm.parts import Joint
-from ident.arm.workspace import ANYWHERE, Workspace
 from ident.description.explanations import Source
 from ident.description.quantities import Origin, si
 from ident.description.schema import ArmDocument, named
@@ -34,7 +33,6 @@ class ArmFile:
         sha256: hexadecimal digest of the file's bytes.
         origins: origin of every number, by its path in the arm.
         extents: lowest and highest corner of each body that has a shape, (2, 3) [m] in its joint's axes, by name.
-        workspace: where it may be held.
     """
 
     arm: Arm
@@ -42,7 +40,6 @@ class ArmFile:
     sha256: str
     origins: Mapping[str, str]
     extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
-    workspace: Workspace = ANYWHERE
 
 
 def read_arm(path: str | PathLike[str]) -> ArmFile:
@@ -58,8 +55,7 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
     document = parse_document(text, where)
     digest = hashlib.sha256(data).hexdigest()
-    workspace = document.workspace.workspace()
-    return ArmFile(document.arm(), str(path), digest, document.origins(), document.extents(), workspace)
+    return ArmFile(document.arm(), str(path), digest, document.origins(), document.extents())
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:
@@ -98,7 +94,7 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
 def _unfit(document: ArmDocument, source: Source) -> list[Problem]:
     """Return why the parts do not go together, each problem with its line."""
     try:
-        document.workspace.workspace().check(document.arm())
+        document.arm()
     except InputError as error:
         places = {table["name"]: loc for loc, table in named(source.raw)}
         return [

@@ -229,6 +229,7 @@ class ArmDocument(Table):
             tuple(drive.drive() for drive in self.drive),
             tuple(belt.belt() for belt in self.belt),
             self.stroke.stroke() if self.stroke else None,
+            self.workspace.workspace(),
         )
 
     def extents(self) -> dict[str, Any]:

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
-from ident.arm.workspace import ANYWHERE, Workspace
 from ident.errors import InputError, Problem
 from ident.identify.build_problem import build_problem
 from ident.identify.candidate_predictions import CandidatePredictions, distinct_predictions
@@ -46,7 +45,6 @@ class PlanSettings:
         costs: of the parts of an experiment, in place of `COSTS`.
         draws: points of the parameters, beside the best estimate, over which gains are averaged.
         seed: of draws and sampled postures.
-        workspace: where the arm may be held.
     """
 
     count: int = 4
@@ -59,7 +57,6 @@ class PlanSettings:
     costs: Mapping[str, float] = field(default_factory=dict)
     draws: int = DRAWS
     seed: int = 0
-    workspace: Workspace = ANYWHERE
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -258,7 +255,7 @@ def plan_campaign(
         remedy = "add a [[point]] at the arm's end: there deflection is read, and modes are named by how it moves"
         raise InputError(Problem(arm.name, "no point", "at least one", remedy))
     instruments = settings.instruments(fit.campaign if fit else Campaign())
-    postures, sampled = posture_grid(arm, settings.step, workspace=settings.workspace, seed=settings.seed)
+    postures, sampled = posture_grid(arm, settings.step, seed=settings.seed)
     parameters = fit.problem.parameters if fit else build_problem(arm, _any_campaign(arm), unknowns).parameters
     gain = criterion(settings.criterion, parameters.names)
     spread = {"draws": settings.draws, "seed": settings.seed}

@@ -4,15 +4,20 @@ import math
 from collections.abc import Sequence
 from itertools import product
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 from scipy.stats import qmc
 
 from ident.arm.arm import Arm
-from ident.arm.workspace import ANYWHERE, SLACK, Workspace
+from ident.arm.chain import at_posture
+from ident.arm.mechanics import forward_kinematics, point_positions
 from ident.errors import InputError, Problem
+from ident.jit import jit
 
 STEP = math.radians(30.0)
+SLACK = 1e-9
+"""Rounding [rad] that is forgiven at a limit."""
 MOST = 2048
 """Postures at most; a power of two, as Sobol's sequence likes."""
 
@@ -22,9 +27,7 @@ def ranges(arm: Arm) -> list[tuple[float, float]]:
     return [(max(low, -math.pi), min(high, math.pi)) for low, high in (joint.limits for joint in arm.driven)]
 
 
-def posture_grid(
-    arm: Arm, step: float = STEP, *, workspace: Workspace = ANYWHERE, seed: int = 0
-) -> tuple[Float[np.ndarray, "G joints"], bool]:
+def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[np.ndarray, "G joints"], bool]:
     """Return postures [rad] that may be held, and whether they are a sample of a grid that would be too large.
 
     The angles of a joint, or the factor of a line of postures, are the multiples of `step` within the limits. Where
@@ -34,16 +37,15 @@ def posture_grid(
     Raises:
         InputError: the step is none, a joint's limits are beyond a full turn altogether, or no posture may be held.
     """
-    workspace.check(arm)
-    postures, sampled = _all_postures(arm, step, workspace, seed)
-    admitted = postures[workspace.admits(arm, postures)]
+    postures, sampled = _all_postures(arm, step, seed)
+    admitted = postures[may_be_held(arm, postures)]
     if not len(admitted):
         expected, remedy = "one posture at least", "check limits and [workspace], or take a smaller step (`step`)"
         raise InputError(Problem(arm.name, "no posture that may be held", expected, remedy, "workspace"))
     return admitted, sampled
 
 
-def _all_postures(arm: Arm, step: float, workspace: Workspace, seed: int) -> tuple[Float[np.ndarray, "G joints"], bool]:
+def _all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G joints"], bool]:
     if not 0 < step <= 2 * math.pi:
         got = f"a step of {math.degrees(step):g} deg"
         raise InputError(Problem("", got, "a step above 0 and up to 360 deg", "give another step"))
@@ -52,10 +54,11 @@ def _all_postures(arm: Arm, step: float, workspace: Workspace, seed: int) -> tup
         if low > high:
             got = f"limits of {joint.name} that leave -180 to 180 deg out"
             raise InputError(Problem(arm.name, got, "limits about zero", "shift the zero of the joint", "limits"))
-    if workspace.postures:
-        return np.array(workspace.postures), False
-    if workspace.line is not None:
-        return np.array([angle * np.array(workspace.line) for angle in _on_line(spans, workspace.line, step)]), False
+    listed, line = arm.workspace.postures, arm.workspace.line
+    if listed:
+        return np.array(listed), False
+    if line is not None:
+        return np.outer(_on_line(spans, line, step), line), False
     if math.prod(max((high - low) / step - 1, 1.0) for low, high in spans) <= MOST:
         axes = [_multiples(low, high, step) for low, high in spans]
         if math.prod(map(len, axes)) <= MOST:
@@ -78,6 +81,23 @@ def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: 
     """Return the multiples of a step by which a line's shares stay within the limits."""
     pairs = [sorted((low / share, high / share)) for (low, high), share in zip(spans, line, strict=True) if share]
     return _multiples(max(low for low, _ in pairs), min(high for _, high in pairs), step)
+
+
+def may_be_held(arm: Arm, postures: Float[np.ndarray, "G joints"]) -> Bool[np.ndarray, "G"]:
+    """Tell in which postures an arm is within its limits and keeps above its lowest height, were it rigid."""
+    low, high = np.array([joint.limits for joint in arm.driven]).T
+    within = np.logical_and(low - SLACK <= postures, postures <= high + SLACK).all(1)
+    if not math.isfinite(arm.workspace.lowest):
+        return np.asarray(within)
+    return np.logical_and(within, np.asarray(_least_height(arm, jnp.asarray(postures.T))) >= arm.workspace.lowest)
+
+
+@jit
+def _least_height(arm: Arm, posture: Float[Array, "driven G"]) -> Float[Array, "G"]:
+    """Return the height of the lowest bushing or named point of the rigid arm [m]."""
+    chain = at_posture(arm, posture)
+    phi = jnp.zeros((3, len(arm.joints), posture.shape[1]))
+    return jnp.concatenate([forward_kinematics(chain, phi).centre[2], point_positions(chain, phi)[2]]).min(0)
 
 
 def main_joints(postures: Float[np.ndarray, "G joints"], gain: Float[np.ndarray, "G"]) -> list[int]:

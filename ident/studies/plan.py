@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.arm.workspace import Workspace
     from ident.description.file import ArmFile
     from ident.identify.plan import CampaignPlan, PlanSettings
     from ident.measure import Campaign
@@ -52,8 +51,9 @@ class PlanOptions(FitOptions):
     )
     draws: int = option(8, "points besides the best estimate over which gains are averaged", low=0)
 
-    def settings(self, workspace: "Workspace") -> "PlanSettings":
-        """Return the same as identification takes it, in SI, for an arm that may be held in a workspace."""
+    @property
+    def settings(self) -> "PlanSettings":
+        """The same as identification takes it, in SI."""
         from ident.identify.plan import PlanSettings
         from ident.measure import OWN_WEIGHT, Load
 
@@ -68,7 +68,6 @@ class PlanOptions(FitOptions):
             costs=self.cost,
             draws=self.draws,
             seed=self.seed,
-            workspace=workspace,
         )
 
 
@@ -157,7 +156,7 @@ def plan(
     """Choose what to measure next on an arm, by what it would tell for its cost.
 
     Args:
-        arm: its joint limits, and the workspace in its file, say which postures can be held.
+        arm: its joint limits and workspace say which postures can be held.
         campaign: what is measured already; None for nothing, so that the priors alone are known.
         options: what to choose from, for what, and what is unknown.
         progress: shows how far it is, over the starts of the fit.
@@ -169,6 +168,6 @@ def plan(
     from ident.identify.plan import plan_campaign
 
     options, arm_file = PlanOptions.of(options), as_file(arm)
-    settings = options.settings(arm_file.workspace)
+    settings = options.settings
     fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign is not None else None
     return PlanResult(arm_file, plan_campaign(arm_file.arm, fitted, options.unknowns, settings), options)

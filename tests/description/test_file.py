@@ -415,17 +415,17 @@ lowest = { value = 200, unit = "mm", origin = "assumed" }
 
 def test_a_workspace_is_read_in_si(tmp_path):
     (tmp_path / "arm.toml").write_text(TEXT + WORKSPACE)
-    workspace = read_arm(tmp_path / "arm.toml").workspace
+    workspace = read_arm(tmp_path / "arm.toml").arm.workspace
     np.testing.assert_allclose(workspace.postures, np.deg2rad([[0, 0], [30, -60]]))
     assert workspace.lowest == pytest.approx(0.2)
     assert workspace.line is None
-    assert read_arm(PAPER_ARM).workspace.line == (1.0, -2.0, 1.0)
+    assert read_arm(PAPER_ARM).arm.workspace.line == (1.0, -2.0, 1.0)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("[30, -60]]", "[30, -95]]", r"workspace.postures: got \(30, -95\) deg, expected a posture within the limits"),
+        ("[30, -60]]", "[30, -95]]", "workspace.postures: got joint2 at -95 deg, expected -90 to 90 deg"),
         ("[30, -60]]", "[30]]", "workspace.postures: got 1 numbers, expected 2"),
         ("postures", "line", "workspace.line"),
         ('"mm"', '"kg"', "workspace.lowest"),

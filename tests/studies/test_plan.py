@@ -1,7 +1,6 @@
 """`ident.plan` from Python: what it gives, that it comes back, and what it refuses."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from arms import DATA, lcd_arm
 from results import assert_comes_back, assert_plain
 
 import ident
-from ident.arm.workspace import ANYWHERE
 from ident.identify.plan import PlanSettings, plan_campaign
 from ident.measure import Load
 from ident.studies.plan import PlanOptions, plan
@@ -33,7 +31,7 @@ def measured(arm_file, table_1):
 
 
 def test_options_are_in_the_units_of_the_command_line():
-    settings = PlanOptions(**COARSE, target=5.0, load=("glass",)).settings(ANYWHERE)
+    settings = PlanOptions(**COARSE, target=5.0, load=("glass",)).settings
     assert settings.step == pytest.approx(math.pi / 2)
     assert settings.target == pytest.approx(math.log(1.05))
     assert settings.loads == (Load(), Load.parse("glass"))
@@ -41,8 +39,7 @@ def test_options_are_in_the_units_of_the_command_line():
 
 def test_it_is_the_plan_of_the_arm(arm_file):
     result = plan(arm_file, options=PlanOptions(**COARSE))
-    settings = PlanSettings(step=math.radians(90.0), draws=1, count=2, workspace=arm_file.workspace)
-    direct = plan_campaign(lcd_arm(), settings=settings)
+    direct = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=1, count=2))
     np.testing.assert_array_equal(result.plan.sd, direct.sd)
     assert [step.experiment for step in result.plan.steps] == [step.experiment for step in direct.steps]
     assert result.name == "arm.plan"
@@ -57,7 +54,7 @@ def test_it_is_the_plan_of_the_arm(arm_file):
 
 def test_an_arm_that_was_made_in_python_will_do(arm_file):
     result = plan(lcd_arm(), options=PlanOptions(**COARSE))
-    assert result.report() == plan(replace(arm_file, workspace=ANYWHERE), options=PlanOptions(**COARSE)).report()
+    assert result.report() == plan(arm_file, options=PlanOptions(**COARSE)).report()
     assert result.name == f"{lcd_arm().name}.plan"
 
 

@@ -32,7 +32,7 @@ def plan_figure(plan: CampaignPlan) -> Figure:
 
 
 def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
-    gain, postures, workspace = 60 * plan.gain_over_grid, plan.grid.postures, plan.settings.workspace
+    gain, postures, workspace = 60 * plan.gain_over_grid, plan.grid.postures, plan.arm.workspace
     scattered = plan.grid.sampled or bool(workspace.postures)
     shown = main_joints(postures, gain) if workspace.line is None else [int(np.flatnonzero(workspace.line)[0])]
     names = [plan.arm.driven[i].name for i in shown]

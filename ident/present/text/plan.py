@@ -67,7 +67,7 @@ def _heading(plan: CampaignPlan) -> Iterator[str]:
 
 def _where(plan: CampaignPlan) -> str:
     """Say which postures were compared."""
-    workspace = plan.settings.workspace
+    workspace = plan.arm.workspace
     if workspace.postures:
         where = "that the arm file lists"
     elif workspace.line is not None:
@@ -87,7 +87,7 @@ def _ranking(plan: CampaignPlan) -> Iterator[str]:
 
 def _heeded(plan: CampaignPlan) -> str:
     """Say what nobody has looked at."""
-    if plan.settings.workspace == ANYWHERE:
+    if plan.arm.workspace == ANYWHERE:
         return "Only joint limits are heeded: check for collisions"
     return "Limits and workspace are heeded: check for collisions"
 

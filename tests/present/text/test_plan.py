@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from arms import DATA, lcd_arm
+from arms import DATA, loose_arm
 
 from ident.arm.arm import Arm
 from ident.description.file import read_arm
@@ -26,7 +26,7 @@ from ident.present.text.plan import plan_report
 @pytest.fixture(scope="module")
 def plan():
     return plan_campaign(
-        lcd_arm(), settings=PlanSettings(step=math.radians(45.0), draws=2, count=3, costs={"dial": 1.0})
+        loose_arm(), settings=PlanSettings(step=math.radians(45.0), draws=2, count=3, costs={"dial": 1.0})
     )
 
 
@@ -51,8 +51,8 @@ def test_the_report_says_what_to_do_and_what_it_gives(plan):
 def test_a_fit_in_doubt_is_said():
     table = read_campaign(DATA / "lcd_arm" / "table1.csv")
     doubtful = plan_campaign(
-        lcd_arm(),
-        fit_campaign(lcd_arm(), table, starts=2),
+        loose_arm(),
+        fit_campaign(loose_arm(), table, starts=2),
         settings=PlanSettings(step=math.radians(90.0), draws=1, count=1),
     )
     report = plan_report(doubtful)
@@ -84,11 +84,11 @@ def test_joints_that_do_not_matter_are_not_drawn(plan):
 
 
 def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):
-    sampled = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(4.0), draws=0, count=1))
+    sampled = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(4.0), draws=0, count=1))
     assert sampled.grid.sampled
     assert "a sample" in plan_report(sampled)
     save(plan_figure(sampled), tmp_path / "sampled.png")
-    arm = lcd_arm()
+    arm = loose_arm()
     last = arm.joints[-1]
     points = [point for point in arm.points if point.joint == last.name]
     single = Arm("single", (last,), tuple(points))
