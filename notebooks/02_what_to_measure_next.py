@@ -192,8 +192,7 @@ sections = str(ident.check(arm, both)).split("\n\n")
 print(sections[1], sections[3], sep="\n\n")
 
 # %% [markdown]
-# All six are identifiable now. One value still carries a message that the others check by a tenth only; a further
-# experiment would be for that. And the fit:
+# All six are identifiable now, and no measurement dominates. The fit:
 
 # %%
 after = ident.fit(arm, both)

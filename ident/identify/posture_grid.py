@@ -58,7 +58,7 @@ def _all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "
     if listed:
         return np.array(listed), False
     if line is not None:
-        return np.outer(_on_line(spans, line, step), line), False
+        return np.outer(_on_line(spans, line, step), line) + 0.0, False
     if math.prod(max((high - low) / step - 1, 1.0) for low, high in spans) <= MOST:
         axes = [_multiples(low, high, step) for low, high in spans]
         if math.prod(map(len, axes)) <= MOST:
