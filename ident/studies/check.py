@@ -34,7 +34,8 @@ class CheckResult(Result):
     check: "CampaignCheck"
     options: CheckOptions = field(default_factory=CheckOptions)
 
-    form, suffix = "ident-check/1", ".json"
+    form = "ident-check/2"
+    summary = ("contradictory",)
 
     @property
     def name(self) -> str:
@@ -66,12 +67,8 @@ class CheckResult(Result):
 
         return verdict_rows(self.check)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.check import check_document
-        from ident.present.files.document import write_result
-
-        write_result(check_document(self.form, self.check, self.arm, self.options.recorded()), self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.check.campaign}
 
 
 def check(

@@ -98,7 +98,8 @@ class DesignResult(Result):
     text: str
     options: DesignOptions
 
-    form, suffix = "ident-design/2", ".json"
+    form = "ident-design/3"
+    summary = ("present", "best")
 
     @property
     def name(self) -> str:
@@ -151,15 +152,17 @@ class DesignResult(Result):
         return design_rows(self.study, design) if design else sensitivity_rows(self.study.sensitivities)
 
     def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.design import design_document, write_arm
-        from ident.present.files.document import write_result
+        from ident.present.files.design import write_arm
 
-        write_result(design_document(self.study, self.options.recorded()), self.fields(), path)
+        written = super()._write(path)
         if not self.text:
-            return (path,)
+            return written
         arm_file, arm = self.study.basis.arm_file, self._beside(path, ".toml")
         write_arm(self.text, f"by ident design from {arm_file.path}, sha256 {arm_file.sha256}", arm)
-        return path, arm
+        return (*written, arm)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return self.study.basis.sources
 
 
 def design(

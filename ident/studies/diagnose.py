@@ -1,5 +1,6 @@
 """Find out whether an arm vibrates too far, and which change meets the limit: from a campaign to advice."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -49,7 +50,8 @@ class DiagnoseResult(Result):
     diagnosis: "Diagnosis"
     options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
 
-    form, suffix = "ident-diagnose/3", ".nc"
+    form, suffix = "ident-diagnose/4", ".nc"
+    summary = ("verdict", "advice")
 
     @property
     def name(self) -> str:
@@ -96,27 +98,21 @@ class DiagnoseResult(Result):
         from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import render
 
-        return render(diagnose_page(self.diagnosis, self._provenance()))
+        return render(diagnose_page(self.diagnosis, self._head()))
 
     def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.diagnose import diagnose_document, write_posterior
-        from ident.present.files.document import write_json
-        from ident.present.files.netcdf import write_netcdf_result
+        from ident.present.files.diagnose import write_posterior
         from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import write_page
 
-        head, page, document = self._provenance(), self._beside(path, ".html"), self._beside(path, ".json")
+        head, page, document = self._head(), self._beside(path, ".html"), self._beside(path, ".json")
         write_page(diagnose_page(self.diagnosis, head), page)
-        write_json(diagnose_document(self.diagnosis, head), document)
-        posterior = partial(write_posterior, self.diagnosis, head)
-        write_netcdf_result(form=self.form, fields=self.fields(), path=path, write=posterior)
+        self._write_json(document, self._write_netcdf(path, partial(write_posterior, self.diagnosis, head)))
         return page, document, path
 
-    def _provenance(self) -> dict[str, Any]:
-        from ident.present.files.document import provenance
-
-        campaign = self.diagnosis.identification.sampled.fitted.campaign
-        return provenance(self.form, self.diagnosis.task.basis.arm_file, campaign, self.options.recorded())
+    def _inputs(self) -> Mapping[str, Any]:
+        basis, campaign = self.diagnosis.task.basis, self.diagnosis.identification.sampled.fitted.campaign
+        return {"arm": basis.arm_file, "campaign": campaign, "path": basis.log}
 
 
 def diagnose(

@@ -40,7 +40,15 @@ class FitResult(Result):
     fit: "CampaignFit"
     options: FitOptions = field(default_factory=FitOptions)
 
-    form, suffix = "ident-fit/2", ".json"
+    form = "ident-fit/3"
+    summary = (
+        "parameters",
+        "doubts",
+        "fit.chi_squared",
+        "fit.degrees_of_freedom",
+        "fit.p_value",
+        "fit.information.rank",
+    )
 
     @property
     def name(self) -> str:
@@ -108,12 +116,8 @@ class FitResult(Result):
 
         return parameter_rows(self.fit)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.fit import fit_document
-
-        write_result(fit_document(self.form, self.fit, self.arm, self.options.recorded()), self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.fit.campaign}
 
 
 def fit(

@@ -85,7 +85,8 @@ class PlanResult(Result):
     plan: "CampaignPlan"
     options: PlanOptions = field(default_factory=PlanOptions)
 
-    form, suffix = "ident-plan/2", ".json"
+    form = "ident-plan/3"
+    summary = ("cost", "sd")
 
     @property
     def name(self) -> str:
@@ -135,15 +136,15 @@ class PlanResult(Result):
 
     def _write(self, path: Path) -> tuple[Path, ...]:
         """Write the plan, and a campaign to fill in unless the batch is empty."""
-        from ident.present.files.document import write_result
-        from ident.present.files.plan import plan_document, write_form
+        from ident.present.files.plan import write_form
 
         forms = (self._beside(path, ".csv"),) if self.plan.steps else ()
         for each in forms:
             write_form(self.plan, each)
-        document = plan_document(self.form, self.plan, self.arm, self.options.recorded())
-        write_result(document, self.fields(), path)
-        return (path, *forms)
+        return (*super()._write(path), *forms)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
 
 
 def plan(

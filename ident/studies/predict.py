@@ -56,7 +56,8 @@ class PredictResult(Result):
     analyses: "tuple[ModalAnalysis, ...]"
     options: PredictOptions = field(default_factory=PredictOptions)
 
-    form, suffix = "ident-predict/1", ".json"
+    form = "ident-predict/2"
+    summary = ("deflections",)
 
     @property
     def name(self) -> str:
@@ -118,13 +119,8 @@ class PredictResult(Result):
 
         return mode_rows(self.analyses)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.predict import predict_document
-
-        document = predict_document(self.form, self.analyses, self.arm, self.options.recorded())
-        write_result(document, self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm}
 
 
 def predict(arm: "Arm | ArmFile | str | Path", options: PredictOptions | None = None) -> PredictResult:

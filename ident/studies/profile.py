@@ -48,7 +48,8 @@ class ProfileResult(Result):
     profiles: "tuple[Profile, ...]"
     options: ProfileOptions = field(default_factory=ProfileOptions)
 
-    form, suffix = "ident-profile/2", ".json"
+    form = "ident-profile/3"
+    summary = ("fit.doubts",)
 
     @property
     def name(self) -> str:
@@ -84,13 +85,8 @@ class ProfileResult(Result):
 
         return profile_rows(self.profiles)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.profile import profile_document
-
-        document = profile_document(self.form, self.fit, self.profiles, self.arm, self.options.recorded())
-        write_result(document, self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.fit.campaign}
 
 
 def profile(

@@ -1,5 +1,6 @@
 """Compare the pulleys' frequencies with the arm's natural frequencies along a motion."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,7 +65,7 @@ class ResonanceResult(Result):
     crossings: "tuple[ResonanceCrossing, ...]"
     options: ResonanceOptions = field(default_factory=ResonanceOptions)
 
-    form, suffix = "ident-resonance/2", ".json"
+    form = "ident-resonance/3"
 
     @property
     def name(self) -> str:
@@ -95,14 +96,8 @@ class ResonanceResult(Result):
 
         return crossing_rows(self.crossings)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.resonance import resonance_document
-
-        recorded = self.options.recorded()
-        document = resonance_document(self.basis, self.branches, self.excitation, self.crossings, recorded)
-        write_result(document, self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return self.basis.sources
 
 
 def resonance(

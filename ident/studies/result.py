@@ -1,11 +1,13 @@
 """What every study returns: a frozen result with its report, figures, table and files."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from ident.errors import InputError, Problem
+from ident.studies.options import Options
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,8 +44,10 @@ class Result:
 
     form: ClassVar[str]
     """Format and version of its file."""
-    suffix: ClassVar[str]
+    suffix: ClassVar[str] = ".json"
     """End of its file's name."""
+    summary: ClassVar[tuple[str, ...]] = ()
+    """What its file says in short, beside the table: paths to properties."""
 
     def __str__(self) -> str:
         return self.report()
@@ -99,14 +103,42 @@ class Result:
             save(figure, written[-1])
         return tuple(written)
 
-    def fields(self) -> Mapping[str, Any]:
-        """Return what `ident.load` makes the result of again."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
-
     def _beside(self, path: Path, suffix: str) -> Path:
         """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""
         stem, study = path.name.removesuffix(self.suffix), self.form.removeprefix("ident-").partition("/")[0]
         return path.with_name(f"{stem}{suffix}" if study in stem.split(".") else f"{stem}.{study}{suffix}")
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
+    def _inputs(self) -> Mapping[str, Any]:
+        """Return what came from files, by name; None for what was not given."""
         raise NotImplementedError
+
+    def _head(self) -> dict[str, Any]:
+        from ident.present.files.document import provenance
+
+        options: Options = vars(self)["options"]
+        return provenance(self.form, self._inputs(), options.recorded())
+
+    def _write(self, path: Path) -> tuple[Path, ...]:
+        """Write the files of a result, by default the one that is loaded again."""
+        from ident.codec import encode
+
+        self._write_json(path, encode(self))
+        return (path,)
+
+    def _write_json(self, path: Path, encoded: Any) -> None:
+        """Write origin, options and main numbers, and the result as `ident.codec` has encoded it."""
+        from ident.present.files.document import plain, write_json
+
+        summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
+        main = plain({"summary": summary, "table": self.table()})
+        write_json({**self._head(), **main, "result": encoded}, path)
+
+    def _write_netcdf(self, path: Path, write: "Callable[[Path], object]") -> Any:
+        """Write the result behind what `write` writes for other tools; return it encoded, large arrays left out."""
+        from ident.codec import encode
+        from ident.present.files.netcdf import write_netcdf_result
+
+        arrays: dict[str, Any] = {}
+        encoded = encode(self, arrays)
+        write_netcdf_result(self.form, encoded, arrays, path, write)
+        return encoded

@@ -53,7 +53,7 @@ class SampleResult(Result):
     sample: "CampaignSample"
     options: SampleOptions = field(default_factory=SampleOptions)
 
-    form, suffix = "ident-sample/2", ".nc"
+    form, suffix = "ident-sample/3", ".nc"
 
     @property
     def name(self) -> str:
@@ -87,11 +87,10 @@ class SampleResult(Result):
     @property
     def inference_data(self) -> "arviz.InferenceData":
         """The draws as ArviZ has them, all SI: each walker a chain, burn-in left out."""
-        from ident.present.files.document import plain, provenance
+        from ident.present.files.document import plain
         from ident.present.files.sample import inference_data
 
-        head = provenance(self.form, self.arm, self.sample.fitted.campaign, self.options.recorded())
-        return inference_data(self.sample, head | {"trust": plain(self.sample.trust)})
+        return inference_data(self.sample, self._head() | {"trust": plain(self.sample.trust)})
 
     def report(self) -> str:
         """Return the text that `ident sample` prints."""
@@ -116,13 +115,11 @@ class SampleResult(Result):
         return self.sample.sample.basins[0] + 1
 
     def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.netcdf import write_netcdf_result
-
-        def write(part: Path) -> None:
-            self.inference_data.to_netcdf(str(part), engine="h5netcdf")
-
-        write_netcdf_result(self.form, self.fields(), path, write)
+        self._write_netcdf(path, lambda part: self.inference_data.to_netcdf(str(part), engine="h5netcdf"))
         return (path,)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.sample.fitted.campaign}
 
 
 def sample(

@@ -72,7 +72,8 @@ class SimulateResult(Result):
     simulation: "Simulation"
     options: SimulateOptions = field(default_factory=SimulateOptions)
 
-    form, suffix = "ident-simulate/2", ".nc"
+    form, suffix = "ident-simulate/3", ".nc"
+    summary = ("arrival", "interrupted", "exceedance")
 
     @property
     def name(self) -> str:
@@ -129,6 +130,12 @@ class SimulateResult(Result):
         return self.simulation.draws
 
     @property
+    def exceedance(self) -> float | None:
+        """Share of the draws [-] whose peak exceeds the limit in any direction; None without draws or limit."""
+        draws, limit = self.simulation.draws, self.simulation.limit
+        return None if draws is None or limit is None else float(draws.exceeds(limit)[1])
+
+    @property
     def interrupted(self) -> float | None:
         """Time [s] that the exact method came to before the user interrupted it; None where nobody did."""
         return self.simulation.study.interrupted
@@ -174,16 +181,16 @@ class SimulateResult(Result):
         return outline(self.arm, self.simulation.response, times, factor=factor, loads=self.simulation.basis.loads)
 
     def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_json
-        from ident.present.files.netcdf import write_netcdf_result
-        from ident.present.files.simulate import simulate_document, write_csv, write_netcdf
+        from ident.present.files.simulate import write_csv, write_netcdf
 
-        recorded = self.options.recorded()
-        csv, document = self._beside(path, ".csv"), self._beside(path, ".json")
-        write_csv(self.simulation, recorded, csv)
-        write_netcdf_result(self.form, self.fields(), path, lambda part: write_netcdf(self.simulation, recorded, part))
-        write_json(simulate_document(self.simulation, recorded), document)
+        head, csv, document = self._head(), self._beside(path, ".csv"), self._beside(path, ".json")
+        write_csv(self.simulation, head, csv)
+        encoded = self._write_netcdf(path, lambda part: write_netcdf(self.simulation, head, part))
+        self._write_json(document, encoded)
         return csv, path, document
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {**self.simulation.basis.sources, "trace": self.simulation.trace}
 
 
 def simulate(

@@ -78,7 +78,7 @@ class SpectrumResult(Result):
     arm: "ArmFile | None" = None
     options: SpectrumOptions = field(default_factory=SpectrumOptions)
 
-    form, suffix = "ident-spectrum/2", ".json"
+    form = "ident-spectrum/3"
 
     @property
     def name(self) -> str:
@@ -146,12 +146,9 @@ class SpectrumResult(Result):
 
         return peak_rows(self.spectra)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.spectrum import spectrum_document
-
-        write_result(spectrum_document(self.spectra, self.arm, self.options.recorded()), self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        files = dict(zip(("trace", "against"), self.spectra.traces.values(), strict=False))
+        return {"arm": self.arm, "trace": None, "against": None} | files
 
 
 def spectrum(

@@ -76,7 +76,8 @@ class SweepResult(Result):
     study: "SweepStudy"
     options: SweepOptions
 
-    form, suffix = "ident-sweep/2", ".json"
+    form = "ident-sweep/3"
+    summary = ("present", "trends")
 
     @property
     def name(self) -> str:
@@ -127,13 +128,14 @@ class SweepResult(Result):
         return sweep_rows(self.study)
 
     def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.sweep import sweep_document, write_csv
+        from ident.present.files.sweep import write_csv
 
-        document, table = sweep_document(self.study, self.options.recorded()), self._beside(path, ".csv")
-        write_csv(self.study, document, table)
-        write_result(document, self.fields(), path)
-        return table, path
+        table = self._beside(path, ".csv")
+        write_csv(self.study, self._head(), table)
+        return (table, *super()._write(path))
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return self.study.basis.sources
 
 
 def sweep(

@@ -1,40 +1,10 @@
-"""The result file of predictions: modes and static deflection at each posture."""
+"""Predictions as rows."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from ident.description.file import ArmFile
 from ident.identify.modal_analysis import ModalAnalysis
-from ident.present.files.document import plain, provenance
-
-
-def predict_document(
-    form: str, analyses: Sequence[ModalAnalysis], arm_file: ArmFile, options: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Describe modal analyses as plain data, all numbers SI."""
-    document = provenance(form, arm_file, None, options) | {
-        "postures": [
-            {
-                "posture": list(analysis.posture),
-                "load": str(analysis.load),
-                "modes": [
-                    {
-                        "label": str(label),
-                        "ambiguous": analysis.ambiguous[i],
-                        "frequency": analysis.modes.frequency[i],
-                        "damping_ratio": analysis.damping_ratio[i],
-                        "bending_share": analysis.modes.bend[:, i],
-                        "torsion_share": analysis.modes.tors[:, i],
-                    }
-                    for i, label in enumerate(analysis.labels)
-                ],
-                "deflection": analysis.deflection,
-            }
-            for analysis in analyses
-        ]
-    }
-    return plain(document)
 
 
 def mode_rows(analyses: Sequence[ModalAnalysis]) -> list[dict[str, Any]]:
