@@ -99,6 +99,7 @@ class DesignResult(Result):
     options: DesignOptions
 
     form = "ident-design/3"
+    shown = ("study",)
     summary = ("present", "best")
 
     @property
@@ -151,10 +152,10 @@ class DesignResult(Result):
         design = self.study.design
         return design_rows(self.study, design) if design else sensitivity_rows(self.study.sensitivities)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.design import write_arm
 
-        written = super()._write(path)
+        written = super()._write(path, head)
         if not self.text:
             return written
         arm_file, arm = self.study.basis.arm_file, self._beside(path, ".toml")

@@ -42,6 +42,8 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 class DiagnoseResult(Result):
     """A diagnosis of an arm.
 
+    Its table has a row for each remedy, the best first [SI]; none where none is needed.
+
     Attributes:
         diagnosis: the value of each stage, and the verdict that follows from them.
         options: what was asked for.
@@ -51,6 +53,7 @@ class DiagnoseResult(Result):
     options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
 
     form, suffix = "ident-diagnose/4", ".nc"
+    shown = ("diagnosis",)
     summary = ("verdict", "advice")
 
     @property
@@ -75,23 +78,11 @@ class DiagnoseResult(Result):
 
         return verdict_words(self.diagnosis)
 
-    def report(self) -> str:
-        """Return the text that `ident diagnose` prints: all stages, and the verdict."""
-        from ident.present.text.diagnose import diagnose_report
-
-        return diagnose_report(self.diagnosis)
-
     def figures(self) -> "dict[str, Figure]":
         """Return the figures of the page, by the stages' names."""
         from ident.present.figures.diagnose import diagnose_figures
 
         return diagnose_figures(self.diagnosis)
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each remedy, the best first [SI]; none where none is needed."""
-        from ident.present.files.diagnose import remedy_rows
-
-        return remedy_rows(self.diagnosis)
 
     def html(self) -> str:
         """Return the page: verdict, stages with tables and figures, inputs, assumptions; it opens without a network."""
@@ -100,14 +91,14 @@ class DiagnoseResult(Result):
 
         return render(diagnose_page(self.diagnosis, self._head()))
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.diagnose import write_posterior
         from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import write_page
 
-        head, page, document = self._head(), self._beside(path, ".html"), self._beside(path, ".json")
+        page, document = self._beside(path, ".html"), self._beside(path, ".json")
         write_page(diagnose_page(self.diagnosis, head), page)
-        self._write_json(document, self._write_netcdf(path, partial(write_posterior, self.diagnosis, head)))
+        self._write_json(document, head, self._write_netcdf(path, partial(write_posterior, self.diagnosis, head)))
         return page, document, path
 
     def _inputs(self) -> Mapping[str, Any]:

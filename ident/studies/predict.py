@@ -46,6 +46,8 @@ class PredictOptions(ArmOptions):
 class PredictResult(Result):
     """What an arm does at each of some postures.
 
+    Its table has a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio.
+
     Attributes:
         arm: the arm as its file has it.
         analyses: modes and static deflection at each posture, in the order of the options.
@@ -57,6 +59,7 @@ class PredictResult(Result):
     options: PredictOptions = field(default_factory=PredictOptions)
 
     form = "ident-predict/2"
+    shown = ("analyses",)
     summary = ("deflections",)
 
     @property
@@ -80,12 +83,6 @@ class PredictResult(Result):
     def deflections(self) -> "tuple[Mapping[str, np.ndarray], ...]":
         """Static deflection at each posture by point name, (3,) [m] in the base frame."""
         return tuple(analysis.deflection for analysis in self.analyses)
-
-    def report(self) -> str:
-        """Return the text that `ident predict` prints."""
-        from ident.present.text.predict import predict_report
-
-        return "\n".join(map(predict_report, self.analyses))
 
     def figures(self) -> "dict[str, Figure]":
         """Return one figure a posture, `2` the second's: the modes from the side and from above."""
@@ -112,12 +109,6 @@ class PredictResult(Result):
             remedy = did_you_mean(chosen, names, "correct the name")
             raise InputError(Problem("joint", quoted(chosen), f"one of {', '.join(names)}", remedy))
         return frequency_figure(self.analyses, names.index(chosen))
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio."""
-        from ident.present.files.predict import mode_rows
-
-        return mode_rows(self.analyses)
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm}

@@ -13,8 +13,6 @@ from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.fit import CampaignFit
@@ -36,6 +34,8 @@ class ProfileOptions(FitOptions):
 class ProfileResult(Result):
     """Profile likelihoods of a fit.
 
+    Its figure has a panel for each parameter.
+
     Attributes:
         arm: the arm as its file has it.
         fit: the fit whose intervals are checked.
@@ -49,6 +49,7 @@ class ProfileResult(Result):
     options: ProfileOptions = field(default_factory=ProfileOptions)
 
     form = "ident-profile/3"
+    shown = ("fit", "profiles")
     summary = ("fit.doubts",)
 
     @property
@@ -66,18 +67,6 @@ class ProfileResult(Result):
     def linear(self) -> Mapping[str, bool]:
         """Whether a parameter's interval agrees with that of the fit, the linear one."""
         return {each.name: each.linear for each in self.profiles}
-
-    def report(self) -> str:
-        """Return the text that `ident profile` prints."""
-        from ident.present.text.profile import profile_report
-
-        return profile_report(self.fit, self.profiles)
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return one figure: a panel for each parameter."""
-        from ident.present.figures.profile import profile_figure
-
-        return {"": profile_figure(self.fit, self.profiles)}
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: fitted value, unit, and the ends [SI] of both intervals."""

@@ -92,9 +92,9 @@ class ResonanceResult(Result):
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], how far it builds up."""
-        from ident.present.files.resonance import crossing_rows
+        from ident.present.files.resonance import resonance_rows
 
-        return crossing_rows(self.crossings)
+        return resonance_rows(self.crossings)
 
     def _inputs(self) -> Mapping[str, Any]:
         return self.basis.sources

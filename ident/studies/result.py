@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
@@ -46,6 +47,8 @@ class Result:
     """Format and version of its file."""
     suffix: ClassVar[str] = ".json"
     """End of its file's name."""
+    shown: ClassVar[tuple[str, ...]]
+    """The fields that its report, figure and table are made of."""
     summary: ClassVar[tuple[str, ...]] = ()
     """What its file says in short, beside the table: paths to properties."""
 
@@ -62,15 +65,17 @@ class Result:
 
     def report(self) -> str:
         """Return the text that the command prints."""
-        raise NotImplementedError
+        text: str = self._present("text", "report")
+        return text
 
     def figures(self) -> "dict[str, Figure]":
         """Return matplotlib figures by the word that tells their files apart; the first has none."""
-        return {}
+        return {"": self._present("figures", "figure")}
 
     def table(self) -> list[dict[str, Any]]:
         """Return the main numbers as rows, which `pandas.DataFrame` takes."""
-        raise NotImplementedError
+        rows: list[dict[str, Any]] = self._present("files", "rows")
+        return rows
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, each whole or not at all, and return their paths.
@@ -83,11 +88,11 @@ class Result:
         """
         path = Path(path)
         if path.suffix == self.suffix:
-            return self._write(path)
+            return self._write(path, self._head())
         if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not path.is_dir():
             remedy = "name the file so, or a folder"
             raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
-        return self._write(path / f"{self.name}{self.suffix}")
+        return self._write(path / f"{self.name}{self.suffix}", self._head())
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the figures as PNG into a folder, under the result's name, and return their paths.
@@ -103,9 +108,18 @@ class Result:
             save(figure, written[-1])
         return tuple(written)
 
+    @property
+    def _study(self) -> str:
+        return self.form.removeprefix("ident-").partition("/")[0]
+
+    def _present(self, medium: str, what: str) -> Any:
+        """Return what `present` makes of the result: the text of a fit by `ident.present.text.fit.fit_report`."""
+        module = import_module(f"ident.present.{medium}.{self._study}")
+        return getattr(module, f"{self._study}_{what}")(*(getattr(self, name) for name in self.shown))
+
     def _beside(self, path: Path, suffix: str) -> Path:
         """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""
-        stem, study = path.name.removesuffix(self.suffix), self.form.removeprefix("ident-").partition("/")[0]
+        stem, study = path.name.removesuffix(self.suffix), self._study
         return path.with_name(f"{stem}{suffix}" if study in stem.split(".") else f"{stem}.{study}{suffix}")
 
     def _inputs(self) -> Mapping[str, Any]:
@@ -118,20 +132,20 @@ class Result:
         options: Options = vars(self)["options"]
         return provenance(self.form, self._inputs(), options.recorded())
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the files of a result, by default the one that is loaded again."""
         from ident.codec import encode
 
-        self._write_json(path, encode(self))
+        self._write_json(path, head, encode(self))
         return (path,)
 
-    def _write_json(self, path: Path, encoded: Any) -> None:
-        """Write origin, options and main numbers, and the result as `ident.codec` has encoded it."""
+    def _write_json(self, path: Path, head: Mapping[str, Any], encoded: Any) -> None:
+        """Write the head, the main numbers, and the result as `ident.codec` has encoded it."""
         from ident.present.files.document import plain, write_json
 
         summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
         main = plain({"summary": summary, "table": self.table()})
-        write_json({**self._head(), **main, "result": encoded}, path)
+        write_json({**head, **main, "result": encoded}, path)
 
     def _write_netcdf(self, path: Path, write: "Callable[[Path], object]") -> Any:
         """Write the result behind what `write` writes for other tools; return it encoded, large arrays left out."""

@@ -43,6 +43,8 @@ class SampleOptions(FitOptions):
 class SampleResult(Result):
     """A sampled posterior of an arm's campaign.
 
+    Its table has a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat.
+
     Attributes:
         arm: the arm as its file has it.
         sample: the draws, the fit that they started from, the data that they predict, and how far to trust them.
@@ -54,6 +56,7 @@ class SampleResult(Result):
     options: SampleOptions = field(default_factory=SampleOptions)
 
     form, suffix = "ident-sample/3", ".nc"
+    shown = ("sample",)
 
     @property
     def name(self) -> str:
@@ -92,29 +95,17 @@ class SampleResult(Result):
 
         return inference_data(self.sample, self._head() | {"trust": plain(self.sample.trust)})
 
-    def report(self) -> str:
-        """Return the text that `ident sample` prints."""
-        from ident.present.text.sample import sample_report
-
-        return sample_report(self.sample)
-
     def figures(self) -> "dict[str, Figure]":
         """Return figures of the posterior, of pairs of parameters and of the chains: `posterior`, `corner`, `trace`."""
         from ident.present.figures.sample import sample_figures
 
         return sample_figures(self.sample)
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat."""
-        from ident.present.files.sample import parameter_rows
-
-        return parameter_rows(self.sample)
-
     @property
     def _best(self) -> int:
         return self.sample.sample.basins[0] + 1
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         self._write_netcdf(path, lambda part: self.inference_data.to_netcdf(str(part), engine="h5netcdf"))
         return (path,)
 

@@ -64,6 +64,8 @@ class SimulateOptions(HeldMotionOptions):
 class SimulateResult(Result):
     """A simulated motion of an arm.
 
+    Its table has a row for each direction: peak and its time, rms, residual, settling time [m, s].
+
     Attributes:
         simulation: basis, response, draws, and the trace that it was compared with.
         options: what was asked for.
@@ -73,6 +75,7 @@ class SimulateResult(Result):
     options: SimulateOptions = field(default_factory=SimulateOptions)
 
     form, suffix = "ident-simulate/3", ".nc"
+    shown = ("simulation",)
     summary = ("arrival", "interrupted", "exceedance")
 
     @property
@@ -140,12 +143,6 @@ class SimulateResult(Result):
         """Time [s] that the exact method came to before the user interrupted it; None where nobody did."""
         return self.simulation.study.interrupted
 
-    def report(self) -> str:
-        """Return the text that `ident simulate` prints."""
-        from ident.present.text.simulate import simulate_report
-
-        return simulate_report(self.simulation)
-
     def figures(self) -> "dict[str, Figure]":
         """Return two figures: vibration of the end point; joints, belts and pulleys (`drives`)."""
         from ident.present.figures.simulate import drives_figure, simulate_figure
@@ -169,24 +166,18 @@ class SimulateResult(Result):
 
         return motion_animation(self.simulation.response, self._outline(times, factor), fps=fps)
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each direction: peak and its time, rms, residual, settling time [m, s]."""
-        from ident.present.files.simulate import size_rows
-
-        return size_rows(self.simulation)
-
     def _outline(self, times: Sequence[float], factor: float) -> "Outline":
         from ident.vibrate.response.outline import outline
 
         return outline(self.arm, self.simulation.response, times, factor=factor, loads=self.simulation.basis.loads)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.simulate import write_csv, write_netcdf
 
-        head, csv, document = self._head(), self._beside(path, ".csv"), self._beside(path, ".json")
+        csv, document = self._beside(path, ".csv"), self._beside(path, ".json")
         write_csv(self.simulation, head, csv)
         encoded = self._write_netcdf(path, lambda part: write_netcdf(self.simulation, head, part))
-        self._write_json(document, encoded)
+        self._write_json(document, head, encoded)
         return csv, path, document
 
     def _inputs(self) -> Mapping[str, Any]:

@@ -15,7 +15,6 @@ from ident.studies.shared import as_file
 if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import Float
-    from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
     from ident.assess.basis import Basis
@@ -68,6 +67,9 @@ class SweepOptions(HeldMotionOptions):
 class SweepResult(Result):
     """How the vibration depends on numbers of an arm.
 
+    Its figure shows amplitudes against each parameter, or a map of two; its table has a row for each amplitude and
+    direction: value in SI, the speed in %; amplitude and 5 to 95 % in mm.
+
     Attributes:
         study: what was varied, of what, and the amplitudes.
         options: what was asked for.
@@ -77,6 +79,7 @@ class SweepResult(Result):
     options: SweepOptions
 
     form = "ident-sweep/3"
+    shown = ("study",)
     summary = ("present", "trends")
 
     @property
@@ -109,30 +112,12 @@ class SweepResult(Result):
         single = {} if self.study.is_map else self.sweeps
         return {name: {d: (whole, about) for d, whole, about in trends(sweep)} for name, sweep in single.items()}
 
-    def report(self) -> str:
-        """Return the text that `ident sweep` prints."""
-        from ident.present.text.sweep import sweep_report
-
-        return sweep_report(self.study)
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return one figure: amplitudes against each parameter, or a map of two."""
-        from ident.present.figures.sweep import sweep_figure
-
-        return {"": sweep_figure(self.study)}
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each amplitude and direction: value in SI, the speed in %; amplitude and 5 to 95 % in mm."""
-        from ident.present.files.sweep import sweep_rows
-
-        return sweep_rows(self.study)
-
-    def _write(self, path: Path) -> tuple[Path, ...]:
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.sweep import write_csv
 
         table = self._beside(path, ".csv")
-        write_csv(self.study, self._head(), table)
-        return (table, *super()._write(path))
+        write_csv(self.study, head, table)
+        return (table, *super()._write(path, head))
 
     def _inputs(self) -> Mapping[str, Any]:
         return self.study.basis.sources

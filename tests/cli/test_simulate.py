@@ -14,6 +14,7 @@ import ident
 from ident.cli import running
 from ident.measure import read_pulleys, read_trace
 from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.response.belt_tension import belt_tension
 from ident.vibrate.response.response import peak, rms, settling_time
 from ident.vibrate.response.simulate import simulate
 

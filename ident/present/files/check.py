@@ -5,7 +5,7 @@ from typing import Any
 from ident.identify.check import CampaignCheck
 
 
-def verdict_rows(check: CampaignCheck) -> list[dict[str, Any]]:
+def check_rows(check: CampaignCheck) -> list[dict[str, Any]]:
     """Return a row for each parameter: verdict, and standard deviations of theta by the data alone [-].
 
     NaN where the model has no answer.

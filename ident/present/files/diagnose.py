@@ -10,7 +10,7 @@ from ident.present.files.sample import inference_data
 from ident.present.text.diagnose import change_words
 
 
-def remedy_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+def diagnose_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Return a row for each remedy, the best first: what it changes and what comes of it [SI]."""
     verifications = diagnosis.verifications
     return [

@@ -16,7 +16,7 @@ from ident.text import one_line, read_bytes
 EXPECTED = "a result file of ident fit (.fit.json)"
 
 
-def parameter_rows(fit: CampaignFit) -> list[dict[str, Any]]:
+def fit_rows(fit: CampaignFit) -> list[dict[str, Any]]:
     """Return a row for each parameter: value, interval [SI] and whether the data support it."""
     names = fit.problem.parameters.names
     return [

@@ -7,7 +7,7 @@ from typing import Any
 from ident.identify.modal_analysis import ModalAnalysis
 
 
-def mode_rows(analyses: Sequence[ModalAnalysis]) -> list[dict[str, Any]]:
+def predict_rows(analyses: Sequence[ModalAnalysis]) -> list[dict[str, Any]]:
     """Return a row for each mode of each analysis: angles [deg], load, frequency [Hz], label, damping ratio [-]."""
     return [
         {

@@ -12,7 +12,7 @@ COLUMNS = (
 )
 
 
-def crossing_rows(crossings: Sequence[ResonanceCrossing]) -> list[dict[str, Any]]:
+def resonance_rows(crossings: Sequence[ResonanceCrossing]) -> list[dict[str, Any]]:
     """Return resonance crossings as rows, numbered as in the report: times [s], frequencies [Hz], ratios."""
     return [
         _head(crossing, number) | {name: getattr(crossing, name) for name in COLUMNS}

@@ -56,7 +56,7 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
     return data
 
 
-def parameter_rows(result: CampaignSample) -> list[dict[str, Any]]:
+def sample_rows(result: CampaignSample) -> list[dict[str, Any]]:
     """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
     sample = result.sample
     return [

@@ -94,7 +94,7 @@ def write_netcdf(simulation: Simulation, head: Mapping[str, Any], path: Path) ->
     data.to_netcdf(path, engine="h5netcdf", encoding=packed)
 
 
-def size_rows(simulation: Simulation) -> list[dict[str, Any]]:
+def simulate_rows(simulation: Simulation) -> list[dict[str, Any]]:
     """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
     sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
     columns = {

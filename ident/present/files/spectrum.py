@@ -5,7 +5,7 @@ from typing import Any
 from ident.assess.spectra import Spectra
 
 
-def peak_rows(spectra: Spectra) -> list[dict[str, Any]]:
+def spectrum_rows(spectra: Spectra) -> list[dict[str, Any]]:
     """Return the strongest peaks as rows: frequency [Hz], amplitude [m or m/s^2], and the mode near it."""
     return [
         {

@@ -1,7 +1,7 @@
 """The printed modal analysis of an arm at one posture: modes and static deflection."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -9,10 +9,9 @@ from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.text.words import degrees, paragraphs
 
 
-def predict_report(analysis: ModalAnalysis) -> str:
+def predict_report(analyses: Sequence[ModalAnalysis]) -> str:
     """Return the modes with label, damping and strain-energy shares, and the deflection of the named points."""
-    sections = [_heading(analysis), _modes(analysis), _deflections(analysis)]
-    return paragraphs(sections)
+    return "\n".join(paragraphs([_heading(each), _modes(each), _deflections(each)]) for each in analyses)
 
 
 def _heading(analysis: ModalAnalysis) -> Iterator[str]:

@@ -7,6 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation
 
 from ident.present.figures.resonance import resonance_figure
+from ident.present.files.resonance import resonance_rows
 from ident.present.text.resonance import resonance_report, verdict
 from ident.present.text.resonance_words import grouped, same_lines, sources_words
 from ident.vibrate.modal.branches import branches
@@ -109,7 +110,7 @@ def test_the_words_follow_the_share_that_builds_up(plain):
 
 def test_rows_are_numbered_as_in_the_report(with_sets):
     _, _, met = with_sets
-    rows = crossing_rows(met)
+    rows = resonance_rows(met)
     assert [row["drive"] for row in rows] == [crossing.source.drive for crossing in met]
     assert [row["number"] for row in rows] == sorted(row["number"] for row in rows)
     assert [row["natural"] for row in rows] == [crossing.natural for crossing in met]

@@ -15,7 +15,7 @@ from ident.identify.conditions import loads_of
 from ident.identify.values import Values
 from ident.measure import Load
 from ident.present.figures.simulate import drives_figure, simulate_figure
-from ident.present.files.simulate import size_rows
+from ident.present.files.simulate import simulate_rows
 from ident.present.text.simulate import simulate_report
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.simulate import simulate
@@ -90,7 +90,7 @@ def test_bands_and_probability_follow_from_the_draws(plain):
     assert f"{share[0]:.0%} in x, {share[1]:.0%} in y, {share[2]:.0%} in z" in report
     low, high = np.quantile(1e3 * draws.sizes.peak[1], (0.05, 0.95))
     assert f"{low:.4f} to {high:.4f}" in report
-    rows = size_rows(with_bands)
+    rows = simulate_rows(with_bands)
     assert [row["exceedance"] for row in rows] == pytest.approx(share)
     assert [row["peak_q05"] for row in rows] == pytest.approx(np.quantile(draws.sizes.peak, 0.05, axis=1))
     figure = simulate_figure(with_bands)
@@ -118,7 +118,7 @@ def test_what_was_interrupted_before_arrival_has_no_residual(plain):
     report = simulate_report(stopped)
     assert "INTERRUPTED: the exact method came to 0.19 s" in report
     assert np.isnan(stopped.sizes.residual).all()
-    assert not np.isfinite([row["settling_time"] for row in size_rows(stopped)]).any()
+    assert not np.isfinite([row["settling_time"] for row in simulate_rows(stopped)]).any()
     simulate_figure(stopped)
 
 
