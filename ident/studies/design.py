@@ -243,11 +243,7 @@ def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":
 
 
 def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:
-    """Return the text of the arm file; empty without one.
-
-    Raises:
-        InputError: a number to change follows from others there, as an inertia from a shape, or is left out.
-    """
+    """Return the text of the arm file; empty without one."""
     from ident.description.file import update_file
     from ident.text import decode, one_line, read_bytes
 

@@ -69,9 +69,6 @@ def basis_of(
         path: a joint path to follow instead of the stroke: a log, or its file.
         fit: fitted values that the arm takes over: a result, or its file.
         posterior: draws; the arm takes over their medians, unless it has fitted values.
-
-    Raises:
-        InputError: options that do not go together, values of another arm, or a motion that it can't carry out.
     """
     from ident.arm.drive_check import check_drives
     from ident.assess.basis import Basis
@@ -94,11 +91,7 @@ def basis_of(
 
 
 def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm") -> "Values":
-    """Return fitted values, whatever they are in.
-
-    Raises:
-        InputError: a file that holds none, or values of no number of this arm.
-    """
+    """Return fitted values, whatever they are in."""
     from ident.identify.values import Values
     from ident.present.files.fit import read_fit
     from ident.studies.fit import FitResult
@@ -118,9 +111,6 @@ def drawn_values(
         arm: whose numbers are looked for.
         count: draws, at most.
         seed: of a choice at random; without one the draws are spread evenly over the chains.
-
-    Raises:
-        InputError: a file that holds none, or draws of no number of this arm.
     """
     from ident.identify.values import Values
 
@@ -140,9 +130,6 @@ def drawn_groups(
         count: draws of the first group, at most.
         fresh: draws of the second, at most.
         seed: of the choice.
-
-    Raises:
-        InputError: a file that holds none, or draws of no number of this arm.
     """
     from ident.identify.values import Values
 

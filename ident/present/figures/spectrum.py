@@ -78,9 +78,6 @@ def spectrum_figure(
         upto: [Hz] right end of the axis.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
         remarks: further lines below the panels.
-
-    Raises:
-        InputError: there is no spectrum, or one has not a column for each direction.
     """
     problems = list(_series_problems(series, directions))
     if problems:
@@ -121,9 +118,6 @@ def spectrogram_figure(
         upto: [Hz] upper end of the axis.
         decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
-
-    Raises:
-        InputError: the spectrogram is one of several traces.
     """
     if spectrogram.amplitude.ndim != 2:
         got = f"amplitudes of shape {spectrogram.amplitude.shape}"

@@ -39,10 +39,6 @@ def sensitivity_rows(each: Sensitivities) -> list[dict[str, Any]]:
 
 
 def write_arm(text: str, note: str, path: Path) -> None:
-    """Write an arm file whole or not at all, with a note above it.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
+    """Write an arm file whole or not at all, with a note above it."""
     whole = f"# {one_line(note)}\n{text}"
     replace_file(path, lambda file: file.write(whole.encode("utf-8")), make_folders=True)

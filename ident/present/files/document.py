@@ -46,21 +46,13 @@ def provenance(form: str, inputs: Mapping[str, Any], options: Mapping[str, Any])
 
 
 def write_json(document: Mapping[str, Any], path: Path) -> None:
-    """Write a document whole or not at all.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
+    """Write a document whole or not at all."""
     text = _laid_out(document) + "\n"
     replace_file(path, lambda file: file.write(text.encode("utf-8", "backslashreplace")), make_folders=True)
 
 
 def read_document(path: str | Path, expected: str) -> dict[str, Any]:
-    """Return what a result file says.
-
-    Raises:
-        InputError: it is no JSON object with a format.
-    """
+    """Return what a result file says."""
     where = one_line(str(path))
     try:
         document = json.loads(decode_text(read_bytes(path, expected), where))
@@ -73,11 +65,7 @@ def read_document(path: str | Path, expected: str) -> dict[str, Any]:
 
 
 def read_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
-    """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it.
-
-    Raises:
-        InputError: the file is no result.
-    """
+    """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it."""
     if Path(path).suffix == ".nc":
         from ident.present.files.netcdf import read_netcdf_result
 
@@ -87,11 +75,7 @@ def read_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
 
 
 def check_format(form: str, wanted: str, where: str, expected: str) -> None:
-    """Refuse the result of another study or version.
-
-    Raises:
-        InputError: the format is another one.
-    """
+    """Refuse the result of another study or version."""
     if form != wanted:
         study = wanted.removeprefix("ident-").partition("/")[0]
         old = form.startswith(f"ident-{study}/")

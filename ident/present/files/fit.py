@@ -35,11 +35,7 @@ def fit_rows(fit: CampaignFit) -> list[dict[str, Any]]:
 
 
 def read_fit(form: str, path: str | Path, arm: Arm) -> Values:
-    """Return the fitted values of a result file of this format.
-
-    Raises:
-        InputError: the file is no such result, or has no number of this arm.
-    """
+    """Return the fitted values of a result file of this format."""
     where, document = one_line(str(path)), read_document(path, EXPECTED)
     check_format(document["format"], form, where, EXPECTED)
     try:

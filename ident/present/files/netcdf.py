@@ -29,9 +29,6 @@ def write_netcdf_result(
         arrays: the large arrays apart from it.
         path: where the file goes.
         write: writes the file for other tools at the path it is given.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
     """
     import xarray
 
@@ -49,11 +46,7 @@ def write_netcdf_result(
 
 
 def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
-    """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it.
-
-    Raises:
-        InputError: the file is no result.
-    """
+    """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it."""
     import xarray
 
     where, file = one_line(str(path)), BytesIO(read_bytes(path, EXPECTED))

@@ -14,12 +14,7 @@ from ident.text import one_line
 
 
 def write_form(plan: CampaignPlan, path: Path) -> None:
-    """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes.
-
-    Raises:
-        InputError: the folder or the file can't be written, or a form is there that has been filled in; what was there
-            before is untouched.
-    """
+    """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes."""
     _refuse_filled(path)
     table = list(csv.DictReader(io.StringIO(format_campaign(plan.campaign(), relative_sigma=True))))
     text = io.StringIO()

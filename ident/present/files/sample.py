@@ -85,9 +85,6 @@ def read_posterior(form: str, path: str | Path) -> Draws:
     Args:
         form: the format that one of `ident sample` must have.
         path: the file.
-
-    Raises:
-        InputError: the file is no posterior, or one of another version of ident.
     """
     import xarray
 

@@ -22,11 +22,7 @@ DIGITS = "%.10g"
 
 
 def write_csv(simulation: Simulation, head: Mapping[str, Any], path: Path) -> None:
-    """Write the series as CSV, which `read_trace` reads: vibration in mm, units in the header.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
+    """Write the series as CSV, which `read_trace` reads: vibration in mm, units in the header."""
     columns = dict(csv_columns(simulation))
     notes = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",

@@ -23,11 +23,7 @@ def sweep_rows(study: SweepStudy) -> list[dict[str, Any]]:
 
 
 def write_csv(study: SweepStudy, head: Mapping[str, Any], path: Path) -> None:
-    """Write the amplitudes as CSV, with their origin, the head of the result file, above them.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
+    """Write the amplitudes as CSV, with their origin, the head of the result file, above them."""
     basis, rows = study.basis, sweep_rows(study)
     notes = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",

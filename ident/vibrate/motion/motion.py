@@ -93,11 +93,7 @@ class Motion(eqx.Module):
         return _horner(jnp.moveaxis(self.coefficients[:, k], -1, 1), t - jnp.asarray(self.breaks)[k])
 
     def dwell(self, seconds: float) -> "Motion":
-        """Return the motion held still at its end for some time; the arrival stays.
-
-        Raises:
-            InputError: the time is negative or not finite.
-        """
+        """Return the motion held still at its end for some time; the arrival stays."""
         _check_seconds(seconds, "dwell")
         if seconds == 0:
             return self
@@ -107,11 +103,7 @@ class Motion(eqx.Module):
         return Motion(self.name, _append(self.breaks, self.breaks[-1:] + seconds), coefficients, self.arrival)
 
     def then(self, other: "Motion") -> "Motion":
-        """Return this motion and after it another one, whose clock is moved; it arrives when the other one does.
-
-        Raises:
-            InputError: the other one does not start at the angles where this one ends.
-        """
+        """Return this motion and after it another one, whose clock is moved; it arrives when the other one does."""
         _check_joined(self, other)
         shift = float(self.breaks[-1] - other.breaks[0])
         powers = max(len(self.coefficients), len(other.coefficients))
@@ -120,11 +112,7 @@ class Motion(eqx.Module):
         return Motion(f"{self.name}, {other.name}", breaks, coefficients, other.arrival + shift)
 
     def at_speed(self, percent: float) -> "Motion":
-        """Return the same path on another clock: with s = percent / 100, t -> t/s, qd -> s qd, qdd -> s^2 qdd.
-
-        Raises:
-            InputError: the percentage is not above 0 or above `FASTEST`.
-        """
+        """Return the same path on another clock: with s = percent / 100, t -> t/s, qd -> s qd, qdd -> s^2 qdd."""
         s = speed_factor(percent)
         powers = np.arange(len(self.coefficients))[::-1, None, None]
         return Motion(self.name, self.breaks / s, self.coefficients * s**powers, self.arrival / s)
@@ -136,20 +124,13 @@ def hold_still(q: Any, seconds: float) -> Motion:
     Args:
         q: (driven,) [rad]
         seconds: () [s] above 0.
-
-    Raises:
-        InputError: the time is not above 0, or not finite.
     """
     _check_seconds(seconds, "seconds", above=True)
     return Motion("held still", [0.0, seconds], jnp.asarray(q, float)[None, None], arrival=0.0)
 
 
 def speed_factor(percent: float) -> float:
-    """Return the factor of a speed override [%].
-
-    Raises:
-        InputError: the percentage is not above 0 or above `FASTEST`.
-    """
+    """Return the factor of a speed override [%]."""
     if not 0 < percent <= FASTEST:
         remedy = "100 is full speed, 10 a tenth of it"
         raise InputError(Problem("", f"{percent:g} %", f"above 0 and at most {FASTEST:g} %", remedy, "percent"))
