@@ -4,12 +4,11 @@ from itertools import cycle
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from ident.assess.spectra import Spectra
 from ident.present.figures.spectrum import PANEL, SERIES
-from ident.present.figures.style import key_below, plain
+from ident.present.figures.style import key_below, plain, titled
 from ident.present.text.spectrum import UNITS
 from ident.present.text.words import cut
 
@@ -18,9 +17,7 @@ def orders_figure(spectra: Spectra) -> Figure:
     """Draw the amplitude of each pulley's orders over time, a panel for each direction."""
     factor, unit = UNITS[spectra.kind]
     count = len(spectra.directions)
-    layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06)
-    figure = Figure(figsize=(PANEL[0], PANEL[1] * count + 1.3), layout=layout)
-    figure.suptitle("Orders of the pulleys", fontsize=12, fontweight="bold")
+    figure = titled((PANEL[0], PANEL[1] * count + 1.3), "Orders of the pulleys")
     grid = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
     named = [(name, track, o) for name, track in spectra.tracks.items() for o in range(len(track.orders))]
     styled = list(zip(named, cycle(SERIES), strict=False))

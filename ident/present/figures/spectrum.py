@@ -8,12 +8,11 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from ident.assess.spectra import Spectra
 from ident.errors import InputError, Problem
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, plain
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, note, plain, titled
 from ident.present.text.spectrum import UNITS
 from ident.present.text.words import cut, degrees
 from ident.vibrate.signal.spectrogram import Spectrogram
@@ -86,8 +85,7 @@ def spectrum_figure(
     notes = [*_descriptions(series), *_beyond(marks or {}, upto), *remarks]
     above = LINE / 72 * (1 + max((row for _, _, row in flags), default=-1))
     height = PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
-    figure = Figure(figsize=(PANEL[0], height), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
-    figure.suptitle("Amplitude spectrum", fontsize=12, fontweight="bold")
+    figure = titled((PANEL[0], height), "Amplitude spectrum")
     grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
     for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
         _spectra(axes, series, i, upto, UNITS[kind][0])
@@ -122,8 +120,7 @@ def spectrogram_figure(
     if spectrogram.amplitude.ndim != 2:
         got = f"amplitudes of shape {spectrogram.amplitude.shape}"
         raise InputError(Problem("spectrogram", got, "a single trace", "choose one with spectrogram.column(i)"))
-    figure = Figure(figsize=(PANEL[0], 4.9), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
-    figure.suptitle(cut(title, 70), parse_math=False, fontsize=12, fontweight="bold")
+    figure = titled((PANEL[0], 4.9), cut(title, 70))
     axes = figure.subplots()
     _colours(figure, axes, spectrogram, upto, decibel, *UNITS[kind])
     handles = [_line(axes, *drawn) for drawn in zip((lines or {}).items(), cycle(LINES), strict=False)]
@@ -169,24 +166,9 @@ def _flags(axes: Axes, flags: Sequence[tuple[str, float, int]], *, labelled: boo
     for text, frequency, row in flags:
         axes.axvline(frequency, color=GREY, linewidth=0.7, zorder=1)
         if labelled:
-            axes.annotate(
-                f" {text}",
-                (frequency, 1.0),
-                xycoords=axes.get_xaxis_transform(),
-                xytext=(0, 2 + LINE * row),
-                textcoords="offset points",
-                fontsize=8,
-                color=GREY,
-                parse_math=False,
-                arrowprops={
-                    "arrowstyle": "-",
-                    "color": GREY,
-                    "linewidth": 0.7,
-                    "relpos": (0, 0),
-                    "shrinkA": 0,
-                    "shrinkB": 0,
-                },
-            )
+            line = {"arrowstyle": "-", "color": GREY, "linewidth": 0.7, "relpos": (0, 0), "shrinkA": 0, "shrinkB": 0}
+            place: Any = {"xycoords": axes.get_xaxis_transform(), "arrowprops": line}
+            note(axes, f" {text}", (frequency, 1.0), (0, 2 + LINE * row), **place)
 
 
 def _colours(
