@@ -40,13 +40,9 @@ class CheckResult(Result):
     options: CheckOptions = field(default_factory=CheckOptions)
 
     form = "ident-check/2"
+    subject = "check.campaign.name"
     shown = ("check",)
     summary = ("contradictory",)
-
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return f"{self.check.campaign.name}.check"
 
     @property
     def verdicts(self) -> Mapping[str, str]:

@@ -42,6 +42,7 @@ class FitResult(Result):
     options: FitOptions = field(default_factory=FitOptions)
 
     form = "ident-fit/3"
+    subject = "fit.campaign.name"
     shown = ("fit",)
     summary = (
         "parameters",
@@ -51,11 +52,6 @@ class FitResult(Result):
         "fit.p_value",
         "fit.information.rank",
     )
-
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return f"{self.fit.campaign.name}.fit"
 
     @property
     def parameters(self) -> Mapping[str, float]:

@@ -49,13 +49,9 @@ class ProfileResult(Result):
     options: ProfileOptions = field(default_factory=ProfileOptions)
 
     form = "ident-profile/3"
+    subject = "fit.campaign.name"
     shown = ("fit", "profiles")
     summary = ("fit.doubts",)
-
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return f"{self.fit.campaign.name}.profile"
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:

@@ -66,11 +66,7 @@ class ResonanceResult(Result):
     options: ResonanceOptions = field(default_factory=ResonanceOptions)
 
     form = "ident-resonance/3"
-
-    @property
-    def name(self) -> str:
-        """The arm's name, the motion's, and what was done."""
-        return f"{self.basis.name}.resonance"
+    subject = "basis.name"
 
     @property
     def title(self) -> str:

@@ -47,6 +47,8 @@ class Result:
     """Format and version of its file."""
     suffix: ClassVar[str] = ".json"
     """End of its file's name."""
+    subject: ClassVar[str]
+    """Path to the name of what was studied."""
     shown: ClassVar[tuple[str, ...]]
     """The fields that its report, figure and table are made of."""
     summary: ClassVar[tuple[str, ...]] = ()
@@ -60,8 +62,8 @@ class Result:
 
     @property
     def name(self) -> str:
-        """What its files are called, without their ends."""
-        raise NotImplementedError
+        """What its files are called, without their ends: what was studied, and the study."""
+        return f"{attrgetter(self.subject)(self)}.{self._study}"
 
     def report(self) -> str:
         """Return the text that the command prints."""

@@ -56,12 +56,8 @@ class SampleResult(Result):
     options: SampleOptions = field(default_factory=SampleOptions)
 
     form, suffix = "ident-sample/3", ".nc"
+    subject = "sample.fitted.campaign.name"
     shown = ("sample",)
-
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return f"{self.sample.fitted.campaign.name}.sample"
 
     @property
     def enough(self) -> bool:

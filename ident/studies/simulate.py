@@ -75,13 +75,9 @@ class SimulateResult(Result):
     options: SimulateOptions = field(default_factory=SimulateOptions)
 
     form, suffix = "ident-simulate/3", ".nc"
+    subject = "simulation.basis.name"
     shown = ("simulation",)
     summary = ("arrival", "interrupted", "exceedance")
-
-    @property
-    def name(self) -> str:
-        """The arm's name, the motion's, and what was done."""
-        return f"{self.simulation.basis.name}.simulate"
 
     @property
     def arm(self) -> "Arm":
