@@ -130,8 +130,7 @@ class SpectrumResult(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """Return the spectra, the pulleys' orders (`orders`) and spectrograms by direction, as far as asked for."""
-        from ident.present.figures.orders import orders_figure
-        from ident.present.figures.spectrum import spectra_figure, spectrogram_figures
+        from ident.present.figures.spectrum import orders_figure, spectra_figure, spectrogram_figures
 
         orders = {"orders": orders_figure(self.spectra)} if self.spectra.tracks else {}
         spectrograms = spectrogram_figures(self.spectra, decibel=self.options.decibel)

@@ -9,7 +9,19 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
 from ident.assess.design import DesignStudy, unchanged
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, motion_title, plain, titled
+from ident.present.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    NEAR,
+    ORANGE,
+    PINK,
+    Style,
+    key_below,
+    motion_title,
+    plain,
+    titled,
+)
 from ident.present.text.units import MM
 from ident.present.text.words import cut
 from ident.vibrate.redesign.design import Design, Place
@@ -18,8 +30,6 @@ from ident.vibrate.response.study import DIRECTIONS
 
 WIDTH = 8.0
 """Of a figure [inch]."""
-NEAR = 0.5
-"""Share of the limit that an amplitude must reach for the limit to be drawn."""
 SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Ticks of changes as shares of the widest."""
 COLORS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "black", GREY)

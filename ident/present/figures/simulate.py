@@ -13,6 +13,7 @@ from ident.present.figures.style import (
     BLUE,
     GREEN,
     GREY,
+    NEAR,
     ORANGE,
     PALE_BLUE,
     PINK,
@@ -29,8 +30,6 @@ from ident.vibrate.response.study import DIRECTIONS
 
 WIDTH, PANEL = 8.0, 1.9
 """Width of a figure and height of a panel [inch]."""
-NEAR = 0.5
-"""Share of the limit that a peak must reach for the limit to be drawn."""
 OURS: Style = {"color": BLUE, "linewidth": 1.3}
 THEIRS: Style = {"color": ORANGE, "linewidth": 0.8}
 PARTS: tuple[Style, ...] = tuple(

@@ -20,6 +20,8 @@ from ident.present.text.words import cut
 BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 """Colours that a colour-blind reader tells apart (Okabe and Ito, 2002)."""
 GREY, PALE, PALE_BLUE = "#555555", "#B8C4CE", "#A8D0E8"
+NEAR = 0.5
+"""Share of a limit that what is drawn must reach for the limit to be drawn; elsewhere it would flatten the curves."""
 
 Style = Mapping[str, Any]
 FILLED: Style = {"marker": "o", "color": BLUE, "markersize": 6}

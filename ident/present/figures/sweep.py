@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from ident.assess.sweep import SweepStudy
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, Style, key_below, motion_title, plain, titled
+from ident.present.figures.style import BLUE, GREEN, GREY, NEAR, ORANGE, Style, key_below, motion_title, plain, titled
 from ident.present.text.sweep_words import axis_in_words
 from ident.present.text.units import MM, in_paper_unit
 from ident.present.text.words import cut
@@ -24,8 +24,6 @@ WIDTH, PANEL = 8.0, 2.5
 """Width of a figure and height of a panel [inch]."""
 COLUMN, LABEL = 4, 60
 """Panels that stand in one column, and letters of a label."""
-NEAR = 0.5
-"""Share of the limit that an amplitude must reach for the limit to be drawn."""
 DOTTED: Style = {"linewidth": 1.4, "marker": ".", "markersize": 3}
 WAYS: tuple[Style, ...] = (
     {**DOTTED, "color": BLUE, "linestyle": "-"},
