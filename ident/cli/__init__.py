@@ -4,20 +4,7 @@ import sys
 
 import typer
 
-from ident.cli import (  # noqa: F401  (each hangs its command on the app)
-    check,
-    design,
-    diagnose,
-    fit,
-    plan,
-    predict,
-    profile,
-    resonance,
-    sample,
-    simulate,
-    spectrum,
-    sweep,
-)
+from ident.cli import commands  # noqa: F401  (hangs them on the app)
 from ident.cli.app import app
 from ident.errors import IdentError, InputError
 

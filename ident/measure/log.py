@@ -58,11 +58,7 @@ def read_log(path: str | Path, joints: Sequence[str]) -> Log:
 
 
 def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:
-    """Read a log from the bytes of a CSV file; `path` names it in messages.
-
-    Raises:
-        InputError: something is wrong; every problem is listed.
-    """
+    """Read a log from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
     series = parse_series(data, path, dict.fromkeys(joints, ("angle",)), FEWEST_ROWS, findings)
     findings += [problem for joint in joints for problem in _joint_problems(series, joint)]

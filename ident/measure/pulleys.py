@@ -42,9 +42,6 @@ def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
 
     Returns:
         The pulleys, in the order of the file.
-
-    Raises:
-        InputError: something in these columns is wrong; every problem is listed.
     """
     there = [match for match in map(_COLUMN.fullmatch, trace.ignored) if match]
     if not there:

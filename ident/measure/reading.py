@@ -43,11 +43,7 @@ def read_campaign(path: str | Path) -> Campaign:
 
 
 def parse_campaign(data: bytes, path: str | Path) -> Campaign:
-    """Read a campaign from the bytes of a CSV file; `path` names it in messages.
-
-    Raises:
-        InputError: something is wrong; every problem is listed.
-    """
+    """Read a campaign from the bytes of a CSV file; `path` names it in messages."""
     file, findings = one_line(str(path)), Findings()
     text = decode(data, file)
     delimiter = sniff_delimiter(text, is_column)

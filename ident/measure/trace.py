@@ -68,11 +68,7 @@ def read_trace(path: str | Path) -> Trace:
 
 
 def parse_trace(data: bytes, path: str | Path) -> Trace:
-    """Read a trace from the bytes of a CSV file; `path` names it in messages.
-
-    Raises:
-        InputError: something is wrong; every problem is listed.
-    """
+    """Read a trace from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
     series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, FEWEST_ROWS, findings)
     findings += [*_kind_problems(series), *_sampling_problems(series)]

@@ -53,6 +53,8 @@ class PredictOptions(ArmOptions):
 class PredictResult(Result):
     """What an arm does at each of some postures.
 
+    Its table has a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio.
+
     Attributes:
         arm: the arm as its file has it.
         predictions: modes and static deflection at each posture, in the order of the options, with those by draws.
@@ -67,7 +69,9 @@ class PredictResult(Result):
     fit: "Values | None" = None
     posterior: "Values | None" = None
 
-    form, suffix = "ident-predict/2", ".json"
+    form = "ident-predict/2"
+    shown = ("predictions",)
+    summary = ("deflections", "deflection_bands")
 
     @property
     def name(self) -> str:
@@ -138,19 +142,8 @@ class PredictResult(Result):
             raise InputError(Problem("joint", quoted(chosen), f"one of {', '.join(names)}", remedy))
         return frequency_figure(self.predictions, names.index(chosen))
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio, bands."""
-        from ident.present.files.predict import mode_rows
-
-        return mode_rows(self.predictions)
-
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.predict import predict_document
-
-        document = predict_document(self.form, self.predictions, self.arm, self.options.recorded())
-        write_result(document, self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "fit": self.fit, "posterior": self.posterior}
 
 
 def predict(

@@ -43,6 +43,8 @@ class SampleOptions(FitOptions):
 class SampleResult(Result):
     """A sampled posterior of an arm's campaign.
 
+    Its table has a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat.
+
     Attributes:
         arm: the arm as its file has it.
         sample: the draws, the fit that they started from, the data that they predict, and how far to trust them.
@@ -53,12 +55,9 @@ class SampleResult(Result):
     sample: "CampaignSample"
     options: SampleOptions = field(default_factory=SampleOptions)
 
-    form, suffix = "ident-sample/2", ".nc"
-
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return f"{self.sample.fitted.campaign.name}.sample"
+    form, suffix = "ident-sample/3", ".nc"
+    subject = "sample.fitted.campaign.name"
+    shown = ("sample",)
 
     @property
     def enough(self) -> bool:
@@ -87,17 +86,10 @@ class SampleResult(Result):
     @property
     def inference_data(self) -> "arviz.InferenceData":
         """The draws as ArviZ has them, all SI: each walker a chain, burn-in left out."""
-        from ident.present.files.document import plain, provenance
+        from ident.present.files.document import plain
         from ident.present.files.sample import inference_data
 
-        head = provenance(self.form, self.arm, self.sample.fitted.campaign, self.options.recorded())
-        return inference_data(self.sample, head | {"trust": plain(self.sample.trust)})
-
-    def report(self) -> str:
-        """Return the text that `ident sample` prints."""
-        from ident.present.text.sample import sample_report
-
-        return sample_report(self.sample)
+        return inference_data(self.sample, self._head() | {"trust": plain(self.sample.trust)})
 
     def figures(self) -> "dict[str, Figure]":
         """Return figures of the posterior, of pairs of parameters and of the chains: `posterior`, `corner`, `trace`."""
@@ -105,24 +97,16 @@ class SampleResult(Result):
 
         return sample_figures(self.sample)
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat."""
-        from ident.present.files.sample import parameter_rows
-
-        return parameter_rows(self.sample)
-
     @property
     def _best(self) -> int:
         return self.sample.sample.basins[0] + 1
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.netcdf import write_netcdf_result
-
-        def write(part: Path) -> None:
-            self.inference_data.to_netcdf(str(part), engine="h5netcdf")
-
-        write_netcdf_result(self.form, self.fields(), path, write)
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        self._write_netcdf(path, lambda part: self.inference_data.to_netcdf(str(part), engine="h5netcdf"))
         return (path,)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.sample.fitted.campaign}
 
 
 def sample(

@@ -19,11 +19,15 @@ def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path):
     assert "CONTRADICTION" in out
     assert files(tmp_path) == ["out/table1.fit.json", "out/table1.fit.png"]
     result = json.loads((tmp_path / "out/table1.fit.json").read_text())
-    assert result["format"] == "ident-fit/2"
-    assert result["rank"] == 3
+    assert result["format"] == ident.FitResult.form
+    assert result["summary"]["rank"] == 3
+    assert result["summary"]["p_value"] is None, "undefined is null in JSON"
+    assert [row["supported"] for row in result["table"]] == [False] * 6
     assert len(result["inputs"]["campaign"]["sha256"]) == 64
     assert result["software"]["ident"] == __version__
-    assert result["parameters"][0]["sd_by_data_alone"] is None, "infinite is null in JSON"
+    covariance = result["result"]["fit"]["information"]["covariance"]["numpy"]
+    sd = ident.load(tmp_path / "out/table1.fit.json").sd
+    assert [row[i] ** 0.5 for i, row in enumerate(covariance)] == list(sd.values()), "to the last bit"
 
 
 def test_a_dial_gauge_alone_is_fitted_and_what_it_leaves_open_is_said(run, tmp_path):
@@ -50,9 +54,10 @@ def test_options_reach_the_fit(run, tmp_path):
     assert code == 0
     assert files(tmp_path) == ["results/campaign.fit.json"]
     result = json.loads((tmp_path / "results/campaign.fit.json").read_text())
-    names = [p["name"] for p in result["parameters"]]
+    names = [row["parameter"] for row in result["table"]]
     assert names == ["joint2.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors"]
-    assert result["parameters"][3]["paths"] == ["joint2.k_tors", "joint3.k_tors"]
+    tied = result["summary"]["parameters"]
+    assert tied["joint2.k_tors"] == tied["joint3.k_tors"] == result["table"][3]["value"]
     assert result["options"]["fix"] == ["joint1.k_bend"]
     assert "prior: none" in out
     assert str(ident.load("results/campaign.fit.json")) == out.partition("wrote ")[0].removesuffix("\n")

@@ -7,6 +7,7 @@ from arms import DATA
 from commands import files
 
 from ident.cli import running
+from ident.studies.sample import SampleResult
 
 DATA = DATA / "lcd_arm"
 
@@ -27,7 +28,7 @@ def test_sample_goes_on_where_it_was_and_writes_draws_and_figures(run, tmp_path)
         files(tmp_path)
     )
     data = arviz.from_netcdf(tmp_path / "out/table1.sample.nc")
-    assert json.loads(data.attrs["format"]) == "ident-sample/2"
+    assert json.loads(data.attrs["format"]) == SampleResult.form
     assert len(json.loads(data.attrs["inputs"])["campaign"]["sha256"]) == 64
     assert data.observed_data["data"].values.tolist() == pytest.approx([4.38, 4.38, 0.022])
     assert set(data.sample_stats["ensemble"].values) == {0, 1, 2, 3}

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ident.identify.fit import SUSPICIOUS, CampaignFit
 from ident.inference.information import WEAK_ABOVE, Direction
@@ -29,9 +28,11 @@ from ident.present.figures.style import (
     Style,
     engineering,
     heading,
+    note,
     plain,
     ratio_axis,
     rows,
+    titled,
 )
 from ident.present.text.units import MM, in_read_unit, is_length, read_unit
 from ident.present.text.words import cut, direction_name, short
@@ -68,10 +69,8 @@ def fit_figure(fit: CampaignFit) -> Figure:
     heights = [[PANEL + ROW * count for count in column] for column in (left, right)]
     total = max(map(sum, heights))
     heights[1][1] = total - heights[1][0]
-    engine = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06, wspace=0.04)
-    figure = Figure(figsize=(_width(fit), total + 0.5), layout=engine)
     title = f"Fit of {cut(fit.arm.name, 50)} to {cut(fit.campaign.name, 50) or 'measurements'}"
-    figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
+    figure = titled((_width(fit), total + 0.5), title, (0.1, 0.06), wspace=0.04)
     columns = figure.add_gridspec(1, 2)
     *values, directions = _stack(figure, columns[0], heights[0])
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
@@ -177,7 +176,7 @@ def _directions(axes: Axes, directions: Sequence[Direction], names: Sequence[str
         place = min(direction.sd, FARTHEST) if direction.seen else edge
         axes.plot([place], [y], linestyle="", **_direction_style(direction))
         word = "weak" if direction.weak else "" if direction.seen else "open"
-        axes.annotate(word, (place, y), xytext=(7, 0), textcoords="offset points", va="center", fontsize=8)
+        note(axes, word, (place, y), (7, 0), va="center", color="black")
     ticks = {WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
     for power in range(-1, -9, -1):
         if math.log(min(ticks) / 10.0**power) > 0.17 * math.log(4 * edge / left) and 10.0**power > left:
@@ -253,14 +252,5 @@ def _write(axes: Axes, notes: Sequence[tuple[str, bool]]) -> None:
     """Write lines on empty axes, from the top down."""
     axes.set_axis_off()
     for i, (line, warning) in enumerate(notes):
-        axes.annotate(
-            line,
-            (0.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(-150, -14 * i),
-            textcoords="offset points",
-            va="top",
-            fontsize=9,
-            color=ORANGE if warning else "black",
-            parse_math=False,
-        )
+        style = {"va": "top", "fontsize": 9, "color": ORANGE if warning else "black"}
+        note(axes, line, (0.0, 1.0), (-150, -14 * i), xycoords="axes fraction", **style)

@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ident.identify.plan import CampaignPlan
 from ident.identify.posture_grid import main_joints
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain, titled
 from ident.present.text.plan import criterion_in_words, experiment_in_words
 from ident.present.text.words import cut, degrees
 
@@ -22,9 +21,8 @@ DASHES = {"k_bend": "-", "k_tors": (0, (5, 2))}
 
 def plan_figure(plan: CampaignPlan) -> Figure:
     """Draw gain per hour over posture with the chosen experiments, and the standard deviations after each of them."""
-    figure = Figure(figsize=(13.0, 6.2), layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08, wspace=0.03))
     title = f"What to measure next on {cut(plan.arm.name, 50)}"
-    figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
+    figure = titled((13.0, 6.2), title, (0.12, 0.08), wspace=0.03)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     _gain_over_posture(figure, left, plan)
     _sd_over_experiments(right, plan)

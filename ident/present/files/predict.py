@@ -1,47 +1,13 @@
-"""The result file of predictions: modes and static deflection at each posture."""
+"""Predictions as rows."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ident.assess.prediction import Prediction
-from ident.description.file import ArmFile
-from ident.present.files.document import plain, provenance
 
 
-def predict_document(
-    form: str, predictions: Sequence[Prediction], arm_file: ArmFile, options: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Describe modal analyses as plain data, all numbers SI."""
-    document = provenance(form, arm_file, None, options) | {
-        "postures": [
-            {
-                "posture": list(analysis.posture),
-                "load": str(analysis.load),
-                "modes": [
-                    {
-                        "label": str(label),
-                        "ambiguous": analysis.ambiguous[i],
-                        "frequency": analysis.modes.frequency[i],
-                        "frequency_band": each.frequency_band[:, i],
-                        "damping_ratio": analysis.damping_ratio[i],
-                        "damping_band": each.damping_band[:, i],
-                        "bending_share": analysis.modes.bend[:, i],
-                        "torsion_share": analysis.modes.tors[:, i],
-                    }
-                    for i, label in enumerate(analysis.labels)
-                ],
-                "deflection": analysis.deflection,
-                "deflection_band": each.deflection_band,
-                "collapsed_draws": each.collapsed,
-            }
-            for analysis, each in ((each.analysis, each) for each in predictions)
-        ]
-    }
-    return plain(document)
-
-
-def mode_rows(predictions: Sequence[Prediction]) -> list[dict[str, Any]]:
+def predict_rows(predictions: Sequence[Prediction]) -> list[dict[str, Any]]:
     """Return a row for each mode at each posture: angles [deg], load, frequency [Hz], label, damping ratio [-].
 
     Frequencies and damping ratios have quantiles of 5 and 95 %, NaN without draws.

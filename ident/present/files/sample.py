@@ -56,7 +56,7 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
     return data
 
 
-def parameter_rows(result: CampaignSample) -> list[dict[str, Any]]:
+def sample_rows(result: CampaignSample) -> list[dict[str, Any]]:
     """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
     sample = result.sample
     return [
@@ -85,9 +85,6 @@ def read_posterior(form: str, path: str | Path) -> Draws:
     Args:
         form: the format that one of `ident sample` must have.
         path: the file.
-
-    Raises:
-        InputError: the file is no posterior, or one of another version of ident.
     """
     import xarray
 

@@ -1,7 +1,6 @@
 """The plan in words, as a figure and as files."""
 
 import csv
-import json
 import math
 import re
 
@@ -10,15 +9,13 @@ import pytest
 from arms import DATA, loose_arm
 
 from ident.arm.arm import Arm
-from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
 from ident.identify.posture_grid import main_joints
 from ident.measure import read_campaign
 from ident.present.figures.plan import plan_figure
-from ident.present.files.document import write_json
-from ident.present.files.plan import plan_document, write_form
+from ident.present.files.plan import write_form
 from ident.present.files.png import save
 from ident.present.text.plan import plan_report
 
@@ -95,16 +92,6 @@ def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):
     alone = plan_campaign(single, settings=PlanSettings(step=math.radians(45.0), draws=0, count=2, modes=2))
     assert len(alone.predictions.postures) == 1, "about a vertical axis nothing changes"
     assert "joint3 [deg]" in texts(plan_figure(alone))
-
-
-def test_the_document_is_plain_json(plan, tmp_path):
-    arm_file = read_arm(DATA / "lcd_arm" / "arm.toml")
-    write_json(plan_document("ident-plan/2", plan, arm_file, {"count": 3}), tmp_path / "p.json")
-    read = json.loads((tmp_path / "p.json").read_text())
-    assert read["format"] == "ident-plan/2"
-    assert [experiment["nats"] for experiment in read["batch"]] == pytest.approx([step.nats for step in plan.steps])
-    assert read["inputs"]["campaign"] is None
-    assert len(read["ranking"]) == len(plan.predictions.postures)
 
 
 def test_the_form_is_refused_empty_and_read_when_filled_in(plan, tmp_path):
