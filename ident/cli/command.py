@@ -27,6 +27,11 @@ FitOption = Annotated[Path | None, typer.Option(help="result file of ident fit, 
 PosteriorOption = Annotated[
     Path | None, typer.Option(help="posterior of ident sample (.nc): bands of 5 to 95 % by its draws")
 ]
+StrictOption = Annotated[
+    bool, typer.Option("--strict", help="exit with status 3 where the data contradict each other, or the model")
+]
+SHORT = 3
+"""Exit status where a computation missed its own criterion, or, if asked for, a verdict speaks against the data."""
 
 
 def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -69,6 +74,18 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
     if not no_figure:
         for path in result.save_figures(out):
             typer.echo(f"wrote {path}")
+
+
+def leave(*, short: bool, doubtful: bool, strict: bool) -> None:
+    """End with a status that scripts can read; why, the report has said.
+
+    Args:
+        short: whether a computation missed its own criterion.
+        doubtful: whether a verdict speaks against the data.
+        strict: whether that counts as well.
+    """
+    if short or (strict and doubtful):
+        raise typer.Exit(SHORT)
 
 
 def _parameter(each: Field[Any], spec: Spec) -> inspect.Parameter:

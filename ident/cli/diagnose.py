@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from ident.cli import running
-from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, command
-from ident.studies.diagnose import DiagnoseOptions, diagnose, discard, part_folder
+from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, StrictOption, command, leave
+from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
 
 
 @command(DiagnoseOptions)
@@ -18,20 +18,23 @@ def diagnose_command(
     path: PathOption = None,
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
+    strict: StrictOption = False,
 ) -> None:
     """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
 
     The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit,
     torsional stiffness first and mass centres second. Goes on where an earlier run of the same inputs was stopped.
     Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
-    results, CAMPAIGN.diagnose.nc.
+    results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
     """
-    run_diagnose(campaign, options, arm, path, restart, out)
+    result = run_diagnose(campaign, options, arm, path, restart, out)
+    identified = result.diagnosis.identification
+    leave(short=identified.short, doubtful=bool(identified.sampled.fitted.doubts), strict=strict)
 
 
 def run_diagnose(
     campaign: Path, options: DiagnoseOptions, arm: Path | None, path: Path | None, restart: bool, out: Path
-) -> None:
+) -> DiagnoseResult:
     """Diagnose an arm, print each stage when it is finished, and write the result into a folder."""
     measured, arm_file = running.read(campaign, arm)
     folder = part_folder(out, measured)
@@ -53,3 +56,4 @@ def run_diagnose(
     for written in result.save(out):
         typer.echo(f"wrote {written}")
     discard(folder)
+    return result

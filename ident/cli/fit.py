@@ -3,7 +3,16 @@
 from pathlib import Path
 
 from ident.cli import running
-from ident.cli.command import ArmOption, CampaignArgument, NoFigureOption, OutOption, command, finish
+from ident.cli.command import (
+    ArmOption,
+    CampaignArgument,
+    NoFigureOption,
+    OutOption,
+    StrictOption,
+    command,
+    finish,
+    leave,
+)
 from ident.studies.fit import FitOptions
 
 
@@ -14,13 +23,16 @@ def fit_command(
     arm: ArmOption = None,
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
+    strict: StrictOption = False,
 ) -> None:
     """Fit the joint stiffnesses to a campaign and say what the data support.
 
     Damping is fitted too where damping ratios were measured. Writes CAMPAIGN.fit.json and CAMPAIGN.fit.png into the
-    folder given by --out.
+    folder given by --out. Exit status 3 where no optimum was reached.
     """
     from ident.studies.fit import fit
 
     measured, described = running.read(campaign, arm)
-    finish(fit(described, measured, options, progress=running.progress), out, no_figure)
+    result = fit(described, measured, options, progress=running.progress)
+    finish(result, out, no_figure)
+    leave(short=not result.fit.best.converged, doubtful=bool(result.doubts), strict=strict)

@@ -6,7 +6,16 @@ from typing import Annotated
 import typer
 
 from ident.cli import running
-from ident.cli.command import ArmOption, CampaignArgument, NoFigureOption, OutOption, command, finish
+from ident.cli.command import (
+    ArmOption,
+    CampaignArgument,
+    NoFigureOption,
+    OutOption,
+    StrictOption,
+    command,
+    finish,
+    leave,
+)
 from ident.studies.sample import SampleOptions
 
 
@@ -18,11 +27,12 @@ def sample_command(
     out: OutOption = Path("out"),
     restart: Annotated[bool, typer.Option("--restart", help="throw away the checkpoints of an unfinished run")] = False,
     no_figure: NoFigureOption = False,
+    strict: StrictOption = False,
 ) -> None:
     """Sample the posterior of a campaign: how sure each stiffness is, and which combinations are known.
 
     Goes on where an earlier run of the same inputs was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
-    figures into the folder given by --out.
+    figures into the folder given by --out. Exit status 3 where the chains are too short.
     """
     from ident.store import Store
     from ident.studies.sample import sample
@@ -39,3 +49,4 @@ def sample_command(
         Store.discard(folder)
     else:
         typer.echo(f"kept {folder}: the same command with more --steps goes on from there")
+    leave(short=not result.enough, doubtful=bool(result.sample.fitted.doubts), strict=strict)

@@ -26,6 +26,11 @@ def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path):
     assert result["parameters"][0]["sd_by_data_alone"] is None, "infinite is null in JSON"
 
 
+def test_a_verdict_on_the_data_is_a_status_of_its_own_only_where_that_is_asked_for(run):
+    assert run("fit", DATA / "table1.csv", "--starts=1", "--no-figure", "--strict")[0] == 3
+    assert run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure", "--strict")[0] == 0
+
+
 def test_options_reach_the_fit(run, tmp_path):
     code, out, _ = run(
         "fit",
