@@ -30,7 +30,7 @@ import difflib
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import IdentError, InputError, ModelError
+from ident.errors import ConvergenceError, IdentError, InputError, ModelError
 from ident.studies import STUDIES
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_ERRORS = ("IdentError", "InputError", "ModelError")
+_ERRORS = ("ConvergenceError", "IdentError", "InputError", "ModelError")
 _PLACES = {
     "arm.arm": ("Arm",),
     "description.file": ("ArmFile", "read_arm"),

@@ -22,6 +22,11 @@ PathOption = Annotated[
 ]
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
 NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
+StrictOption = Annotated[
+    bool, typer.Option("--strict", help="exit with status 3 where the data contradict each other, or the model")
+]
+SHORT = 3
+"""Exit status where a computation missed its own criterion, or, if asked for, a verdict speaks against the data."""
 
 
 def flag(help: str, *names: str) -> Any:
@@ -78,6 +83,7 @@ def offer(
     text: str,
     *,
     files: bool = True,
+    judged: bool = False,
     then: Callable[[Any], None] = lambda result: None,
     **words: Any,
 ) -> None:
@@ -87,6 +93,7 @@ def offer(
         study: what is called; it gives the command its name.
         text: help of the command.
         files: whether files are written, besides the report that is printed.
+        judged: whether there is a flag by which a verdict against the data counts as a failure.
         then: does what is left to do with the result.
         words: inputs that are told otherwise than in `INPUTS`, in typer's words.
     """
@@ -95,7 +102,9 @@ def offer(
     main = "campaign" if "campaign" in names else next(iter(names))
     words = INPUTS | ({"arm": ArmOption} if main == "campaign" else {}) | words
 
-    def run(options: Options, out: Path = Path("out"), no_figure: bool = True, **inputs: Any) -> None:
+    def run(
+        options: Options, out: Path = Path("out"), no_figure: bool = True, strict: bool = False, **inputs: Any
+    ) -> None:
         if main == "campaign":
             inputs["campaign"], inputs["arm"] = running.read(inputs["campaign"], inputs["arm"])
         shown = {"progress": running.progress} if "progress" in names else {}
@@ -105,6 +114,7 @@ def offer(
         else:
             typer.echo(result.report(), nl=False)
         then(result)
+        leave(result, strict=strict)
 
     def parameter(name: str, annotation: Any, default: Any = None) -> inspect.Parameter:
         default = inspect.Parameter.empty if name == main else default
@@ -112,7 +122,9 @@ def offer(
 
     of_files = [parameter("out", OutOption, Path("out")), parameter("no_figure", NoFigureOption, False)]
     inputs = [parameter(name, words[name]) for name in names if name in words]
-    every = [*inputs, parameter("options", kind), *(of_files if files else [])]
+    severe = [parameter("strict", StrictOption, False)] if judged else []
+    more = [*(of_files if files else []), *severe]
+    every = [*inputs, parameter("options", kind), *more]
     run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
     run.__name__, run.__doc__ = study.__name__, text
     command(kind)(run)
@@ -126,6 +138,17 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
     if not no_figure:
         for path in result.save_figures(out):
             typer.echo(f"wrote {path}")
+
+
+def leave(result: Result, *, strict: bool) -> None:
+    """End with a status that scripts can read; why, the report has said.
+
+    Args:
+        result: what was computed.
+        strict: whether a verdict against the data counts as well as a computation that ended short.
+    """
+    if result.short or (strict and result.doubtful):
+        raise typer.Exit(SHORT)
 
 
 def _parameter(each: Field[Any], spec: Spec) -> inspect.Parameter:

@@ -12,15 +12,17 @@ from ident.cli.command import (
     NoFigureOption,
     OutOption,
     PathOption,
+    StrictOption,
     command,
     finish,
     flag,
+    leave,
     offer,
 )
 from ident.errors import InputError, Problem
 from ident.studies.check import check
 from ident.studies.design import design
-from ident.studies.diagnose import DiagnoseOptions, diagnose, discard, part_folder
+from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
 from ident.studies.fit import fit
 from ident.studies.plan import PlanOptions, plan
 from ident.studies.predict import predict
@@ -40,14 +42,16 @@ offer(
     whether the kinds of measurement agree. Nothing is written.
     """,
     files=False,
+    judged=True,
 )
 offer(
     fit,
     """Fit the joint stiffnesses to a campaign and say what the data support.
 
     Damping is fitted too where damping ratios were measured. Writes CAMPAIGN.fit.json and CAMPAIGN.fit.png into the
-    folder given by --out.
+    folder given by --out. Exit status 3 where no optimum was reached.
     """,
+    judged=True,
 )
 offer(
     profile,
@@ -67,11 +71,12 @@ def sample_command(
     out: OutOption = Path("out"),
     restart: Annotated[bool, typer.Option("--restart", help="throw away the checkpoints of an unfinished run")] = False,
     no_figure: NoFigureOption = False,
+    strict: StrictOption = False,
 ) -> None:
     """Sample the posterior of a campaign: how sure each stiffness is, and which combinations are known.
 
     Goes on where an earlier run of the same inputs was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
-    figures into the folder given by --out.
+    figures into the folder given by --out. Exit status 3 where the chains are too short.
     """
     from ident.store import Store
 
@@ -87,6 +92,7 @@ def sample_command(
         Store.discard(folder)
     else:
         typer.echo(f"kept {folder}: the same command with more --steps goes on from there")
+    leave(result, strict=strict)
 
 
 @command(PlanOptions)
@@ -178,20 +184,21 @@ def diagnose_command(
     path: PathOption = None,
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
+    strict: StrictOption = False,
 ) -> None:
     """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
 
     The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit,
     torsional stiffness first and mass centres second. Goes on where an earlier run of the same inputs was stopped.
     Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
-    results, CAMPAIGN.diagnose.nc.
+    results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
     """
-    run_diagnose(campaign, options, arm, path, restart, out)
+    leave(run_diagnose(campaign, options, arm, path, restart, out), strict=strict)
 
 
 def run_diagnose(
     campaign: Path, options: DiagnoseOptions, arm: Path | None, path: Path | None, restart: bool, out: Path
-) -> None:
+) -> DiagnoseResult:
     """Diagnose an arm, print each stage when it is finished, and write the result into a folder."""
     measured, arm_file = running.read(campaign, arm)
     folder = part_folder(out, measured)
@@ -213,3 +220,4 @@ def run_diagnose(
     for written in result.save(out):
         typer.echo(f"wrote {written}")
     discard(folder)
+    return result

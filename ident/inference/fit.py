@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.errors import ModelError
+from ident.errors import ConvergenceError, ModelError
 from ident.inference.information import RANK_TOLERANCE, Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.problem import InverseProblem
@@ -128,7 +128,8 @@ def fit(
         progress: wraps the numbers of the starts, to show a bar.
 
     Raises:
-        ModelError: no start reaches an optimum; says whether the model has an answer at the first one.
+        ConvergenceError: no start reaches an optimum.
+        ModelError: none does, and the model has no answer at the first one.
     """
     first = problem.parameters.theta(problem.parameters.column("start"))
     noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
@@ -144,7 +145,7 @@ def fit(
         if tried >= starts and optima and optima[0].starts >= AGAIN:
             break
     if not reached:
-        raise ModelError(_no_optimum(evaluate(problem).predicted))
+        raise _no_optimum(evaluate(problem).predicted)
     best = min(reached, key=lambda end: float(end.cost))
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
     known = information(scaled, _prior_sd(problem), problem.parameters.names)
@@ -195,11 +196,11 @@ def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:
     return bool(s[-1] < RANK_TOLERANCE * s[0])
 
 
-def _no_optimum(predicted: Array) -> str:
+def _no_optimum(predicted: Array) -> ModelError:
     missing = int(np.isnan(np.asarray(predicted)).sum())
     if not missing:
-        return "no start reached an optimum; give other starting values or a prior"
-    return (
+        return ConvergenceError("no start reached an optimum; give other starting values or a prior")
+    return ModelError(
         f"the model has no answer for {missing} of {len(predicted)} values at the start: the arm has no stable"
         " equilibrium there, or no mode of that label; raise the starting stiffness or check the labels"
     )

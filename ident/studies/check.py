@@ -54,6 +54,11 @@ class CheckResult(Result):
         """Whether one kind of measurement contradicts the others."""
         return self.check.contradictory
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether the data contradict each other."""
+        return self.contradictory
+
     def figures(self) -> "dict[str, Figure]":
         """Return none."""
         return {}

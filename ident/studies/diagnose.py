@@ -101,6 +101,16 @@ class DiagnoseResult(Result):
         self._write_json(document, head, self._write_netcdf(path, partial(write_posterior, self.diagnosis, head)))
         return page, document, path
 
+    @property
+    def short(self) -> bool:
+        """Whether the posterior's chains are too short."""
+        return self.diagnosis.identification.short
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the fit that the diagnosis rests on is in doubt."""
+        return bool(self.diagnosis.identification.sampled.fitted.doubts)
+
     def _inputs(self) -> Mapping[str, Any]:
         basis, campaign = self.diagnosis.task.basis, self.diagnosis.identification.sampled.fitted.campaign
         return {"arm": basis.arm_file, "campaign": campaign, "path": basis.log}

@@ -96,6 +96,16 @@ class FitResult(Result):
         """The arm with the fitted numbers in place."""
         return self.fit.fitted_arm
 
+    @property
+    def short(self) -> bool:
+        """Whether the best that the starts have reached is no optimum."""
+        return not self.fit.best.converged
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether anything speaks against the fit."""
+        return bool(self.doubts)
+
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.fit.campaign}
 

@@ -65,6 +65,16 @@ class Result:
         """What its files are called, without their ends: what was studied, and the study."""
         return f"{attrgetter(self.subject)(self)}.{self._study}"
 
+    @property
+    def short(self) -> bool:
+        """Whether a computation missed its own criterion: chains too short, no optimum."""
+        return False
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the data contradict each other, or the model."""
+        return False
+
     def report(self) -> str:
         """Return the text that the command prints."""
         text: str = self._present("text", "report")

@@ -36,7 +36,7 @@ class SampleOptions(FitOptions):
     ess: float = option(2000.0, "effective samples of each unknown at which to stop", low=100.0)
     steps: int = option(20000, "steps at which to stop in any case", low=500, argument="max_steps")
     ensembles: int = option(4, "independent ensembles about each optimum", low=4)
-    walkers: int | None = option(None, "walkers in each ensemble; default: four to twelve times the unknowns")
+    walkers: int | None = option(None, "walkers in each ensemble; default: four to eight times the unknowns")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -58,6 +58,16 @@ class SampleResult(Result):
     form, suffix = "ident-sample/3", ".nc"
     subject = "sample.fitted.campaign.name"
     shown = ("sample",)
+
+    @property
+    def short(self) -> bool:
+        """Whether the chains are too short, or do not agree."""
+        return not self.enough
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the fit that the chains start from is in doubt."""
+        return bool(self.sample.fitted.doubts)
 
     @property
     def enough(self) -> bool:

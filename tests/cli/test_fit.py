@@ -40,6 +40,11 @@ def test_a_dial_gauge_alone_is_fitted_and_what_it_leaves_open_is_said(run, tmp_p
     assert "nan" not in out
 
 
+def test_a_verdict_on_the_data_is_a_status_of_its_own_only_where_that_is_asked_for(run):
+    assert run("fit", DATA / "table1.csv", "--starts=1", "--no-figure", "--strict")[0] == 3
+    assert run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure", "--strict")[0] == 0
+
+
 def test_options_reach_the_fit(run, tmp_path):
     code, out, _ = run(
         "fit",

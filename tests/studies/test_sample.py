@@ -99,10 +99,10 @@ def test_a_longer_run_goes_on_in_its_folder(result, arm_file, table_1, tmp_path)
 
     with pytest.raises(KeyboardInterrupt):
         sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder, progress=progress)
-    assert len(list(folder.glob("block*"))) == 4
+    assert len(list(folder.glob("draws*"))) == 4
     whole = sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder)
     np.testing.assert_array_equal(whole.sample.sample.theta, result.sample.sample.theta)
-    assert len(list(folder.glob("block*"))) == 10, "they stay where they are"
+    assert len(list(folder.glob("draws*"))) == 10, "they stay where they are"
     with pytest.raises(ident.InputError, match="another seed"):
         sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder)
     anew = sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder, restart=True)

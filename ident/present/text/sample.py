@@ -30,8 +30,8 @@ def sample_report(result: CampaignSample) -> str:
 def _heading(result: CampaignSample) -> Iterator[str]:
     sample = result.sample
     yield f"Posterior of {result.fitted.arm.name} given {result.fitted.campaign.name}"
-    steps, ensembles, walkers, _ = sample.theta.shape
-    yield f"  {(steps - sample.burn_in) * ensembles * walkers} draws by {ensembles} ensembles of {walkers} walkers"
+    draws, ensembles, walkers, _ = sample.theta.shape
+    yield f"  {(draws - sample.burn_in) * ensembles * walkers} draws by {ensembles} ensembles of {walkers} walkers"
     for doubt in result.fitted.doubts:
         yield f"  WARNING: of the fit: {doubt}"
     if result.fitted.contradictory and not any("discrepancy" in n for n in sample.posterior.parameters.names):
