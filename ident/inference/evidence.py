@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem
-from ident.inference.marginal import Marginal, densities
+from ident.inference.marginal import Marginal
 from ident.inference.parameters import Parameters
-from ident.inference.posterior import Posterior
+from ident.inference.posterior import Posterior, evaluate
 from ident.inference.sample import Sample
 from ident.jit import jit
 
@@ -55,14 +55,13 @@ def weigh(sample: Sample) -> Weights:
 
     check_weighable(sample.posterior)
     target = Marginal(sample.posterior)
-    parameters = target.parameters
+    density, parameters = target.itself, target.parameters
 
     def from_cube(u: np.ndarray) -> np.ndarray:
         return np.asarray(_from_uniform(parameters, jnp.asarray(u)))
 
     def log_likelihood(theta: np.ndarray) -> float:
-        value = densities(target, theta[None], 1)[0, 0] - float(_log_prior(parameters, jnp.asarray(theta[:, None]))[0])
-        return max(value, LOWEST)
+        return max(evaluate(density, theta[None], 1).log_likelihood[0], LOWEST)
 
     rng = np.random.default_rng(sample.settings.seed)
     sampler = dynesty.NestedSampler(
@@ -93,7 +92,6 @@ def check_weighable(posterior: Posterior) -> None:
 
 
 _from_uniform = jit(Parameters.from_uniform)
-_log_prior = jit(Parameters.log_prior)
 
 
 def _nearest(sample: Sample, kept: np.ndarray, draws: np.ndarray) -> np.ndarray:

@@ -60,7 +60,12 @@ class Marginal(eqx.Module):
         B = jnp.stack([(predicted[own] * measured[own]).sum(0) for own in rows])
         gain = jnp.stack([_log_integral(a, b, width) for a, b, width in zip(A, B, self.widths, strict=True)]).sum(0)
         value = jnp.where(jnp.isfinite(at.log_density), at.log_density + gain, -jnp.inf)
-        return Integrated(value, at.log_density, A, B)
+        return Integrated(value, value - self.parameters.log_prior(theta), at.log_density, A, B)
+
+    @property
+    def itself(self) -> Any:
+        """The posterior where nothing is integrated out, whose program is compiled anyway; else this."""
+        return self if self.integrated.any() else self.posterior
 
     @property
     def widths(self) -> list[AnyArray]:
@@ -79,12 +84,14 @@ class Integrated(NamedTuple):
 
     Attributes:
         log_density: (n,) the factors integrated out; -inf where the model has no answer.
+        log_likelihood: (n,) the same without the priors of the other unknowns.
         log_at_one: (n,) log density of the whole posterior with all factors 1.
         A: (K, n) sum of squared predictions over sigma, for each kind.
         B: (K, n) sum of predictions times values over sigma squared.
     """
 
     log_density: Any
+    log_likelihood: Any
     log_at_one: Any
     A: Any
     B: Any
@@ -101,9 +108,9 @@ def densities(
         batch: points that are evaluated together.
         run: evaluates the batches; `map`, or a pool's for several at the same time.
     """
-    if not target.integrated.any():
-        return evaluate(target.posterior, points, batch, run).log_density[:, None]
-    at = evaluate(target, points, batch, run)
+    at = evaluate(target.itself, points, batch, run)
+    if not isinstance(at, Integrated):
+        return np.asarray(at.log_density)[:, None]
     return np.concatenate([at.log_density[None], at.log_at_one[None], at.A, at.B]).T
 
 
