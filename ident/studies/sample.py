@@ -131,7 +131,8 @@ def sample(
     """Sample the posterior of a campaign by emcee, until the effective sample size is reached.
 
     Interrupted and called again with the same folder and inputs it goes on, and the chain is the same to the bit; with
-    more `steps`, or more `ess`, it only becomes longer.
+    more `steps`, or more `ess`, it only becomes longer. A million draws are kept at most: in a longer run every second
+    step, then every fourth, and so on.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.

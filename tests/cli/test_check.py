@@ -16,6 +16,8 @@ def test_check_prints_a_verdict_for_each_parameter_and_writes_nothing(run, tmp_p
     assert "torsion of joint2 against torsion of joint1: any trade-off fits equally well" in out
     assert "CONTRADICTION" in out
     assert files(tmp_path) == []
+    assert run("check", DATA / "table1.csv", "--strict")[0] == 3
+    assert run("check", DATA / "campaign.csv", "--strict")[0] == 0
 
 
 def test_check_refuses_what_says_nothing_and_what_contradicts_itself(run, tmp_path):

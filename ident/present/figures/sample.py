@@ -180,17 +180,17 @@ def corner_figure(result: CampaignSample) -> Figure:
 def trace_figure(result: CampaignSample) -> Figure:
     """Draw one walker of each ensemble over the steps, parameter by parameter."""
     sample = result.sample
-    names, steps = sample.posterior.parameters.names, len(sample.theta)
-    shown = np.unique(np.linspace(0, steps - 1, min(steps, 2000)).astype(int))
+    names, draws = sample.posterior.parameters.names, len(sample.theta)
+    shown = np.unique(np.linspace(0, draws - 1, min(draws, 2000)).astype(int))
     figure = titled((11, 1.25 * len(names) + 1.0), "One walker of each ensemble", (0.04, 0.04))
     panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     for p, (axes, name) in enumerate(zip(panels, names, strict=True)):
         plain(axes)
-        axes.plot(shown, sample.theta[shown, :, 0, p], linewidth=0.6)
-        axes.axvspan(0, sample.burn_in, color="#EEEEEE", zorder=0)
+        axes.plot(shown * sample.thin, sample.theta[shown, :, 0, p], linewidth=0.6)
+        axes.axvspan(0, sample.burn_in * sample.thin, color="#EEEEEE", zorder=0)
         axes.set_ylabel(_two_lines(name), fontsize=8, rotation=0, ha="right", va="center", parse_math=False)
     panels[-1].set_xlabel("step [-]; grey: burn-in, left out; vertical: theta, ln(value) for a stiffness", fontsize=9)
-    panels[-1].set_xlim(0, steps)
+    panels[-1].set_xlim(0, draws * sample.thin)
     return figure
 
 
