@@ -51,7 +51,16 @@ def fit_document(form: str, fit: CampaignFit, arm_file: ArmFile, options: Mappin
             for m, predicted, sd in zip(fit.campaign, fit.predicted, fit.predicted_sd, strict=True)
         ],
         "cross_predictions": [
-            {"kind": t.kind, "rows": list(t.rows), "predicted": t.predicted, "sd": t.sd, "z": t.z}
+            {
+                "kind": t.kind,
+                "rows": list(t.rows),
+                "predicted": t.predicted,
+                "z": t.z,
+                "statistic": t.statistic,
+                "degrees_of_freedom": t.degrees_of_freedom,
+                "p_value": t.p_value,
+                "p_value_with_wider_priors": t.wider,
+            }
             for t in fit.cross_predictions
         ],
         "optima": [
