@@ -12,7 +12,7 @@ from ident.inference.problem import InverseProblem
 SHORT = 1e-3
 """Length of the Gauss-Newton step [sd] below which a point is an optimum."""
 SEVERAL = 3.0
-"""Way in theta, e-folds of a stiffness, over which the cost must rise for a direction not to be open."""
+"""Way in theta, e-folds of a stiffness, over which, and over as much again, an open direction's cost does not rise."""
 RISE = 1e-2
 """Rise of the cost over that way that would not be noticed."""
 
@@ -49,8 +49,9 @@ def convergence(problem: InverseProblem, end: End) -> Convergence:
     open_ones = s <= RANK_TOLERANCE * max(s[0], 1e-300)
     far = ~open_ones & (s < 1 / SEVERAL) & (np.abs(components) >= SHORT)
     for i in np.flatnonzero(far):
-        towards = -np.sign(components[i]) * SEVERAL * Vt[i]
-        open_ones[i] = _cost(problem, np.asarray(end.theta) + towards) < float(end.cost) + RISE
+        step = -np.sign(components[i]) * SEVERAL * Vt[i]
+        there, beyond = (_cost(problem, np.asarray(end.theta) + times * step) for times in (1, 2))
+        open_ones[i] = there < float(end.cost) + RISE and beyond < there + RISE
     return Convergence(float(np.linalg.norm(components[~open_ones])), Vt[open_ones])
 
 

@@ -124,7 +124,7 @@ def _campaign(kind: Case, fault: str, rng: np.random.Generator) -> tuple[np.ndar
         hit = rng.permutation(len(data))[: max(1, len(data) // 10)]
         data[hit] += OFF * sigma[hit] * rng.choice([-1, 1], len(hit))
     sigma = 10 * sigma if fault == "copied" else sigma
-    return truth, eqx.tree_at(lambda p: (p.measured, p.sigma), kind.problem, (data, sigma))
+    return truth, eqx.tree_at(lambda p: (p.measured, p.sigma), kind.problem, (jnp.asarray(data), jnp.asarray(sigma)))
 
 
 def _paper() -> Case:
@@ -145,7 +145,7 @@ def _storeys(prior: dict[str, float]) -> Case:
 
     items = tuple(Parameter((name,), True, 1e6, 1e6, **prior) for name in names)
     kinds = ("frequency",) * 4 + ("deflection",) * 4
-    problem = InverseProblem(model, np.ones(8), np.ones(8), Parameters(items), kinds)
+    problem = InverseProblem(model, jnp.ones(8), jnp.ones(8), Parameters(items), kinds)
     return Case(problem, {"frequency": 0.01, "deflection": 0.05}, (0, 1))
 
 

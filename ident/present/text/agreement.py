@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ident.inference.cross_prediction import WIDER, CrossPrediction, contradicting
+from ident.inference.cross_prediction import CrossPrediction, contradicting
 from ident.inference.verdicts import RARE, standard_deviations
 from ident.measure import Measurement
 from ident.present.text.units import in_read_unit
@@ -16,7 +16,7 @@ def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measure
     for cross in predictions:
         values = "value" if len(cross.rows) == 1 else "values"
         yield (
-            f"  {cross.kind.replace('_', ' ')}, {len(cross.rows)} {values}: T {cross.statistic:.3g} on"
+            f"  {cross.kind.replace('_', ' ')}, {len(cross.rows)} {values}: T {cross.statistic:#.3g} on"
             f" {cross.degrees_of_freedom:.1f} degrees of freedom, p = {cross.p_value:.2g} ({cross.sd:.1f} sd)"
         )
         for i, row in enumerate(cross.rows if cross.z is not None else ()):
@@ -36,7 +36,7 @@ def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
     """Say in a word whether a contradiction would stand with wider priors."""
     worst = min(contradicting(predictions), key=lambda cross: cross.p_value)
     word = "hardly depends on" if worst.wider < RARE else "rests on"
-    wider = f"{standard_deviations(worst.wider):.1f} sd were they {WIDER:g} times as wide"
+    wider = f"{standard_deviations(worst.wider):.1f} sd were they twice as wide"
     return f"It {word} the priors: {worst.sd:.1f} sd, and {wider}."
 
 
