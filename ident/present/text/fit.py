@@ -86,7 +86,7 @@ def _measurements(fit: CampaignFit) -> Iterator[str]:
         row = m.where.rpartition(":")[2]
         yield f"  {row:>3s}  {describe(m):53s} {numbers}   [{unit}]{'  <--' if outlying else ''}"
     count = len(fit.campaign)
-    yield f"  limit for the farthest of {count}: {farthest(count):.1f} sigma; what lies too far from the fit is marked <--"
+    yield f"  limit for the farthest of {count}: {farthest(count):.1f} sigma; what lies too far off is marked <--"
 
 
 def _information(fit: CampaignFit) -> Iterator[str]:
