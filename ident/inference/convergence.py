@@ -42,7 +42,7 @@ def convergence(problem: InverseProblem, end: End) -> Convergence:
     Directions of which J sees nothing are open, and so are those known to less than several e-folds along which the
     model itself shows that the cost does not rise.
     """
-    residuals, slope = _weighed(problem, end)
+    residuals, slope = weighed(problem, end)
     if not (np.isfinite(residuals).all() and np.isfinite(slope).all()):
         return Convergence(np.inf, np.empty((0, len(end.theta))))
     components, s, Vt = _next_step(residuals, slope)
@@ -73,11 +73,11 @@ def _next_step(
 
 
 def _cost(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> float:
-    residuals, _ = _weighed(problem, evaluate(problem, theta))
+    residuals, _ = weighed(problem, evaluate(problem, theta))
     return float(residuals @ residuals) if np.isfinite(residuals).all() else np.inf
 
 
-def _weighed(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
+def weighed(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
     """Return residuals and their slope, without a program for them."""
     residuals, slope = problem.weigh(*(np.asarray(part) for part in (end.predicted, end.jacobian, end.theta)))
     return np.asarray(residuals), np.asarray(slope)

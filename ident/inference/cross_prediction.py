@@ -10,8 +10,9 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ident.inference.convergence import SHORT, step_length, weighed
 from ident.inference.information import RANK_TOLERANCE
-from ident.inference.least_squares import End, solve
+from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import rare, standard_deviations
@@ -41,10 +42,11 @@ class CrossPrediction:
         rows: (n,) places of its values in the campaign.
         measured: (n,) [SI]
         predicted: (n,) [SI] where all other kinds are fitted best.
-        z: (n,) [sd] by how much each value alone is off what the others allow; None where there are more than `FEW`.
+        z: (n,) [sd] by how much each value alone is off what the others allow; None where nothing contradicts, or where
+            there are more than `FEW`.
         statistic: by how much more the minimum of all is than those of the others and of this kind by itself.
         scale, degrees_of_freedom: statistic / scale has a chi-squared distribution if all is right.
-        wider: the same p-value with priors twice as wide; NaN where it was not asked for.
+        wider: the same p-value with priors twice as wide; NaN where nothing contradicts.
     """
 
     kind: str
@@ -112,8 +114,11 @@ def cross_predictions(
     if minima is None:
         return (), known[0]
     found = [_compared(problem, widths, kind, minima) for kind in minima.parts]
-    found = [_by_value(problem, widths, each, minima) for each in found if each.degrees_of_freedom]
+    found = [each for each in found if each.degrees_of_freedom]
     least = minima.every.theta if minima.better else known[0]
+    if not contradicting(found):
+        return tuple(found), least
+    found = [_by_value(problem, widths, each, minima) for each in found]
     return _with_wider(problem, widths, found, [least, start]), least
 
 
@@ -168,7 +173,7 @@ def _search(
     """Search all minima for priors of these widths; the first start is the best that is known for all data."""
     place = np.array(problem.kinds)
     normal, wide = _with_widths(problem, widths), _with_widths(problem, WIDE * widths)
-    first = _minimum(normal, starts[:1])
+    first = _ended(normal, starts[0]) or _minimum(normal, starts[:1])
     if first is None:
         return None
     problems = {kind: (_fitted(normal, place != kind), _fitted(wide, place == kind)) for kind in kinds}
@@ -222,11 +227,18 @@ def _with_wider(
 ) -> tuple[CrossPrediction, ...]:
     """Add to a contradiction what would be left of it with wider priors."""
     kinds, wider = [each.kind for each in found], WIDER * widths
-    minima = _search(problem, wider, kinds, starts) if contradicting(found) else None
+    minima = _search(problem, wider, kinds, starts)
     if minima is None:
         return tuple(found)
     again = {kind: _compared(problem, wider, kind, minima).p_value for kind in minima.parts}
     return tuple(replace(each, wider=again.get(each.kind, math.nan)) for each in found)
+
+
+def _ended(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> End | None:
+    """Return a point as the end of a search, without one; None where it is no optimum."""
+    end = jax.device_get(evaluate(problem, theta))
+    residuals, slope = weighed(problem, end)
+    return end._replace(cost=residuals @ residuals) if step_length(residuals, slope) < SHORT else None
 
 
 def _minimum(problem: InverseProblem, starts: Sequence[Float[np.ndarray, "P"]], known: End | None = None) -> End | None:

@@ -62,10 +62,11 @@ def test_contradicting_kinds_in_closed_form():
 
 def test_a_prior_is_a_measurement_too():
     """x = a + b, y = a; prior N(0, 2) on each: y given x is N(x 4/9, 4 - 16/9) with sigma 1 on x."""
-    found = compared(linear([[1, 1], [1, 0]], [9.0, 0.0], prior_sd=2.0))
-    np.testing.assert_allclose(found["y"].predicted, 4)
-    np.testing.assert_allclose(found["y"].z, -4 / math.sqrt(1 + 4 - 16 / 9))
-    np.testing.assert_allclose(found["x"].z, 9 / math.sqrt(1 + 8 - 16 / 5))
+    assert compared(linear([[1, 1], [1, 0]], [3.0, 0.0], prior_sd=2.0))["y"].z is None, "nothing contradicts"
+    found = compared(linear([[1, 1], [1, 0]], [90.0, 0.0], prior_sd=2.0))
+    np.testing.assert_allclose(found["y"].predicted, 40)
+    np.testing.assert_allclose(found["y"].z, -40 / math.sqrt(1 + 4 - 16 / 9))
+    np.testing.assert_allclose(found["x"].z, 90 / math.sqrt(1 + 8 - 16 / 5))
 
 
 def test_what_the_others_leave_open_is_not_tested():
@@ -174,9 +175,9 @@ def test_flat_priors_raise_rather_too_few_alarms():
 def test_a_power_is_followed_however_far_the_start():
     """The values k and 1 / k^2, started at 100 times the truth."""
     model = lambda p: jnp.stack([p["a"], p["a"] ** -2])  # noqa: E731
-    y = compared(posed(model, 1, [2.0, 0.27], sigma=0.01, positive=True, start=200.0))["y"]
+    y = compared(posed(model, 1, [2.0, 0.30], sigma=0.01, positive=True, start=200.0))["y"]
     np.testing.assert_allclose(y.predicted, 0.25)
-    assert y.z[0] == pytest.approx(0.02 / math.hypot(0.01, 0.25 * 2 * 0.01 / 2), rel=0.05), "a line, nearly"
+    assert y.z[0] == pytest.approx(0.05 / math.hypot(0.01, 0.25 * 2 * 0.01 / 2), rel=0.1), "a line, nearly"
 
 
 def test_a_better_optimum_that_a_part_leads_to_is_taken():

@@ -137,7 +137,6 @@ def test_a_flat_prior_does_not_switch_the_comparison_of_kinds_off(name, prior):
 def test_consistent_numbers_do_not():
     found = fit(arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm())))
     assert [each.kind for each in found.cross_predictions] == ["deflection", "frequency"]
-    assert max(np.abs(t.z).max() for t in found.cross_predictions) < 0.1
     assert max(t.statistic for t in found.cross_predictions) < 0.01
     assert not found.contradictory
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ident.inference.cross_prediction import CrossPrediction, contradicting
+from ident.inference.cross_prediction import FEW, CrossPrediction, contradicting
 from ident.inference.verdicts import RARE, standard_deviations
 from ident.measure import Measurement
 from ident.present.text.units import in_read_unit
@@ -19,7 +19,7 @@ def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measure
             f"  {cross.kind.replace('_', ' ')}, {len(cross.rows)} {values}: T {cross.statistic:#.3g} on"
             f" {cross.degrees_of_freedom:.1f} degrees of freedom, p = {cross.p_value:.2g} ({cross.sd:.1f} sd)"
         )
-        for i, row in enumerate(cross.rows if cross.z is not None else ()):
+        for i, row in enumerate(cross.rows if len(cross.rows) <= FEW else ()):
             yield f"    {against(cross, i, measured[row])}"
     yield "  T: how much more the data cost together than each part by itself; priors count as the others'."
 
