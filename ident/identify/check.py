@@ -9,10 +9,10 @@ from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, contradictory_repeats
-from ident.identify.fit import SUSPICIOUS
 from ident.identify.label_checks import LabelDoubt, label_doubts
 from ident.identify.unknowns import Unknowns
 from ident.inference.consistency import Consistency, consistency
+from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
 from ident.inference.identifiability import Check, check
 from ident.measure import Campaign
 
@@ -25,6 +25,7 @@ class CampaignCheck(Check):
         arm: with the numbers of its file.
         campaign: what was measured.
         consistency: the data among themselves; None where the model has no answer at the start.
+        cross_predictions: each kind of measurement against the others, by fits from a few starts.
         labels: measurements whose mode is not sure.
         repeats: pairs of rows that measured the same and contradict each other; refused unless one is trusted.
     """
@@ -32,14 +33,14 @@ class CampaignCheck(Check):
     arm: Arm
     campaign: Campaign
     consistency: Consistency | None
+    cross_predictions: tuple[CrossPrediction, ...]
     labels: tuple[LabelDoubt, ...]
     repeats: tuple[tuple[int, int], ...]
 
     @property
     def contradictory(self) -> bool:
         """Whether one kind of measurement contradicts the others."""
-        compared = self.consistency.cross_predictions if self.consistency else ()
-        return any(np.abs(each.z).max() > SUSPICIOUS for each in compared)
+        return bool(contradicting(self.cross_predictions))
 
 
 def check_campaign(
@@ -65,12 +66,14 @@ def check_campaign(
         got = "no measurement that depends on any of the unknowns"
         remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
         raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
-    agree = consistency(build_problem(arm, campaign, (unknowns or Unknowns()).with_prior))
+    compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
+    start = np.asarray(compared.parameters.theta(compared.parameters.column("start")))
     return CampaignCheck(
         **vars(checked),
         arm=arm,
         campaign=campaign,
-        consistency=agree,
+        consistency=consistency(compared),
+        cross_predictions=cross_predictions(compared, [start], seed=seed)[0],
         labels=label_doubts(arm, campaign),
         repeats=tuple(contradictory_repeats(campaign)),
     )

@@ -1,63 +1,28 @@
 """The main job in one call: an arm and a campaign in, a fit out, with what speaks against it."""
 
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from ident.arm.arm import Arm
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values
 from ident.identify.unknowns import Unknowns
-from ident.inference.cross_prediction import CrossPrediction, cross_predictions
+from ident.inference.cross_prediction import cross_predictions
 from ident.inference.fit import STARTS, Fit, fit
 from ident.measure import Campaign
-
-SUSPICIOUS = 3.0
-"""Standard deviations from which a difference is called a contradiction."""
-IMPROBABLE = 1e-3
-"""Chance of so large a chi-squared below which model or sigmas are called wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignFit(Fit):
-    """A fit of an arm to a campaign, with each kind of data predicted from the others.
+    """A fit of an arm to a campaign.
 
     Attributes:
         arm: with the numbers of its file.
         campaign: what was measured.
-        cross_predictions: each kind of measurement against the others.
     """
 
     arm: Arm
     campaign: Campaign
-    cross_predictions: tuple[CrossPrediction, ...]
-
-    @property
-    def contradictory(self) -> bool:
-        """Whether one kind of measurement contradicts the others."""
-        return any(np.abs(each.z).max() > SUSPICIOUS for each in self.cross_predictions)
-
-    @property
-    def outliers(self) -> np.ndarray:
-        """Which measurements lie more than three sigma from the fit."""
-        return np.abs(self.residuals) > SUSPICIOUS
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
-        reasons = {
-            "the gradient does not vanish here, so this is not an optimum": not self.best.converged,
-            "the kinds of measurement contradict each other (see below)": self.contradictory,
-            f"{self.outliers.sum()} measurements lie more than 3 sigma from the fit": self.outliers.any(),
-            f"so large a chi-squared has a chance of {self.p_value:.1g}": self.p_value < IMPROBABLE,
-        }
-        return tuple(doubt for doubt, holds in reasons.items() if holds)
-
-    @property
-    def supported(self) -> np.ndarray:
-        """Which parameters an interval may be quoted for: none where the fit itself is in doubt."""
-        return self.information.supported & (not self.doubts)
 
     @property
     def fitted_arm(self) -> Arm:
@@ -93,5 +58,8 @@ def fit_campaign(
     problem = build_problem(arm, campaign, unknowns)
     check_values(problem, campaign, arm, trusted)
     best = fit(problem, starts=starts, seed=seed, progress=progress)
-    compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
-    return CampaignFit(**vars(best), arm=arm, campaign=campaign, cross_predictions=cross_predictions(compared))
+    weak = (unknowns or Unknowns()).with_prior
+    if weak != (unknowns or Unknowns()):
+        compared, _ = cross_predictions(build_problem(arm, campaign, weak), [o.theta for o in best.optima], seed=seed)
+        best = replace(best, cross_predictions=compared)
+    return CampaignFit(**vars(best), arm=arm, campaign=campaign)

@@ -1,15 +1,19 @@
 """Fit parameters to a campaign: least squares from several starts, and how far the answer can be trusted."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ident.errors import ConvergenceError, ModelError
+from ident.inference.convergence import Convergence, convergence
+from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
 from ident.inference.information import RANK_TOLERANCE, Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.problem import InverseProblem
+from ident.inference.verdicts import IMPROBABLE, farthest, outlying
 
 STARTS = 16
 """Starts tried at least, the given one among them."""
@@ -31,7 +35,8 @@ class Optimum:
         theta: (P,) the same, unconstrained.
         cost: sum of squared residuals, data and prior.
         starts: number of starts that ended here.
-        converged: whether the gradient vanishes here.
+        converged: whether the next step is negligible, in all directions but the open ones.
+        open: (N, P) directions in theta along which the cost stays flat or still falls over several e-folds.
     """
 
     values: Float[np.ndarray, "P"]
@@ -39,6 +44,7 @@ class Optimum:
     cost: float
     starts: int
     converged: bool
+    open: Float[np.ndarray, "N P"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,7 @@ class Fit:
         predicted: (D,) [SI] at the answer.
         jacobian: (D, P) d(predicted)/d(theta) there.
         information: what data and prior tell there.
+        cross_predictions: each kind of measurement against the others.
     """
 
     problem: InverseProblem
@@ -60,6 +67,7 @@ class Fit:
     predicted: Float[np.ndarray, "D"]
     jacobian: Float[np.ndarray, "D P"]
     information: Information
+    cross_predictions: tuple[CrossPrediction, ...] = ()
 
     @property
     def best(self) -> Optimum:
@@ -95,6 +103,50 @@ class Fit:
 
         return float(chdtrc(self.degrees_of_freedom, self.chi_squared))
 
+    @property
+    def improbable(self) -> bool:
+        """Whether so large a chi-squared is improbable if model and sigmas are right."""
+        return self.p_value < IMPROBABLE
+
+    @property
+    def contradictory(self) -> bool:
+        """Whether one kind of measurement contradicts the others."""
+        return bool(contradicting(self.cross_predictions))
+
+    @property
+    def outliers(self) -> Bool[np.ndarray, "D"]:
+        """Which measurements lie too far from the fit for so many."""
+        fitted = np.isfinite(np.asarray(self.problem.sigma))
+        found = np.zeros(len(fitted), bool)
+        found[fitted] = outlying(self.residuals[fitted])
+        return found
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
+        count, fitted = self.outliers.sum(), int(np.isfinite(np.asarray(self.problem.sigma)).sum())
+        reasons = {
+            "the search has not ended here, so this is not an optimum": not self.best.converged,
+            "the kinds of measurement contradict each other (see below)": self.contradictory,
+            f"{count} of {fitted} measurements lie too far from the fit (beyond {farthest(fitted):.1f} sigma)": count
+            > 0,
+            f"so large a chi-squared has a chance of {self.p_value:.1g}": self.improbable,
+        }
+        return tuple(doubt for doubt, holds in reasons.items() if holds)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is odd about this fit, though it forbids no interval."""
+        if not self.p_value > 1 - IMPROBABLE:
+            return ()
+        small = f"so small a chi-squared has a chance of {1 - self.p_value:.1g}"
+        return (f"{small}: are the sigmas too large, or rows copied?",)
+
+    @property
+    def supported(self) -> Bool[np.ndarray, "P"]:
+        """Which parameters an interval may be quoted for: none where the fit itself is in doubt."""
+        return self.information.supported & (not self.doubts)
+
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
         """Return intervals of the parameters [SI] by data and prior, normal in theta."""
         half = half_width(level) * self.information.sd
@@ -118,7 +170,8 @@ def fit(
     """Fit the parameters by Levenberg-Marquardt from several starts.
 
     After `starts` of them the search goes on, up to `PATIENCE` times as many, until `AGAIN` starts have ended in the
-    best optimum: an optimum that was met once only may not be the best one.
+    best optimum: an optimum that was met once only may not be the best one. Nor may one whose chi-squared is
+    improbable, so that the search goes on there as well, before data are blamed.
 
     Args:
         problem: model, data and unknowns.
@@ -134,51 +187,73 @@ def fit(
     first = problem.parameters.theta(problem.parameters.column("start"))
     noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
     noise[0] = 0
-    reached: list[End] = []
+    reached: list[tuple[End, Convergence]] = []
     optima: tuple[Optimum, ...] = ()
     tried = 0
     for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
         end = solve(problem, first + noise[tried - 1])
         if np.isfinite(end.cost):
-            reached.append(End(*(np.asarray(part) for part in end)))
+            reached.append(_measured(problem, end))
             optima = _distinct(problem, reached)
-        if tried >= starts and optima and optima[0].starts >= AGAIN:
+        if tried >= starts and optima and optima[0].starts >= AGAIN and not _answer(problem, reached).improbable:
             break
     if not reached:
         raise _no_optimum(evaluate(problem).predicted)
-    best = min(reached, key=lambda end: float(end.cost))
+    agreement, least = cross_predictions(problem, [optimum.theta for optimum in optima], seed=seed)
+    if least is not optima[0].theta:
+        tried += 1
+        reached.append(_measured(problem, solve(problem, least)))
+        optima = _distinct(problem, reached)
+    failed = tried - sum(optimum.starts for optimum in optima)
+    return replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
+
+
+def _answer(problem: InverseProblem, reached: list[tuple[End, Convergence]]) -> Fit:
+    """Return the fit of the best end, without the optima."""
+    best, _ = min(reached, key=_cost)
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
     known = information(scaled, _prior_sd(problem), problem.parameters.names)
-    ended = sum(optimum.starts for optimum in optima)
-    return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known)
+    return Fit(problem, (), 0, best.predicted, best.jacobian, known)
 
 
-def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
+def _measured(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
+    """Return where a search ended, and how."""
+    end = jax.device_get(end)
+    return end, convergence(problem, end)
+
+
+def _cost(reached: tuple[End, Convergence]) -> float:
+    return float(reached[0].cost)
+
+
+def _distinct(problem: InverseProblem, ends: list[tuple[End, Convergence]]) -> tuple[Optimum, ...]:
     """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long and curved.
 
-    Ends with a gradient are dropped, unless the best one has it.
+    Ends that are no optimum are dropped, unless it is the best one.
     """
-    groups: list[list[End]] = []
+    groups: list[list[tuple[End, Convergence]]] = []
     sigma, prior_sd = np.asarray(problem.sigma), _prior_sd(problem)
-    for end in sorted(ends, key=lambda e: float(e.cost)):
+    for end, how in sorted(ends, key=_cost):
         for group in groups:
-            step = end.theta - group[0].theta
-            apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])
+            first, _ = group[0]
+            step = end.theta - first.theta
+            apart = np.concatenate([first.jacobian @ step / sigma, step / prior_sd])
             near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
-            level = abs(end.cost - group[0].cost) < SAME * SAME * (1 + end.cost)
-            if near or (level and _is_valley(group[0].jacobian / sigma[:, None], prior_sd)):
-                group.append(end)
+            level = abs(end.cost - first.cost) < SAME * SAME * (1 + end.cost)
+            if near or (level and _is_valley(first.jacobian / sigma[:, None], prior_sd)):
+                group.append((end, how))
                 break
         else:
-            groups.append([end])
-    optima = [group for i, group in enumerate(groups) if i == 0 or any(end.converged for end in group)]
+            groups.append([(end, how)])
+    optima = [group for i, group in enumerate(groups) if i == 0 or any(how.converged for _, how in group)]
     return tuple(
         Optimum(
-            np.asarray(problem.parameters.values(group[0].theta)),
-            group[0].theta,
-            float(group[0].cost),
+            np.asarray(problem.parameters.values(group[0][0].theta)),
+            group[0][0].theta,
+            float(group[0][0].cost),
             len(group),
-            any(end.converged for end in group),
+            any(how.converged for _, how in group),
+            group[0][1].open,
         )
         for group in optima
     )

@@ -16,8 +16,6 @@ from ident.jit import jit
 MAX_STEPS = 200
 TOLERANCE = 1e-10
 """Relative and absolute change of theta and of the residuals at which a search ends."""
-STATIONARY = 1e-6
-"""Gradient of the cost, relative to one plus the cost, below which a point is an optimum."""
 
 
 class End(NamedTuple):
@@ -28,11 +26,6 @@ class End(NamedTuple):
     gradient: Any
     predicted: Any
     jacobian: Any
-
-    @property
-    def converged(self) -> bool:
-        """Whether the gradient vanishes."""
-        return bool(np.abs(self.gradient).max() < STATIONARY * (1 + self.cost))
 
 
 def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None) -> End:

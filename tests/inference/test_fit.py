@@ -18,10 +18,10 @@ from ident.identify.data_checks import check_values
 from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
-from ident.inference.cross_prediction import cross_predictions
 from ident.inference.fit import fit
 from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameter, Parameters
+from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign
 
@@ -112,14 +112,34 @@ def test_the_measured_numbers_of_the_paper_contradict_each_other():
     assert found.contradictory
     assert not found.supported.any(), "no interval is quoted from data that contradict each other"
     by_kind = {each.kind: each for each in found.cross_predictions}
-    assert by_kind["deflection"].predicted[0] > 0.029, "frequencies alone ask for some 31 mm; 22 were measured"
-    assert by_kind["deflection"].z[0] < -5
-    assert by_kind["frequency"].z[0] < -5
+    deflection, frequency = by_kind["deflection"], by_kind["frequency"]
+    assert deflection.predicted[0] > 0.029, "frequencies alone ask for some 31 mm; 22 were measured"
+    assert deflection.statistic == pytest.approx(17.12 - 0.12, abs=0.01)
+    assert deflection.degrees_of_freedom == pytest.approx(1, abs=0.03)
+    assert deflection.sd == pytest.approx(4.1, abs=0.05)
+    assert deflection.z[0] == pytest.approx(-(17.0**0.5), abs=0.01), "of a single value, T is its square"
+    assert frequency.degrees_of_freedom == pytest.approx(2, abs=0.03)
+    assert frequency.z[0] == pytest.approx(deflection.z[0], abs=0.01)
+    assert 0.01 < deflection.wider < 0.02, "with priors twice as wide it would be 2.4 sd: it rests on them"
+
+
+@pytest.mark.parametrize("prior", [Prior.log_uniform(1e5, 1e6), Prior.catalogue(2e5, 3e5, 5e5)], ids=str)
+@pytest.mark.parametrize("name", ["table1", "campaign"])
+def test_a_flat_prior_does_not_switch_the_comparison_of_kinds_off(name, prior):
+    campaign = read_campaign(DATA / f"{name}.csv")
+    found = fit_campaign(lcd_arm(), campaign, Unknowns(priors={"joint1.k_tors": prior}))
+    assert [each.kind for each in found.cross_predictions] == ["deflection", "frequency"]
+    assert all(np.isfinite([each.statistic, each.p_value]).all() for each in found.cross_predictions)
+    assert found.contradictory == (name == "table1")
+    if name == "table1":
+        assert found.cross_predictions[0].statistic == pytest.approx(17.0, abs=0.1)
 
 
 def test_consistent_numbers_do_not():
     found = fit(arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm())))
-    assert max(np.abs(t.z).max() for t in cross_predictions(found.problem)) < 0.1
+    assert [each.kind for each in found.cross_predictions] == ["deflection", "frequency"]
+    assert max(t.statistic for t in found.cross_predictions) < 0.01
+    assert not found.contradictory
 
 
 def test_damping_ratios_give_the_damping_times():

@@ -1,5 +1,6 @@
 """What tests of figures share: fits made up of any size, and whether a figure is tidy."""
 
+from dataclasses import replace
 from functools import cache
 
 import jax.numpy as jnp
@@ -25,7 +26,8 @@ def fitted(name):
     """One start and no cross-predictions: a figure needs no more."""
     campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
     problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
-    return CampaignFit(**vars(fit(problem, starts=1)), arm=lcd_arm(), campaign=campaign, cross_predictions=())
+    found = replace(fit(problem, starts=1), cross_predictions=())
+    return CampaignFit(**vars(found), arm=lcd_arm(), campaign=campaign)
 
 
 def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
@@ -59,10 +61,8 @@ def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
         lambda p: p, jnp.full(measurements, 0.03), jnp.asarray(sigma), unknowns, tuple(m.kind for m in campaign)
     )
     predicted = 0.03 + rng.normal(size=measurements) * 1e-4
-    optimum = Optimum(values, theta, 1.0, 3, True)
-    return CampaignFit(
-        problem, (optimum,), 0, predicted, jacobian, known, arm=lcd_arm(), campaign=campaign, cross_predictions=()
-    )
+    optimum = Optimum(values, theta, 1.0, 3, True, np.empty((0, parameters)))
+    return CampaignFit(problem, (optimum,), 0, predicted, jacobian, known, arm=lcd_arm(), campaign=campaign)
 
 
 def boxes(figure):

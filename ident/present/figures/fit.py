@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 
-from ident.identify.fit import SUSPICIOUS, CampaignFit
+from ident.identify.fit import CampaignFit
+from ident.inference.cross_prediction import contradicting
 from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.parameters import Parameter
 from ident.measure import Campaign
@@ -228,24 +229,22 @@ def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
     p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ": nothing is left to test the model with"
     yield f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}", False
     if not fit.best.converged:
-        yield "The gradient does not vanish here: this is not an optimum", True
+        yield "The search has not ended here: this is not an optimum", True
     rivals = sum(o.cost < fit.best.cost + 4 for o in fit.optima[1:])
     if rivals:
         yield f"{rivals} other optimum fits about as well: the data do not choose between them", True
-    doubts = sorted(
-        ((t, i) for t in fit.cross_predictions for i in range(len(t.rows)) if abs(t.z[i]) > SUSPICIOUS),
-        key=lambda pair: -abs(pair[0].z[pair[1]]),
-    )
-    if doubts:
+    if fit.contradictory:
         yield "CONTRADICTION: the kinds disagree; the fit joins them only by implausible values.", True
     elif fit.cross_predictions:
-        worst = max(float(np.abs(t.z).max()) for t in fit.cross_predictions)
-        yield f"The kinds of measurement agree: each from the others within {worst:.1f} sd", False
-    for t, i in doubts[:4]:
+        worst = max(t.sd for t in fit.cross_predictions)
+        yield f"The kinds of measurement agree: each with the others within {worst:.1f} sd", False
+    doubts = contradicting(fit.cross_predictions)
+    rows = [(z, t, i) for t in doubts if t.z is not None for i, z in enumerate(np.abs(t.z).tolist())]
+    for z, t, i in sorted(rows, key=lambda row: -row[0])[:4]:
         m = fit.campaign.measurements[t.rows[i]]
-        (value, unit), (sd, _) = in_read_unit(m.kind, float(t.predicted[i])), in_read_unit(m.kind, float(t.sd[i]))
+        value, unit = in_read_unit(m.kind, float(t.predicted[i]))
         yield f"   {cut(short(m), 60)}:", False
-        yield f"      the other kinds predict {value:.3g} ± {sd:.2g} {unit}, {abs(t.z[i]):.1f} sd away", False
+        yield f"      the other kinds lead to {value:.3g} {unit}, {z:.1f} sd away", False
 
 
 def _write(axes: Axes, notes: Sequence[tuple[str, bool]]) -> None:
