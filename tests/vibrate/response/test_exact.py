@@ -173,7 +173,9 @@ def test_stiff_arm_takes_the_implicit_method() -> None:
 
 def test_tolerance_that_cannot_be_met() -> None:
     """One line that names the times."""
-    with pytest.raises(ConvergenceError, match=r"^the simulation cannot meet its tolerance from 0 to 0\.5 s; loosen .*$"):
+    with pytest.raises(
+        ConvergenceError, match=r"^the simulation cannot meet its tolerance from 0 to 0\.5 s; loosen .*$"
+    ):
         run(lcd_arm(), swing(), *started(), 0.5, max_steps=10)
 
 
