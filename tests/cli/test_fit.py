@@ -51,7 +51,7 @@ def test_options_reach_the_fit(run, tmp_path):
         DATA / "campaign.csv",
         "--fix=joint1.k_bend",
         "--tie=joint2.k_tors=joint3.k_tors",
-        "--starts=4",
+        "--starts=1",
         "--no-figure",
         "--no-prior",
         "--out=results",
