@@ -11,12 +11,12 @@ from emcee.moves.red_blue import RedBlueMove
 from jaxtyping import Float, Int
 
 from ident.inference.checkpoints import Draws, Walkers
-from ident.inference.fit import Optimum
 from ident.inference.information import information
 from ident.inference.initial_walkers import initial_walkers
 from ident.inference.least_squares import evaluate as fit_at
 from ident.inference.marginal import Marginal, densities, with_factors
 from ident.inference.moves import Apart, Independent, InReciprocals
+from ident.inference.optima import Optimum
 
 BLOCK = 50
 """Steps between two checkpoints."""

@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ident.errors import ConvergenceError, ModelError
-from ident.inference.convergence import Convergence, convergence
+from ident.inference.convergence import convergence
 from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
-from ident.inference.information import RANK_TOLERANCE, Information, half_width, information
+from ident.inference.information import Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
+from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd
 from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import IMPROBABLE, farthest, outlying
 
@@ -22,29 +23,6 @@ PATIENCE = 6
 AGAIN = 3
 SPREAD = 1.0
 """Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
-SAME = 1e-3
-"""Ends nearer to each other than this, in standard deviations of the data or of theta, are one optimum."""
-
-
-@dataclass(frozen=True)
-class Optimum:
-    """Where one or several starts ended.
-
-    Attributes:
-        values: (P,) parameters [SI].
-        theta: (P,) the same, unconstrained.
-        cost: sum of squared residuals, data and prior.
-        starts: number of starts that ended here.
-        converged: whether the next step is negligible, in all directions but the open ones.
-        open: (N, P) directions in theta along which the cost stays flat or still falls over several e-folds.
-    """
-
-    values: Float[np.ndarray, "P"]
-    theta: Float[np.ndarray, "P"]
-    cost: float
-    starts: int
-    converged: bool
-    open: Float[np.ndarray, "N P"]
 
 
 @dataclass(frozen=True)
@@ -147,11 +125,31 @@ class Fit:
         """Which parameters an interval may be quoted for: none where the fit itself is in doubt."""
         return self.information.supported & (not self.doubts)
 
+    @property
+    def rivals(self) -> tuple[Optimum, ...]:
+        """Further optima that the data do not rule out: of a cost within the 95 % limit of the best one's."""
+        limit = self.best.cost + half_width(0.95) ** 2
+        return tuple(optimum for optimum in self.optima[1:] if optimum.converged and optimum.cost < limit)
+
+    @property
+    def ties(self) -> int:
+        """Number of optima that fit exactly as well as the best one: then the answer is one of several."""
+        return sum(optimum.converged and is_tie(optimum.cost, self.best.cost) for optimum in self.optima[1:])
+
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
-        """Return intervals of the parameters [SI] by data and prior, normal in theta."""
-        half = half_width(level) * self.information.sd
-        ends = np.stack([self.best.theta - half, self.best.theta + half], 1)
-        return np.asarray(self.problem.parameters.values(ends))
+        """Return intervals of the parameters [SI] by data and prior, normal in theta.
+
+        An interval reaches over all optima that the data do not rule out: about each, as far as the cost rises to the
+        same height above the best one's.
+        """
+        height = half_width(level) ** 2
+        halves = [
+            (each.theta, np.sqrt(height - above) * each.sd)
+            for each in (self.best, *self.rivals)
+            if (above := each.cost - self.best.cost) < height
+        ]
+        low, high = (np.array([theta + sign * half for theta, half in halves]) for sign in (-1, 1))
+        return np.asarray(self.problem.parameters.values(np.stack([low.min(0), high.max(0)], 1)))
 
     @property
     def predicted_sd(self) -> Float[np.ndarray, "D"]:
@@ -187,14 +185,14 @@ def fit(
     first = problem.parameters.theta(problem.parameters.column("start"))
     noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
     noise[0] = 0
-    reached: list[tuple[End, Convergence]] = []
+    reached: list[Ended] = []
     optima: tuple[Optimum, ...] = ()
     tried = 0
     for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
         end = solve(problem, first + noise[tried - 1])
         if np.isfinite(end.cost):
             reached.append(_measured(problem, end))
-            optima = _distinct(problem, reached)
+            optima = distinct(problem, reached)
         if tried >= starts and optima and optima[0].starts >= AGAIN and not _answer(problem, reached).improbable:
             break
     if not reached:
@@ -203,72 +201,23 @@ def fit(
     if least is not optima[0].theta:
         tried += 1
         reached.append(_measured(problem, solve(problem, least)))
-        optima = _distinct(problem, reached)
+        optima = distinct(problem, reached)
     failed = tried - sum(optimum.starts for optimum in optima)
     return replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
 
 
-def _answer(problem: InverseProblem, reached: list[tuple[End, Convergence]]) -> Fit:
+def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:
     """Return the fit of the best end, without the optima."""
-    best, _ = min(reached, key=_cost)
+    best, _ = in_order(problem, reached)[0]
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
-    known = information(scaled, _prior_sd(problem), problem.parameters.names)
+    known = information(scaled, normal_prior_sd(problem), problem.parameters.names)
     return Fit(problem, (), 0, best.predicted, best.jacobian, known)
 
 
-def _measured(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
+def _measured(problem: InverseProblem, end: End) -> Ended:
     """Return where a search ended, and how."""
     end = jax.device_get(end)
     return end, convergence(problem, end)
-
-
-def _cost(reached: tuple[End, Convergence]) -> float:
-    return float(reached[0].cost)
-
-
-def _distinct(problem: InverseProblem, ends: list[tuple[End, Convergence]]) -> tuple[Optimum, ...]:
-    """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long and curved.
-
-    Ends that are no optimum are dropped, unless it is the best one.
-    """
-    groups: list[list[tuple[End, Convergence]]] = []
-    sigma, prior_sd = np.asarray(problem.sigma), _prior_sd(problem)
-    for end, how in sorted(ends, key=_cost):
-        for group in groups:
-            first, _ = group[0]
-            step = end.theta - first.theta
-            apart = np.concatenate([first.jacobian @ step / sigma, step / prior_sd])
-            near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
-            level = abs(end.cost - first.cost) < SAME * SAME * (1 + end.cost)
-            if near or (level and _is_valley(first.jacobian / sigma[:, None], prior_sd)):
-                group.append((end, how))
-                break
-        else:
-            groups.append([(end, how)])
-    optima = [group for i, group in enumerate(groups) if i == 0 or any(how.converged for _, how in group)]
-    return tuple(
-        Optimum(
-            np.asarray(problem.parameters.values(group[0][0].theta)),
-            group[0][0].theta,
-            float(group[0][0].cost),
-            len(group),
-            any(how.converged for _, how in group),
-            group[0][1].open,
-        )
-        for group in optima
-    )
-
-
-def _prior_sd(problem: InverseProblem) -> np.ndarray:
-    """Return the priors' standard deviations in theta; infinite for flat ones, whose edges are one-sided."""
-    parameters = problem.parameters
-    return np.where(np.asarray(parameters.column("flat")) > 0, np.inf, np.asarray(parameters.column("prior_sd")))
-
-
-def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:
-    """Tell whether data and prior together leave a direction open."""
-    s = np.linalg.svd(np.vstack([scaled, np.diag(1 / prior_sd)]), compute_uv=False)
-    return bool(s[-1] < RANK_TOLERANCE * s[0])
 
 
 def _no_optimum(predicted: Array) -> ModelError:

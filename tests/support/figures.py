@@ -11,8 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from ident.identify.build_problem import arm_problem
 from ident.identify.fit import CampaignFit
 from ident.identify.unknowns import stiffness_parameters
-from ident.inference.fit import Optimum, fit
+from ident.inference.fit import fit
 from ident.inference.information import information
+from ident.inference.optima import Optimum
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
@@ -61,7 +62,7 @@ def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
         lambda p: p, jnp.full(measurements, 0.03), jnp.asarray(sigma), unknowns, tuple(m.kind for m in campaign)
     )
     predicted = 0.03 + rng.normal(size=measurements) * 1e-4
-    optimum = Optimum(values, theta, 1.0, 3, True, np.empty((0, parameters)))
+    optimum = Optimum(values, theta, 1.0, 3, True, np.empty((0, parameters)), known.sd)
     return CampaignFit(problem, (optimum,), 0, predicted, jacobian, known, arm=lcd_arm(), campaign=campaign)
 
 

@@ -230,9 +230,9 @@ def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
     yield f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}", False
     if not fit.best.converged:
         yield "The search has not ended here: this is not an optimum", True
-    rivals = sum(o.cost < fit.best.cost + 4 for o in fit.optima[1:])
-    if rivals:
-        yield f"{rivals} other optimum fits about as well: the data do not choose between them", True
+    if rivals := len(fit.rivals):
+        others = "Another optimum is" if rivals == 1 else f"{rivals} other optima are"
+        yield f"{others} not ruled out: each interval reaches over all of them", True
     if fit.contradictory:
         yield "CONTRADICTION: the kinds disagree; the fit joins them only by implausible values.", True
     elif fit.cross_predictions:

@@ -185,6 +185,9 @@ def _optima(fit: Fit) -> Iterator[str]:
     if fit.best.converged and len(fit.best.open):
         count = f"{len(fit.best.open)} of {len(fit.best.theta)} directions"
         yield f"  open: along {count} the cost stays flat, or still falls, over several e-folds"
-    rivals = [o for o in fit.optima[1:] if o.cost < fit.best.cost + 4]
-    if rivals:
-        yield f"  WARNING: so good a fit has rivals, {len(rivals)} in number; the data do not choose between them"
+    if fit.ties:
+        yield f"  NOT UNIQUE: {fit.ties + 1} optima fit exactly as well: globally not identifiable. The answer is"
+        yield "  the one nearest to the priors' centre."
+    if rivals := len(fit.rivals):
+        others = "another optimum" if rivals == 1 else f"{rivals} other optima"
+        yield f"  WARNING: the data do not rule out {others}; each interval reaches over all of them"
