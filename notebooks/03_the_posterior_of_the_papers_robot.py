@@ -98,12 +98,12 @@ figures["posterior"]
 # The predictions now lie on the measured values, and the stiffnesses are back where the paper has them. What is left
 # of the certainty?
 #
-# - **One by one, the stiffnesses are open** (upper left). The 95 % intervals span a factor of six to more than twenty
+# - **One by one, the stiffnesses are open** (upper left). The 95 % intervals span a factor of seven to thirty
 #   from end to end, and five of six posteriors keep more than half of the prior's width in ln(stiffness). Torsion of
 #   joint 1 is the best known of them, and that is not much: it is rather more than less stiff than in the paper.
 # - **In combination some are known** (lower left; filled markers, far from the prior's bar). A product of torsional
-#   stiffnesses, that of joint 1 foremost, is known to about 30 %, and a product of the bending stiffnesses to a factor
-#   of 1.5. Before, when the frequency had to be met exactly, such combinations were known to about a percent at any
+#   stiffnesses, that of joint 1 foremost, is known to a factor of 1.4, and a product of the bending stiffnesses to
+#   one of 1.5. Before, when the frequency had to be met exactly, such combinations were known to about a percent at any
 #   one place of the sheet; ten percent of doubt in the frequency makes twenty in a stiffness.
 # - **Best known of all is how wrong the model is**: the first row, a combination of the two factors, to one or two
 #   percent. That is no stiffness, it is a statement on lengths, masses and tests.
@@ -192,7 +192,7 @@ figure
 # The product of frequency squared and deflection is off by a fifth to a third, unless joint 3 is less than half as
 # stiff in bending as the paper says.
 #
-# What they do not establish: any of the six stiffnesses, whose 95 % intervals span a factor of about six at least; and
+# What they do not establish: any of the six stiffnesses, whose 95 % intervals span a factor of seven at least; and
 # whether it is frequency or deflection that the model has wrong. Three numbers cannot tell these apart, and no sampler
 # changes that.
 #
