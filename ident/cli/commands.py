@@ -114,7 +114,9 @@ def plan_command(
 
     if campaign is not None:
         measured, described = running.read(campaign, arm)
-        finish(plan(described, measured, options, progress=running.progress), out, no_figure)
+        result = plan(described, measured, options, progress=running.progress)
+        finish(result, out, no_figure)
+        leave(result, strict=False)
     elif arm is not None:
         finish(plan(read_arm(arm), None, options), out, no_figure)
     else:

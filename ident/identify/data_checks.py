@@ -117,12 +117,13 @@ def _apart(a: Measurement, b: Measurement) -> float:
 
 
 def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collection[str]) -> Iterator[Problem]:
-    for i, j in contradictory_repeats(campaign):
-        if names[i] in trusted or names[j] in trusted:
-            continue
-        first, second = campaign.measurements[i], campaign.measurements[j]
-        got = f"{second.value:.4g} (SI), {_apart(first, second):.2g} sd from row {names[i]}, which measured the same"
-        remedy = f"drop the wrong one, widen their sigmas, or {_right(names[i], names[j])}"
+    kept = [i for i, name in enumerate(names) if name not in trusted]
+    measurements = tuple(campaign.measurements[i] for i in kept)
+    for i, j in contradictory_repeats(replace(campaign, measurements=measurements)):
+        first, second = measurements[i], measurements[j]
+        a, b = names[kept[i]], names[kept[j]]
+        got = f"{second.value:.4g} (SI), {_apart(first, second):.2g} sd from row {a}, which measured the same"
+        remedy = f"drop the wrong one, widen their sigmas, or {_right(a, b)}"
         yield Problem(second.where, got, f"about {first.value:.4g}", remedy, "value")
 
 

@@ -86,5 +86,7 @@ def check(
     from ident.identify.check import check_campaign
 
     options, arm_file, campaign = CheckOptions.of(options), as_file(arm), as_campaign(campaign)
-    checked = check_campaign(arm_file.arm, campaign, options.unknowns, seed=options.seed, trusted=options.trust_values)
+    checked = check_campaign(
+        arm_file.arm, campaign, options.unknowns, seed=options.seed, trusted=tuple(map(str, options.trust_values))
+    )
     return CheckResult(arm_file, checked, options)

@@ -138,7 +138,7 @@ def fit(
         options.unknowns,
         starts=options.starts,
         seed=options.seed,
-        trusted=options.trust_values,
+        trusted=tuple(map(str, options.trust_values)),
         progress=progress("starts"),
     )
     return FitResult(arm_file, fitted, options)

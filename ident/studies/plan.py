@@ -127,6 +127,11 @@ class PlanResult(Result):
             write_form(self.plan, each)
         return (*super()._write(path, head), *forms)
 
+    @property
+    def short(self) -> bool:
+        """Whether the fit that the plan starts from is no optimum."""
+        return self.plan.fit is not None and not self.plan.fit.best.converged
+
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
 

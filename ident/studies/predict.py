@@ -177,6 +177,8 @@ def predict(
     central = fitted or drawn
     changed = arm_file.arm.replace((central.medians if central else {}) | options.set)
     draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)
+    if drawn and not draws:
+        raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
     postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]
     analyses = [modal_analysis(changed, posture, load, options.modes) for posture in postures]
     predictions = tuple(predict_draws(each, draws) if draws else Prediction(each) for each in analyses)

@@ -70,6 +70,11 @@ class ProfileResult(Result):
 
         return profile_rows(self.profiles)
 
+    @property
+    def short(self) -> bool:
+        """Whether the fit that is profiled is no optimum."""
+        return not self.fit.best.converged
+
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.fit.campaign}
 

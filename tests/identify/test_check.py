@@ -295,6 +295,9 @@ def test_contradictory_repeats_name_both_rows():
         check_campaign(lcd_arm(), campaign)
     assert len(str(error.value).splitlines()) == 1
     assert check_campaign(lcd_arm(), campaign, trusted=("9",)).repeats == ((0, 2),)
+    fourth = deflection(0.0230, where="c.csv:12")
+    with pytest.raises(InputError, match=r"c.csv:12, value: got .* from row"):
+        check_campaign(lcd_arm(), Campaign(measurements=(first, agreeing, third, fourth)), trusted=("9",))
 
 
 def test_right_repeats_are_rarely_taken_to_contradict_each_other():

@@ -57,7 +57,8 @@ def test_a_posterior_gives_medians_and_bands(drawn, tmp_path):
 
 def test_what_is_set_is_not_drawn(drawn):
     both = PredictOptions(set={"joint1.k_tors": 5e4, "link2.mass": 30.0})
-    assert np.isnan(predict(lcd_arm(), both, posterior=drawn).frequency_bands[0]).all()
+    with pytest.raises(ident.InputError, match="set: got every number of the posterior"):
+        predict(lcd_arm(), both, posterior=drawn)
 
 
 def test_a_fit_gives_its_values():

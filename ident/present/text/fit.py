@@ -190,4 +190,4 @@ def _optima(fit: Fit) -> Iterator[str]:
         yield "  the one nearest to the priors' centre."
     if rivals := len(fit.rivals):
         others = "another optimum" if rivals == 1 else f"{rivals} other optima"
-        yield f"  WARNING: the data do not rule out {others}; each interval reaches over all of them"
+        yield f"  WARNING: the data do not rule out {others}; each interval reaches over all that were found"
