@@ -232,7 +232,7 @@ def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
         yield "The search has not ended here: this is not an optimum", True
     if rivals := len(fit.rivals):
         others = "Another optimum is" if rivals == 1 else f"{rivals} other optima are"
-        yield f"{others} not ruled out: each interval reaches over all of them", True
+        yield f"{others} not ruled out: each interval reaches over all that were found", True
     if fit.contradictory:
         yield "CONTRADICTION: the kinds disagree; the fit joins them only by implausible values.", True
     elif fit.cross_predictions:
