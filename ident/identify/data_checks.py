@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, ModelError, Problem
@@ -15,20 +14,15 @@ from ident.identify.conditions import BY_MODE
 from ident.identify.modal_analysis import modal_analysis
 from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
+from ident.inference.verdicts import SUSPICIOUS, farthest
 from ident.measure import Campaign, Measurement
 from ident.text import quoted
 
 PLAUSIBLE = {"frequency": 3.0, "damping_ratio": 100.0, "deflection": 5.0, "deflection_difference": 5.0}
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
 
-DISAGREE = 2 * ndtr(-3.0)
-"""Chance that repeats which are right are taken to contradict each other; one pair does so from 3 sd on."""
-
 ALL = "all"
 """What trusts the values of all rows."""
-
-SURE = 3.0
-"""Standard deviations by which a value may be off before it is compared with what is plausible."""
 
 SLACK = math.radians(0.5)
 """By how much a held angle may lie beyond a joint's limit [rad]: how well it is read."""
@@ -76,7 +70,7 @@ def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     """Refuse a value that differs from the prediction by more than a factor, even if its sigma is considered."""
     limit = PLAUSIBLE[m.kind]
     low, high = sorted((expected / limit, expected * limit))
-    if not expected or not (m.value + SURE * m.sigma < low or m.value - SURE * m.sigma > high):
+    if not expected or not (m.value + SUSPICIOUS * m.sigma < low or m.value - SUSPICIOUS * m.sigma > high):
         return
     ratio = m.value / expected
     radians = m.kind == "frequency" and 0.8 < ratio / (2 * math.pi) < 1.25
@@ -85,10 +79,9 @@ def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     yield Problem(m.where, got, f"about {expected:.4g}", f"{hint}check value and unit, or {_right(row)}", "value")
 
 
-def _right(*rows: str) -> str:
+def _right(row: str) -> str:
     """Return the remedy of who knows better."""
-    which = f"it is right (`trust_values` {rows[0]})" if len(rows) == 1 else f"both are (`trust_values` {rows[1]})"
-    return f"say that {which}"
+    return f"say that it is right (`trust_values` {row})"
 
 
 def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
@@ -104,7 +97,7 @@ def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
             angles = tuple(round(angle, 5) for angle in m.posture)
             same.setdefault(replace(m, posture=angles, value=0.5, sigma=1.0, note=""), []).append(row)
     pairs = sum(math.comb(len(rows), 2) for rows in same.values())
-    limit = -ndtri(DISAGREE / 2 / max(pairs, 1))
+    limit = farthest(pairs)
     for rows in same.values():
         apart = {(i, j): _apart(campaign.measurements[i], campaign.measurements[j]) for i, j in combinations(rows, 2)}
         worst = max(apart, key=apart.__getitem__, default=None)
@@ -123,7 +116,7 @@ def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collectio
         first, second = measurements[i], measurements[j]
         a, b = names[kept[i]], names[kept[j]]
         got = f"{second.value:.4g} (SI), {_apart(first, second):.2g} sd from row {a}, which measured the same"
-        remedy = f"drop the wrong one, widen their sigmas, or {_right(a, b)}"
+        remedy = f"drop the wrong one, widen their sigmas, or say that both are (`trust_values` {b})"
         yield Problem(second.where, got, f"about {first.value:.4g}", remedy, "value")
 
 
