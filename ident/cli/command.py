@@ -63,6 +63,8 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
             inputs = {p.name: values[p.name] for p in own}
             try:
                 options = _options(kind, values)
+                if "out" in inputs:
+                    running.check_folder(inputs["out"])
                 running.start()
                 function(**inputs, options=options)
             except InputError as error:

@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ident.errors import InputError, Problem
+from ident.text import one_line
+
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.measure import Campaign
@@ -33,6 +36,20 @@ def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
 
     measured = read_campaign(campaign)
     return measured, read_arm(arm or campaign.parent / "arm.toml")
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that can't be written, before anything is computed for it.
+
+    Raises:
+        InputError: it is a file, or lies where nothing can be written.
+    """
+    there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        got = "a file" if not there.is_dir() else "no right to write"
+        raise InputError(
+            Problem(one_line(str(there)), got, "a folder that can be written", "choose another (`folder`)")
+        )
 
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:
