@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ident.cli.times import TIMES, watch_jax
 from ident.errors import InputError, Problem
 from ident.text import one_line
 
@@ -27,15 +28,23 @@ def start() -> None:
     if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         jax.config.update("jax_compilation_cache_dir", str(Path(folder) / "ident" / "jax"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    watch_jax()
 
 
 def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
-    """Read a campaign and its arm: arm.toml beside the campaign if no other is named."""
-    from ident.description.file import read_arm
+    """Read a campaign and its arm, arm.toml beside the campaign if no other is named; and set up jax between them.
+
+    So a campaign that is refused need not wait for jax.
+    """
     from ident.measure import read_campaign
 
-    measured = read_campaign(campaign)
-    return measured, read_arm(arm or campaign.parent / "arm.toml")
+    with TIMES.on("reading"):
+        measured = read_campaign(campaign)
+    start()
+    from ident.description.file import read_arm
+
+    with TIMES.on("reading"):
+        return measured, read_arm(arm or campaign.parent / "arm.toml")
 
 
 def check_folder(out: Path) -> None:
