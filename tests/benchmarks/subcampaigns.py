@@ -54,9 +54,8 @@ def report(found: list[Verdict], factor: float) -> bool:
     refused = Counter(v.refused.partition(": got")[2][:60] for v in found if v.refused)
     print(f"  broken {len(broken)}; starts lost in {len(lost)}; truth fits better in {sum(v.missed for v in found)}")
     print(f"  refused {sum(refused.values())}: {dict(refused)}" if refused else "  refused none")
-    print(
-        f"  several optima in {sum(v.optima > 1 for v in found)}; doubts {dict(Counter(d for v in found for d in v.doubts))}"
-    )
+    doubts = Counter(doubt for v in found for doubt in v.doubts)
+    print(f"  several optima in {sum(v.optima > 1 for v in found)}; doubts {dict(doubts)}")
     for v in (*broken, *lost):
         print(f"    {v.part}, draw {v.draw}: lost {v.lost} {v.broken.strip()[-300:]}")
     right = factor == 1.0
