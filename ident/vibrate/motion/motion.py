@@ -19,6 +19,7 @@ JOINED = 1e-9
 FASTEST = 1000.0
 """Highest speed override [%]."""
 
+AnyArray = Array | np.ndarray
 State = tuple[Float[Array, "driven *t"], Float[Array, "driven *t"], Float[Array, "driven *t"]]
 """Angles [rad], their velocities [rad/s] and accelerations [rad/s^2], each `(driven, *t.shape)`."""
 
@@ -37,14 +38,13 @@ class Motion(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
-    breaks: Float[Array | np.ndarray, " breaks"]
-    coefficients: Float[Array, "powers pieces driven"]
+    breaks: Float[AnyArray, " breaks"]
+    coefficients: Float[AnyArray, "powers pieces driven"]
     arrival: float = eqx.field(static=True)
 
     def __init__(self, name: str, breaks: Any, coefficients: Any, arrival: float | None = None):
         self.name = name
-        self.breaks = breaks if isinstance(breaks, jax.Array) else np.asarray(breaks, float)
-        self.coefficients = jnp.asarray(coefficients, float)
+        self.breaks, self.coefficients = _kept(breaks), _kept(coefficients)
         self.arrival = float(self.breaks[-1] if arrival is None else arrival)
 
     def __check_init__(self) -> None:
@@ -62,7 +62,8 @@ class Motion(eqx.Module):
     def __call__(self, t: ArrayLike) -> State:
         """Return angles, velocities and accelerations at times t.
 
-        Works under `jit` and `vmap`; differentiable in t (within a piece) and in the coefficients.
+        Works under `jit` and `vmap`; differentiable in t (within a piece) and in the coefficients. Where nothing is
+        traced NumPy computes: each operation of jax would be a program of its own.
 
         Args:
             t: (*t) [s]
@@ -70,13 +71,13 @@ class Motion(eqx.Module):
         Returns:
             q, qd, qdd: each (driven, *t) [rad, rad/s, rad/s^2]; at a break the values on the piece after it.
         """
-        t, breaks = jnp.asarray(t, float), jnp.asarray(self.breaks)
+        xp, time, breaks, _ = self._arrays(t)
         first, last = breaks[0], breaks[-1]
-        moves = (t >= first) & (t < last)
-        piece = jnp.searchsorted(breaks, t, side="right") - 1
-        at = jnp.where(moves, t, jnp.where(t < first, first, last))
-        q, qd, qdd = self.on_piece(jnp.clip(piece, 0, len(breaks) - 2), at)
-        return q, jnp.where(moves, qd, 0.0), jnp.where(moves, qdd, 0.0)
+        moves = (time >= first) & (time < last)
+        piece = xp.searchsorted(breaks, time, side="right") - 1
+        at = xp.where(moves, time, xp.where(time < first, first, last))
+        q, qd, qdd = self.on_piece(xp.clip(piece, 0, len(breaks) - 2), at)
+        return q, jnp.asarray(xp.where(moves, qd, 0.0)), jnp.asarray(xp.where(moves, qdd, 0.0))
 
     def on_piece(self, k: int | Int[ArrayLike, "*t"], t: ArrayLike) -> State:
         """Return what a call returns, by the polynomial of piece k: at a break, the values on either side of it.
@@ -88,9 +89,16 @@ class Motion(eqx.Module):
         Returns:
             q, qd, qdd: each (driven, *t) [rad, rad/s, rad/s^2]
         """
-        t = jnp.asarray(t, float)
-        k = jnp.broadcast_to(k, t.shape)
-        return _horner(jnp.moveaxis(self.coefficients[:, k], -1, 1), t - jnp.asarray(self.breaks)[k])
+        xp, time, breaks, coefficients = self._arrays(t, k)
+        piece = xp.broadcast_to(xp.asarray(k), time.shape)
+        q, qd, qdd = _horner(xp, xp.moveaxis(coefficients[:, piece], -1, 1), xp.asarray(time - breaks[piece]))
+        return jnp.asarray(q), jnp.asarray(qd), jnp.asarray(qdd)
+
+    def _arrays(self, t: ArrayLike, *more: Any) -> tuple[Any, Any, Any, Any]:
+        """Return NumPy, or jax where anything is traced, with times, breaks and coefficients as its arrays."""
+        every = (t, self.breaks, self.coefficients, *more)
+        xp: Any = jnp if any(isinstance(x, jax.core.Tracer) for x in every) else np
+        return xp, xp.asarray(t, float), xp.asarray(self.breaks), xp.asarray(self.coefficients)
 
     def dwell(self, seconds: float) -> "Motion":
         """Return the motion held still at its end for some time; the arrival stays."""
@@ -98,8 +106,9 @@ class Motion(eqx.Module):
         if seconds == 0:
             return self
         q, _, _ = self.on_piece(len(self.breaks) - 2, self.breaks[-1])
-        still = jnp.zeros_like(self.coefficients[:, :1]).at[-1, 0].set(q)
-        coefficients = jnp.concatenate([self.coefficients, still], axis=1)
+        xp, _, _, moving = self._arrays(0.0, q)
+        still = xp.concatenate([xp.zeros_like(moving[:-1, :1]), q[None, None]])
+        coefficients = xp.concatenate([moving, still], axis=1)
         return Motion(self.name, _append(self.breaks, self.breaks[-1:] + seconds), coefficients, self.arrival)
 
     def at_speed(self, percent: float) -> "Motion":
@@ -117,14 +126,20 @@ def speed_factor(percent: float) -> float:
     return percent / 100
 
 
-def _horner(c: Float[Array, "powers driven *t"], x: Float[Array, "*t"]) -> State:
+def _horner(
+    xp: Any, c: Float[AnyArray, "powers driven *t"], x: Float[AnyArray, "*t"]
+) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Return the polynomial with its first and second derivative."""
-    p, d, half_dd = c[0], jnp.zeros_like(c[0]), jnp.zeros_like(c[0])
+    p, d, half_dd = c[0], xp.zeros_like(c[0]), xp.zeros_like(c[0])
     for lower in c[1:]:
         half_dd = half_dd * x + d
         d = d * x + p
         p = p * x + lower
     return p + 0.0 * x, d, 2.0 * half_dd
+
+
+def _kept(values: Any) -> Any:
+    return values if isinstance(values, jax.Array) else np.asarray(values, float)
 
 
 def _faults(

@@ -148,7 +148,7 @@ def _explicit_steps(model: Multibody, motion: Motion, start: tuple[Array, Array]
 @jit
 def _linear(model: Multibody, motion: Motion, start: tuple[Array, Array]) -> Float[Array, "state state"]:
     """Return the derivatives of the rates at the start by the state there."""
-    command = Command(*motion(jnp.asarray(motion.breaks)[0]))
+    command = Command(*motion(motion.breaks[0]))
 
     def rates(state: Array) -> Array:
         y, yd = jnp.split(state, 2)

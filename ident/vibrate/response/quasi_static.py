@@ -18,7 +18,7 @@ from ident.arm.multibody_kinematics import Command
 from ident.jit import jit
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.time_intervals import TimeIntervals
+from ident.vibrate.response.time_intervals import TimeIntervals, Times, between_nodes
 
 BELT_STEPS = 3
 """Newton steps that take the stretch of belts into account; it moves the equilibrium by less than a thousandth."""
@@ -70,6 +70,12 @@ def quasi_static_along(
 
 
 @jit
+def quasi_static_start(grid: TimeIntervals, nodes: Float[Array, "P n m"], time: Times) -> Float[Array, "n"]:
+    """Return the coordinates of the static equilibrium at the first of some times, by those at the nodes."""
+    return between_nodes(grid, nodes, time[:1])[0][:, 0]
+
+
+@jit
 def initial_equilibrium(model: Multibody, motion: Motion, balanced: Float[Array, "n"]) -> Float[Array, "n"]:
     """Return the coordinates of the static equilibrium before a motion, the weight of the turning masses included.
 
@@ -80,7 +86,7 @@ def initial_equilibrium(model: Multibody, motion: Motion, balanced: Float[Array,
         motion: at whose start the arm is at rest.
         balanced: coordinates of the equilibrium with the turning masses on their axes.
     """
-    posture = motion(jnp.asarray(motion.breaks)[:1])[0]
+    posture = motion(motion.breaks[:1])[0]
     still = Command(posture, *(jnp.zeros_like(posture),) * 2)
     y, none = balanced[:, None], jnp.zeros((len(balanced), 1))
     K = slope(lambda y: residual(model, still, y, none, none), y)

@@ -23,7 +23,7 @@ from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact, fast
 from ident.vibrate.response.exact import Progress
-from ident.vibrate.response.quasi_static import initial_equilibrium, quasi_static_along
+from ident.vibrate.response.quasi_static import initial_equilibrium, quasi_static_along, quasi_static_start
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.time_intervals import NODES, TimeIntervals, Times, between_nodes, jumps_of, time_intervals
 
@@ -206,7 +206,7 @@ def _exact(arm: Arm, method: FastMethod, progress: Progress) -> tuple[Solution, 
     motion, loads, time, grid = method.motion, method.loads, np.asarray(method.time), method.grid
     model = _multibody(arm, loads, 1, method.elastic)
     nodes = quasi_static_along(arm, model, motion, loads, grid)
-    first = initial_equilibrium(model, motion, between_nodes(grid, nodes, time[:1])[0][:, 0])
+    first = initial_equilibrium(model, motion, quasi_static_start(grid, nodes, time))
     start = first, jnp.zeros_like(first)
     solved = exact.integrate(model, motion, start, time, progress=progress)
     y = solved.y
