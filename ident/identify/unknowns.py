@@ -66,8 +66,8 @@ def parameter(
 class Unknowns:
     """Which numbers of an arm are sought, and what is known of them before the data.
 
-    The stiffnesses of all driven joints' bushings are unknown, those of a base that gives (`Arm.base`), and damping where
-    damping ratios were measured.
+    The stiffnesses of all driven joints' bushings are unknown, and those of a base that gives (`Arm.base`); damping
+    where damping ratios were measured.
 
     Attributes:
         fixed: paths to keep at the arm's value.

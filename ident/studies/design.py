@@ -241,7 +241,7 @@ def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:
     for name in [*names, *(values.values if values else ()), *basis.changed]:
         try:
             update_file(text, {name: float(basis.arm.get(name))}, origin="designed")
-            here = written[name] == basis.arm_file.arm.get(name)  # a soft base moves its bushing
+            here = bool(written[name] == basis.arm_file.arm.get(name))  # a soft base moves bushing 1
         except (InputError, KeyError):
             here = False
         if not here:

@@ -12,6 +12,7 @@ from ident.studies.shared import ProblemOptions, as_campaign, as_file
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
+    from ident.identify.assumptions import Assumptions
     from ident.identify.fit import CampaignFit
     from ident.inference.cross_prediction import CrossPrediction
     from ident.measure import Campaign
@@ -80,6 +81,11 @@ class FitResult(Result):
     def cross_predictions(self) -> "Mapping[str, CrossPrediction]":
         """Each kind of measurement as a fit to all others predicts it [SI]."""
         return {each.kind: each for each in self.fit.cross_predictions}
+
+    @property
+    def assumptions(self) -> "Assumptions | None":
+        """What is taken for granted: how far each may move a value, and whether the data ask for it."""
+        return self.fit.assumptions
 
     @property
     def supported(self) -> Mapping[str, bool]:
