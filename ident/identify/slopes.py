@@ -87,7 +87,7 @@ def slopes(arm: Arm, cut: CutArm, conditions: Conditions) -> Slopes:
     turns = jnp.concatenate([turns, jnp.zeros((3 * count, *rest.shape))])
     amounts = jnp.concatenate([jnp.zeros((2 * len(hinges), 3 * count)), jnp.eye(3 * count)])
 
-    def gradients(x: Array, phi: Phi) -> tuple[Float[Array, "3n S"], Float[Array, "m S"]]:
+    def gradients(x: Array, phi: Phi) -> tuple[Float[Array, "n3 S"], Float[Array, "m S"]]:
         chain = chains(_changed(cut, x), {}, conditions)
         each = jax.vmap(lambda v, eigenvalue: _of_mode(chain, phi, v, eigenvalue))(shapes, squared)
         return potential_gradient(chain, phi), each
@@ -122,7 +122,7 @@ def _of_mode(chain: Chain, phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> F
     return H - eigenvalue * M
 
 
-def _changed(cut: CutArm, amounts: Float[Array, "3N"]) -> Arm:
+def _changed(cut: CutArm, amounts: Float[Array, "amounts"]) -> Arm:
     """Change the masses, the mass centres and the torsion of the joints that the arm had before."""
     mass, centre, servo = jnp.split(amounts, 3)
     joints = list(cut.arm.joints)

@@ -15,6 +15,9 @@ from ident.inference.verdicts import rare
 APART = 1e-6
 """Share of what an amount changes in the data, squared, below which the parameters can make up for all of it."""
 
+NOTHING = 1e-6
+"""Change of all data together [sd] by the plausible amount below which they do not depend on it: rounding."""
+
 
 @dataclass(frozen=True)
 class ScoreTest:
@@ -53,11 +56,11 @@ class ScoreTest:
 
 
 def asked_for(tests: Sequence[ScoreTest]) -> tuple[int, ...]:
-    """Return the places of those tests that ring, of the smallest chance first; Holm over all that can be told."""
+    """Return the places of those tests that ring, of the largest score first; Holm over all that can be told."""
     told = [place for place, test in enumerate(tests) if test.separable]
-    chances = [tests[place].p_value for place in told]
-    rings = [(chance, place) for chance, place, ring in zip(chances, told, rare(chances), strict=True) if ring]
-    return tuple(place for _, place in sorted(rings))
+    rings = rare([tests[place].p_value for place in told])
+    asked = [place for place, ring in zip(told, rings, strict=True) if ring]
+    return tuple(sorted(asked, key=lambda place: -abs(tests[place].z)))
 
 
 def score_tests(
@@ -108,7 +111,7 @@ def score_tests(
         z, sd = -(left.T @ residuals) / size, 1 / size
         apart = (np.linalg.norm(of_data, axis=0) / whole) ** 2
     shift = -(inverse @ d) * amounts
-    apart, seen = np.nan_to_num(apart), whole > 0
+    apart, seen = np.nan_to_num(apart), whole * amounts > NOTHING
     tests = zip(amounts, positive, shift.T, seen, apart, z, sd, strict=True)
     return tuple(ScoreTest(float(row[0]), row[1], row[2], bool(row[3]), *map(float, row[4:])) for row in tests)
 
