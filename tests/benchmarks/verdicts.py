@@ -2,10 +2,11 @@
 
 `python tests/benchmarks/verdicts.py [--draws 100] [--seed 0] [--resume FILE] [--processes 2] [--case NAME ...]`
 
-The cases and faults are those of tests/support/campaigns.py: the paper's arm with the shipped campaign's rows, on a rigid
-base and on one that gives and is fitted, and a building of four storeys with a log-normal, a flat and a catalogue's
-prior. Truths are drawn from the prior that the fit uses. Wrong campaigns are a quarter as many. Exit code 1 if an alarm rings more often than its level allows (99.9 %
-of the binomial distribution), or too few of the intervals that are shown hold the truth.
+The cases and faults are those of tests/support/campaigns.py: the paper's arm with the shipped campaign's rows, on a
+rigid base and on one that gives and is fitted, and a building of four storeys with a log-normal, a flat and a
+catalogue's prior. Truths are drawn from the prior that the fit uses. Wrong campaigns are a quarter as many. Exit code 1
+if an alarm rings more often than its level allows (99.9 % of the binomial distribution), or too few of the intervals
+that are shown hold the truth.
 """
 
 import argparse

@@ -58,6 +58,7 @@ class Case:
         starts: of the fit.
         arm, campaign: what the problem is made of, where it is an arm's.
         wrong: by fault, the model in which something is not as the problem takes it for granted.
+        faults: what may be wrong.
     """
 
     problem: InverseProblem
@@ -68,11 +69,7 @@ class Case:
     arm: Arm | None = None
     campaign: Campaign | None = None
     wrong: dict[str, InverseProblem] = field(default_factory=dict)
-
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """What may be wrong."""
-        return (*DATA_FAULTS, *self.wrong)
+    faults: tuple[str, ...] = DATA_FAULTS
 
 
 @dataclass(frozen=True)
@@ -185,17 +182,27 @@ def _campaign(kind: Case, fault: str, rng: np.random.Generator) -> tuple[np.ndar
     return truth, eqx.tree_at(lambda p: (p.measured, p.sigma), kind.problem, (jnp.asarray(data), jnp.asarray(sigma)))
 
 
-def _paper(arm: Arm) -> Case:
+def _paper() -> Case:
     """The shipped campaign's rows without labels, in ascending order: they exist for every truth."""
-    rows = [replace(m, mode=None) for m in read_campaign(DATA / "lcd_arm" / "campaign.csv")]
-    more = [replace(m, load=Load.parse("2 kg @ tip")) if m.kind == "deflection" else m for m in rows]
-    told, loaded = (build_problem(arm, Campaign(measurements=tuple(each))) for each in (rows, more))
-    campaign = Campaign(measurements=tuple(rows))
+    arm, campaign = lcd_arm(), _rows()
+    more = [replace(m, load=Load.parse("2 kg @ tip")) if m.kind == "deflection" else m for m in campaign]
+    told, loaded = build_problem(arm, campaign), build_problem(arm, Campaign(measurements=tuple(more)))
     models = {fault: OnBase(on_soft_base(arm, HEIGHT), bind(arm, campaign), jnp.array(x)) for fault, x in BASES.items()}
     heavier = {path: 1.1 * arm.get(path) for path in arm.paths() if path.startswith(("link2.mass", "link2.inertia"))}
     models |= {"mass": eqx.tree_at(lambda model: model.arm, told.model, arm.replace(heavier))}
     wrong = {fault: eqx.tree_at(lambda p: p.model, told, model) for fault, model in models.items()}
-    return Case(told, RELATIVE, (0, 1), loaded, arm=arm, campaign=campaign, wrong={} if arm.base else wrong)
+    return Case(told, RELATIVE, (0, 1), loaded, arm=arm, campaign=campaign, wrong=wrong, faults=FAULTS)
+
+
+def _soft() -> Case:
+    """The same rows of the arm on a base that gives and is fitted."""
+    arm, campaign = on_soft_base(lcd_arm(), HEIGHT), _rows()
+    return Case(build_problem(arm, campaign), RELATIVE, (0, 1), arm=arm, campaign=campaign, faults=("none",))
+
+
+def _rows() -> Campaign:
+    rows = read_campaign(DATA / "lcd_arm" / "campaign.csv")
+    return Campaign(measurements=tuple(replace(m, mode=None) for m in rows))
 
 
 class OnBase(eqx.Module):
@@ -226,8 +233,8 @@ def _storeys(prior: dict[str, float]) -> Case:
 
 
 CASES: dict[str, Callable[[], Case]] = {
-    "paper": lambda: _paper(lcd_arm()),
-    "paper, soft base": lambda: _paper(on_soft_base(lcd_arm(), HEIGHT)),
+    "paper": _paper,
+    "paper, soft base": _soft,
     "storeys": lambda: _storeys({"prior_sd": 0.5}),
     "storeys, flat prior": lambda: _storeys({"prior_sd": 0.01, "flat": 1.0}),
     "storeys, catalogue": lambda: _storeys({"prior_sd": 0.1, "flat": 0.3}),
