@@ -191,7 +191,8 @@ def design(
     from ident.vibrate.redesign.sensitivity import sensitivities
     from ident.vibrate.redesign.verify import verify
 
-    options, arm_file = DesignOptions.of(options), as_file(arm, options.soft_base)
+    options = DesignOptions.of(options)
+    arm_file = as_file(arm, options.soft_base)
     searched, fresh = drawn_groups(posterior, arm_file.arm, options.draws, options.fresh, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=searched)
     evaluator = _evaluator(basis, options)

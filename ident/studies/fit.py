@@ -137,7 +137,8 @@ def fit(
     """
     from ident.identify.fit import fit_campaign
 
-    options, arm_file, campaign = FitOptions.of(options), as_file(arm, options.soft_base), as_campaign(campaign)
+    options = FitOptions.of(options)
+    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
     fitted = fit_campaign(
         arm_file.arm,
         campaign,

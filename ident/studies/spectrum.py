@@ -232,8 +232,9 @@ def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Ma
 def _arm(arm: "Arm | ArmFile | str | Path | None", options: SpectrumOptions) -> "ArmFile | None":
     if arm is not None:
         return as_file(arm, options.soft_base)
-    if options.posture:
-        raise InputError(Problem("posture", "it without `arm`", "an arm", "name the arm's file (`arm`)"))
+    for name in ("posture", "soft_base"):
+        if getattr(options, name):
+            raise InputError(Problem(name, "it without `arm`", "an arm", "name the arm's file (`arm`)"))
     return None
 
 

@@ -17,7 +17,7 @@ def assumption_lines(fit: CampaignFit) -> Iterator[str]:
     if found is None:
         yield f"{HEAD}: not looked at, as this is no optimum"
         return
-    yield f"{HEAD}      plausible   would move a value by          what the data say"
+    yield f"{HEAD}      plausible   would move a value by      what the data say"
     for kind in KINDS:
         if items := of_kind(found.items, kind):
             yield f"  {_line(fit, found, items)}"
@@ -44,10 +44,10 @@ def _line(fit: CampaignFit, found: Assumptions, items: tuple[Assumption, ...]) -
     moves = [np.nan_to_num(np.abs(item.test.shift) / sd) for item in items]
     worst = int(np.argmax([move.max() for move in moves]))
     item, which = items[worst], int(np.argmax(moves[worst]))
-    value = f"{item.test.shift[which] / sd[which]:+.1f} sd {cut(fit.information.names[which], 20)}"
+    value = f"{item.test.shift[which] / sd[which]:+.1f} sd {cut(fit.information.names[which], 16)}"
     if not moves[worst].max():
         value = "nothing"
-    return f"{in_words(item):30s} {100 * item.test.amount:6.0f} %   {value:30s} {_said(found, items)}"
+    return f"{cut(in_words(item), 30):30s} {100 * item.test.amount:6.0f} %   {value:26s} {_said(found, items)}"
 
 
 def _said(found: Assumptions, items: tuple[Assumption, ...]) -> str:
