@@ -67,6 +67,11 @@ class Arm(eqx.Module):
         return tuple(joint for joint in self.joints if joint.driven)
 
     @property
+    def base(self) -> Joint | None:
+        """The base, where it gives: the first joint, if it has no pin."""
+        return None if self.joints[0].driven else self.joints[0]
+
+    @property
     def batch(self) -> tuple[int, ...]:
         """Batch axes `(*batch)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
         return jnp.broadcast_shapes(

@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
 from ident.arm.arm import Arm
+from ident.identify.assumptions import Assumptions, assumptions
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values
 from ident.identify.unknowns import Unknowns
@@ -19,10 +20,12 @@ class CampaignFit(Fit):
     Attributes:
         arm: with the numbers of its file.
         campaign: what was measured.
+        assumptions: what it takes for granted, and what that may move; None where no optimum was reached.
     """
 
     arm: Arm
     campaign: Campaign
+    assumptions: Assumptions | None = None
 
     @property
     def fitted_arm(self) -> Arm:
@@ -62,4 +65,5 @@ def fit_campaign(
     if weak != (unknowns or Unknowns()):
         compared, _ = cross_predictions(build_problem(arm, campaign, weak), [o.theta for o in best.optima], seed=seed)
         best = replace(best, cross_predictions=compared)
-    return CampaignFit(**vars(best), arm=arm, campaign=campaign)
+    granted = assumptions(best, arm, campaign) if best.best.converged else None
+    return CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted)

@@ -58,7 +58,7 @@ def predict(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> 
         values.append(_damping_ratios(chain, at, conditions.damping))
     if conditions.deflected:
         rows += conditions.deflected
-        values.append(_deflections(chain, at, conditions))
+        values.append(read_points(deflection(chain, at.phi), conditions))
     return jnp.concatenate(values)[np.argsort(rows)]
 
 
@@ -80,13 +80,13 @@ def _frequencies(chain: Chain, at: StaticEquilibrium, modal: Modal) -> Float[Arr
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         return hertz[np.array(modal.ordinals) - 1, np.array(modal.states)]
     modes = modes_about(chain, at)
-    return _pick(modes.frequency, mode_choice(modal, modes), modal)
+    return pick(modes.frequency, mode_choice(modal, modes), modal)
 
 
 def _damping_ratios(chain: Chain, at: StaticEquilibrium, modal: Modal) -> Float[Array, "D *batch"]:
     s = damped_eigenvalues(linearize(chain, at))
     ratio = -s.real / jnp.abs(s)
-    return _pick(ratio, mode_choice(modal, modes_about(chain, at)), modal)
+    return pick(ratio, mode_choice(modal, modes_about(chain, at)), modal)
 
 
 def mode_choice(modal: Modal, modes: Modes) -> Float[Array, "m D *batch"]:
@@ -113,13 +113,14 @@ def mode_choice(modal: Modal, modes: Modes) -> Float[Array, "m D *batch"]:
     return (free & (jnp.cumsum(free, 0) == ordinal)).astype(float)
 
 
-def _pick(values: Float[Array, "m S *batch"], choice: Array, modal: Modal) -> Float[Array, "D *batch"]:
+def pick(values: Float[Array, "m S *batch"], choice: Array, modal: Modal) -> Float[Array, "D *batch"]:
+    """Return of each value's state what belongs to its mode; NaN where there is none."""
     picked = (values[:, np.array(modal.states)] * choice).sum(0)
     return jnp.where(choice.sum(0) > 0, picked, jnp.nan)
 
 
-def _deflections(chain: Chain, at: StaticEquilibrium, conditions: Conditions) -> Float[Array, "D *batch"]:
-    moved = deflection(chain, at.phi)
+def read_points(moved: Float[Array, "3 P S *batch"], conditions: Conditions) -> Float[Array, "D *batch"]:
+    """Return what is read of the points' motions: along a direction, or against another state."""
     point, reference = np.array(conditions.point), np.array(conditions.reference)
     rank = moved.ndim - 3
     direction = conditions.direction.reshape(conditions.direction.shape + (1,) * rank)

@@ -13,6 +13,9 @@ from ident.text import did_you_mean
 
 WEAK_PRIOR = 1.0
 """Default standard deviation of ln(stiffness) about the arm file's value: a factor of 7 each way covers 95 %."""
+BASE_WIDER = 1.5
+"""Width of the prior of a base that gives, as a multiple of the others'; assumed. About ten times joint 1's stiffness
+95 % then lie within 0.5 and 190 times: from softer than the joint to what no campaign would notice."""
 LENGTH_SCALE = 0.1
 """Unit [m] in which a coordinate without a prior is fitted, so that all unknowns are of order one."""
 
@@ -63,13 +66,15 @@ def parameter(
 class Unknowns:
     """Which numbers of an arm are sought, and what is known of them before the data.
 
-    The stiffnesses of all driven joints' bushings are unknown, and damping where damping ratios were measured.
+    The stiffnesses of all driven joints' bushings are unknown, and those of a base that gives (`Arm.base`); damping
+    where damping ratios were measured.
 
     Attributes:
         fixed: paths to keep at the arm's value.
         tied: groups of paths fitted as one number each.
         free: further paths with the width of their priors (see `parameter`; `math.inf` for none).
         prior_sd: width of the log-normal priors of stiffness and damping about the arm's values; `math.inf` for none.
+            A base has one `BASE_WIDER` times as wide.
         priors: priors of single parameters by path, in place of that one.
         discrepancy: by kind of measurement, the standard deviation of ln(factor) by which the model may be off.
     """
@@ -88,7 +93,7 @@ class Unknowns:
 
 
 def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping: bool = False) -> Parameters:
-    """Make the bushing stiffnesses of all driven joints unknown, and whatever else is asked for.
+    """Make the bushing stiffnesses of all driven joints and of the base unknown, and whatever else is asked for.
 
     Args:
         arm: the arm.
@@ -100,8 +105,9 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     """
     unknowns = unknowns or Unknowns()
     prior_sd = unknowns.prior_sd
-    undriven = {joint.name for joint in arm.joints if not joint.driven}
-    widths = {path: prior_sd for path in stiffness_paths(arm) if path.split(".")[0] not in undriven}
+    sought = {joint.name: prior_sd for joint in arm.driven}
+    sought |= {arm.base.name: BASE_WIDER * prior_sd} if arm.base else {}
+    widths = {path: sought[name] for path in stiffness_paths(arm) if (name := path.split(".")[0]) in sought}
     widths |= unknowns.free
     fixed, groups = tuple(unknowns.fixed), [tuple(group) for group in unknowns.tied]
     taken = [*fixed, *(path for group in groups for path in group)]

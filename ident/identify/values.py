@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
+from ident.arm.base import BASE
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
 
@@ -54,7 +55,7 @@ class Values:
         """Return those of some numbers that an arm has; each may stand for several paths, where tied.
 
         Raises:
-            InputError: there are none, or some are not finite.
+            InputError: there are none, some are not finite, or the arm has not the base that was fitted.
         """
         own = set(arm.paths())
         values = {name: np.asarray(value) for names, value in by_paths.items() for name in names if name in own}
@@ -62,6 +63,9 @@ class Values:
         if not values:
             got = f"only {', '.join(left_out[:3])}" if left_out else "no variable"
             raise InputError(Problem(path, got, f"numbers of {arm.name}", "give the result of a fit of this arm"))
+        if based := [name for name in left_out if name.startswith(f"{BASE}.")]:
+            remedy = "give `soft_base` as it was given there"
+            raise InputError(Problem(path, based[0], f"{arm.name} on such a base", remedy))
         if not all(np.isfinite(value).all() for value in values.values()):
             remedy = "run the fit or sample again"
             raise InputError(Problem(path, "a value that is not finite", "finite numbers", remedy))

@@ -85,7 +85,8 @@ def check(
     """
     from ident.identify.check import check_campaign
 
-    options, arm_file, campaign = CheckOptions.of(options), as_file(arm), as_campaign(campaign)
+    options = CheckOptions.of(options)
+    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
     checked = check_campaign(
         arm_file.arm, campaign, options.unknowns, seed=options.seed, trusted=tuple(map(str, options.trust_values))
     )

@@ -191,7 +191,8 @@ def design(
     from ident.vibrate.redesign.sensitivity import sensitivities
     from ident.vibrate.redesign.verify import verify
 
-    options, arm_file = DesignOptions.of(options), as_file(arm)
+    options = DesignOptions.of(options)
+    arm_file = as_file(arm, options.soft_base)
     searched, fresh = drawn_groups(posterior, arm_file.arm, options.draws, options.fresh, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=searched)
     evaluator = _evaluator(basis, options)
@@ -229,7 +230,7 @@ def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":
 
 def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:
     """Return the text of the arm file; empty without one."""
-    from ident.description.file import update_file
+    from ident.description.file import parse_arm, update_file
     from ident.text import decode, one_line, read_bytes
 
     path, values = basis.arm_file.path, basis.fit or basis.posterior
@@ -237,12 +238,16 @@ def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:
         return ""
     text = decode(read_bytes(path, "an arm description (TOML)"), one_line(path))
     names = [name for variable in variables for name in variable.paths]
+    written = parse_arm(text, one_line(path)).numbers()
     for name in [*names, *(values.values if values else ()), *basis.changed]:
         try:
             update_file(text, {name: float(basis.arm.get(name))}, origin="designed")
-        except InputError:
+            here = bool(written[name] == basis.arm_file.arm.get(name))  # a soft base moves bushing 1
+        except (InputError, KeyError):
+            here = False
+        if not here:
             got, expected = "a number that is not written in the arm file", "one that is"
-            raise InputError(Problem(name, got, expected, "write it there, or change what it follows from")) from None
+            raise InputError(Problem(name, got, expected, "write it there, or change what it follows from"))
     return text
 
 

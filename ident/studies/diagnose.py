@@ -149,7 +149,7 @@ def diagnose(
     from ident.store import Store
 
     options, folder = DiagnoseOptions.of(options), Path(folder) if folder is not None else None
-    arm_file, campaign = as_file(arm), as_campaign(campaign)
+    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
     job = Job(arm_file, campaign, options, _checked_path(arm_file, options, path), folder, progress)
     if restart and folder is not None:
         discard(folder)

@@ -12,6 +12,7 @@ from ident.studies.shared import ProblemOptions, as_campaign, as_file
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
+    from ident.identify.assumptions import Assumptions
     from ident.identify.fit import CampaignFit
     from ident.inference.cross_prediction import CrossPrediction
     from ident.measure import Campaign
@@ -82,6 +83,11 @@ class FitResult(Result):
         return {each.kind: each for each in self.fit.cross_predictions}
 
     @property
+    def assumptions(self) -> "Assumptions | None":
+        """What is taken for granted: how far each may move a value, and whether the data ask for it."""
+        return self.fit.assumptions
+
+    @property
     def supported(self) -> Mapping[str, bool]:
         """Whether an interval may be quoted for a parameter."""
         return dict(zip(self.fit.problem.parameters.names, map(bool, self.fit.supported), strict=True))
@@ -131,7 +137,8 @@ def fit(
     """
     from ident.identify.fit import fit_campaign
 
-    options, arm_file, campaign = FitOptions.of(options), as_file(arm), as_campaign(campaign)
+    options = FitOptions.of(options)
+    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
     fitted = fit_campaign(
         arm_file.arm,
         campaign,

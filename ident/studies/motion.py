@@ -102,7 +102,7 @@ def basis_of(
     from ident.assess.basis import Basis
     from ident.measure import Load, Log, read_log
 
-    arm_file = as_file(arm)
+    arm_file = as_file(arm, options.soft_base)
     fitted = fitted_values(fit, arm_file) if fit is not None else None
     central = fitted or posterior
     described = arm_file.arm.replace((central.medians if central else {}) | options.set)

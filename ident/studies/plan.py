@@ -157,7 +157,8 @@ def plan(
     """
     from ident.identify.plan import plan_campaign
 
-    options, arm_file = PlanOptions.of(options), as_file(arm)
+    options = PlanOptions.of(options)
+    arm_file = as_file(arm, options.soft_base)
     settings = options.settings
     fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign is not None else None
     return PlanResult(arm_file, plan_campaign(arm_file.arm, fitted, options.unknowns, settings), options)

@@ -172,7 +172,8 @@ def predict(
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 
-    options, arm_file = PredictOptions.of(options), as_file(arm)
+    options = PredictOptions.of(options)
+    arm_file = as_file(arm, options.soft_base)
     fitted = fitted_values(fit, arm_file) if fit is not None else None
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     central = fitted or drawn

@@ -103,7 +103,8 @@ def profile(
     from ident.identify.build_problem import build_problem
     from ident.inference import profile as likelihood
 
-    options, arm_file, campaign = ProfileOptions.of(options), as_file(arm), as_campaign(campaign)
+    options = ProfileOptions.of(options)
+    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
     likelihood.check(build_problem(arm_file.arm, campaign, options.unknowns).parameters, options.parameter)
     fit = fit_study(arm_file, campaign, options, progress=progress).fit
     profiles = likelihood.profile(fit, options.parameter, reach=options.reach, progress=progress("profiles"))

@@ -122,7 +122,8 @@ def resonance(
     from ident.vibrate.modal.excitation import excitation
     from ident.vibrate.modal.resonance import resonance_crossings
 
-    options, arm_file = ResonanceOptions.of(options), as_file(arm)
+    options = ResonanceOptions.of(options)
+    arm_file = as_file(arm, options.soft_base)
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     followed = branches(basis.arm.replace(basis.draws), basis.motion, count=options.count, loads=basis.loads)

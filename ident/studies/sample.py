@@ -166,6 +166,7 @@ def sample(
         provenance={
             "campaign": campaign.sha256,
             "arm file": fitted.arm.sha256,
+            "soft base": str(options.soft_base),
             "number of starts": str(options.starts),
         },
         progress=progress("blocks of steps", options.steps // BLOCK),

@@ -1,7 +1,7 @@
 """What several studies share: options that pose a problem, and the arm with where it comes from."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,19 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProblemOptions(Options):
+class BaseOptions(Options):
+    """What an arm stands on."""
+
+    soft_base: float | None = option(
+        None,
+        "let the base give about a point this far [m] below bushing 1: an undriven joint base, ten times as stiff as "
+        "joint 1 unless fitted or set",
+        above=0.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemOptions(BaseOptions):
     """What is unknown of an arm, and what is known of it before the data."""
 
     fix: tuple[str, ...] = option(
@@ -75,7 +87,7 @@ class ProblemOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArmOptions(Options):
+class ArmOptions(BaseOptions):
     """What an arm carries, and which of its numbers are changed."""
 
     load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
@@ -98,18 +110,34 @@ class ArmOptions(Options):
         ]
 
 
-def as_file(arm: "Arm | ArmFile | str | Path") -> "ArmFile":
-    """Return an arm with where it comes from; one that was made in Python comes from no file."""
+def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -> "ArmFile":
+    """Return an arm with where it comes from; one that was made in Python comes from no file.
+
+    Args:
+        arm: the arm, or its file.
+        soft_base: puts it on a base that gives, see `ident.arm.base.on_soft_base`.
+
+    Raises:
+        InputError: it is no arm, its file is wrong, or it stands on a base that gives already.
+    """
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile, read_arm
 
-    if isinstance(arm, ArmFile):
-        return arm
     if isinstance(arm, str | Path):
-        return read_arm(arm)
-    if not isinstance(arm, Arm):
+        arm = read_arm(arm)
+    if isinstance(arm, Arm):
+        arm = ArmFile(arm, "", "", {})
+    if not isinstance(arm, ArmFile):
         raise InputError(Problem("arm", f"a {type(arm).__name__}", "an arm, or its file", "see ident.read_arm"))
-    return ArmFile(arm, "", "", {})
+    return arm if soft_base is None else _on_soft_base(arm, soft_base)
+
+
+def _on_soft_base(arm: "ArmFile", height: float) -> "ArmFile":
+    from ident.arm.base import on_soft_base
+
+    based = on_soft_base(arm.arm, height)
+    new = {path: "assumed" for path in based.paths() if path not in arm.origins} if arm.origins else {}
+    return replace(arm, arm=based, origins={**arm.origins, **new})
 
 
 def as_campaign(campaign: "Campaign | str | Path") -> "Campaign":

@@ -210,7 +210,8 @@ def simulate(
     """
     from ident.assess.simulation import Simulation
 
-    options, arm_file = SimulateOptions.of(options), as_file(arm)
+    options = SimulateOptions.of(options)
+    arm_file = as_file(arm, options.soft_base)
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     measured = _trace(trace)

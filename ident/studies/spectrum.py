@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import Options, option
+from ident.studies.options import option
 from ident.studies.result import Result
-from ident.studies.shared import as_file
+from ident.studies.shared import BaseOptions, as_file
 from ident.studies.simulate import SimulateResult
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ MODES = 6
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpectrumOptions(Options):
+class SpectrumOptions(BaseOptions):
     """Options of `ident.spectrum`: what of the trace counts, how it is analysed, and at which posture an arm is."""
 
     direction: tuple[str, ...] | None = option(None, "as x,z; default: all that the file has", read=reading.words)
@@ -230,12 +230,11 @@ def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Ma
 
 
 def _arm(arm: "Arm | ArmFile | str | Path | None", options: SpectrumOptions) -> "ArmFile | None":
-    from ident.description.file import read_arm
-
     if arm is not None:
-        return read_arm(arm) if isinstance(arm, str | Path) else as_file(arm)
-    if options.posture:
-        raise InputError(Problem("posture", "it without `arm`", "an arm", "name the arm's file (`arm`)"))
+        return as_file(arm, options.soft_base)
+    for name in ("posture", "soft_base"):
+        if getattr(options, name):
+            raise InputError(Problem(name, "it without `arm`", "an arm", "name the arm's file (`arm`)"))
     return None
 
 

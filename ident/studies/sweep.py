@@ -143,7 +143,8 @@ def sweep(
     from ident.assess.sweep import SweepStudy
     from ident.vibrate.redesign.sweep import sweep, sweeps
 
-    options, arm_file = SweepOptions.of(options), as_file(arm)
+    options = SweepOptions.of(options)
+    arm_file = as_file(arm, options.soft_base)
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     evaluator = options.evaluator(basis)

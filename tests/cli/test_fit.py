@@ -40,6 +40,23 @@ def test_a_dial_gauge_alone_is_fitted_and_what_it_leaves_open_is_said(run, tmp_p
     assert "nan" not in out
 
 
+def test_what_is_taken_for_granted_is_said_and_a_base_that_gives_is_fitted_instead(run, tmp_path):
+    code, out, _ = run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure")
+    assert code == 0
+    section = out.partition("What this fit takes for granted")[2].partition("\n\n")[0].splitlines()
+    assert [line.split()[:2] for line in section[1:3]] == [["base", "rocks"], ["base", "turns"]]
+    assert "cannot be told apart" in section[2]
+    assert "joint1.k_tors" in section[2]
+    assert max(map(len, section)) <= 100
+    code, out, _ = run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure", "--soft-base=0.5")
+    assert code == 0
+    assert "base.k_bend" in out
+    assert "base rocks" not in out
+    code, _, err = run("predict", DATA / "arm.toml", f"--fit={tmp_path / 'out/campaign.fit.json'}")
+    assert code == 2
+    assert "give --soft-base as it was given there" in err
+
+
 def test_a_verdict_on_the_data_is_a_status_of_its_own_only_where_that_is_asked_for(run):
     assert run("fit", DATA / "table1.csv", "--starts=1", "--no-figure", "--strict")[0] == 3
     assert run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure", "--strict")[0] == 0

@@ -14,6 +14,8 @@ from ident.present.text.basis import values_in_words
 from ident.studies.fit import FitOptions, fit
 from ident.studies.motion import fitted_values
 
+FILES = ((ident.read_arm, "arm.toml"), (ident.read_campaign, "campaign.csv"))
+
 
 @pytest.fixture(scope="module")
 def table_1():
@@ -66,6 +68,36 @@ def test_it_comes_back_as_it_was(result, tmp_path):
     assert loaded.fit.campaign == result.fit.campaign
     assert loaded.arm.sha256 == result.arm.sha256
     assert loaded.fit.chi_squared == result.fit.chi_squared
+    assert len(loaded.assumptions.items) == len(result.assumptions.items) == 17
+    for one, other in zip(loaded.assumptions.items, result.assumptions.items, strict=True):
+        np.testing.assert_array_equal(one.test.shift, other.test.shift)
+        assert (one.kind, one.joint, one.test.z) == (other.kind, other.joint, other.test.z)
+
+
+@pytest.fixture(scope="module")
+def soft():
+    arm, campaign = (ident_file(DATA / "lcd_arm" / name) for ident_file, name in FILES)
+    return fit(arm, campaign, FitOptions(starts=1, soft_base=0.5))
+
+
+def test_a_soft_base_is_fitted_by_one_option_and_taken_over_only_by_an_arm_on_the_same(soft):
+    assert soft.fit.problem.parameters.names[0] == "base.k_bend"
+    assert soft.arm.origins["base.k_bend"] == "assumed"
+    assert "base rocks" not in soft.report()
+    arm = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
+    taken = ident.predict(arm, ident.PredictOptions(soft_base=0.5), fit=soft)
+    first = next(m for m in soft.fit.campaign if m.kind == "frequency")
+    place = soft.fit.campaign.measurements.index(first)
+    assert min(abs(taken.frequencies[0] - soft.fit.predicted[place])) < 1e-6
+    with pytest.raises(ident.InputError, match=r"got base\.k_bend, expected LCD transfer arm on such a base"):
+        ident.predict(arm, fit=soft)
+
+
+def test_an_option_of_a_base_needs_an_arm_on_a_rigid_one(soft):
+    with pytest.raises(ident.InputError, match="whose first joint base is undriven"):
+        ident.predict(soft.arm, ident.PredictOptions(soft_base=0.7))
+    with pytest.raises(ident.InputError, match="soft_base"):
+        FitOptions(soft_base=0.0)
 
 
 def test_its_table_has_a_row_for_each_parameter(result):

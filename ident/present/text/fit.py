@@ -11,6 +11,7 @@ from ident.inference.information import Direction, Information, TradeOff
 from ident.inference.parameters import Parameter
 from ident.inference.verdicts import farthest
 from ident.present.text.agreement import agreement, dependence_on_priors, what_may_be_wrong
+from ident.present.text.assumptions import assumption_lines
 from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
 from ident.present.text.words import NOTABLE, describe, known_from, paragraphs, priors_in_words, scatter, span
 
@@ -23,6 +24,7 @@ def fit_report(fit: CampaignFit) -> str:
         _measurements(fit),
         _information(fit),
         _contradictions(fit),
+        assumption_lines(fit),
         _optima(fit),
     ]
     return paragraphs(sections)

@@ -1,0 +1,129 @@
+"""An arm cut at further places where it might give: under its foot and in the middle of its links."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.arm import Arm
+from ident.arm.parts import Body, Joint, Payload, Point
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+class Hinge(NamedTuple):
+    """A place where the arm is cut.
+
+    Attributes:
+        place: among the joints of the cut arm.
+        beside: place of the joint whose link it cuts; of joint 1 for the base.
+        link: whether it cuts a link.
+    """
+
+    place: int
+    beside: int
+    link: bool
+
+
+class CutArm(eqx.Module):
+    """An arm with undriven bushings of stiffness 1 N m/rad at its hinges: at rest there, it is the arm that was cut.
+
+    Attributes:
+        arm: the same bodies, points and payloads; without drives, belts and stroke.
+        own: places of the joints that the arm had before.
+        hinges: the others.
+        height: [m] of bushing 1 above the hinge of the base.
+    """
+
+    arm: Arm
+    own: tuple[int, ...] = eqx.field(static=True)
+    hinges: tuple[Hinge, ...] = eqx.field(static=True)
+    height: float = eqx.field(static=True)
+
+    def pieces(self, place: int) -> tuple[int, ...]:
+        """Return the places of the joints that carry a link: that of its joint, and of the hinge in its middle."""
+        return (place, *(hinge.place for hinge in self.hinges if hinge.link and hinge.beside == place))
+
+    def link_end(self, place: int) -> Float[Array, "3"]:
+        """Return where a link ends, from its joint's bushing [m]."""
+        _, *hinges = self.pieces(place)
+        return 2 * self.arm.joints[hinges[0]].offset if hinges else _end(self.arm, place)
+
+
+def cut(arm: Arm) -> CutArm:
+    """Cut an arm under its foot and in the middle of each link, unless it has a bushing without a pin there already.
+
+    A link's middle is half way to the next bushing, or to the arm's last point; what has its centre beyond lies beyond
+    the hinge, whose axis is along the link. The base's hinge is below bushing 1 by half the longest distance between
+    neighbouring bushings, its axis along the base frame's z.
+    """
+    ends = [np.asarray(_end(arm, n)) for n in range(len(arm.joints))]
+    height = float(max(np.linalg.norm(end) for end in ends[:-1] or ends)) / 2
+    joints, hinges, own = list[Joint](), list[Hinge](), list[int]()
+    at, cuts = np.zeros(3), dict[str, np.ndarray]()
+    if arm.base is None:
+        at = np.asarray(arm.joints[0].offset) - height * UP
+        joints.append(_hinge("/foot", at, UP))
+        hinges.append(Hinge(0, 1, link=False))
+    for joint, end, rigid in zip(arm.joints, ends, _rigid_links(arm, ends), strict=True):
+        own.append(len(joints))
+        beyond = [rigid and bool(_beyond(body.com, end)) for body in joint.link]
+        inner = tuple(body for body, far in zip(joint.link, beyond, strict=True) if not far)
+        joints.append(eqx.tree_at(lambda j: (j.offset, j.link), joint, (jnp.asarray(joint.offset - at), inner)))
+        at = np.zeros(3)
+        if rigid:
+            at, cuts[joint.name] = end / 2, end
+            outer = tuple(_shifted(body, at) for body, far in zip(joint.link, beyond, strict=True) if far)
+            hinges.append(Hinge(len(joints), own[-1], link=True))
+            joints.append(_hinge(_middle(joint.name), at, end / np.linalg.norm(end), outer))
+    points = tuple(_carried(point, cuts) for point in arm.points)
+    payloads = tuple(_loaded(payload, cuts) for payload in arm.payloads)
+    return CutArm(Arm(arm.name, tuple(joints), points, payloads, arm.gravity), tuple(own), tuple(hinges), height)
+
+
+def _middle(name: str) -> str:
+    return f"{name}/middle"
+
+
+def _end(arm: Arm, place: int) -> Float[Array, "3"]:
+    """Return where a link ends, from its bushing [m]."""
+    if place + 1 < len(arm.joints):
+        return arm.joints[place + 1].offset
+    ends = [point.position for point in arm.points if point.joint == arm.joints[place].name]
+    bodies = (*arm.joints[place].link, *arm.joints[place].shaft)
+    return ends[-1] if ends else bodies[0].com
+
+
+def _rigid_links(arm: Arm, ends: list[np.ndarray]) -> list[bool]:
+    """Tell which links are cut: those of some length between bushings that have pins, or at the arm's end."""
+    after = [*(joint.driven for joint in arm.joints[1:]), True]
+    rows = zip(arm.joints, after, ends, strict=True)
+    return [joint.driven and further and bool(np.linalg.norm(end) > 1e-6) for joint, further, end in rows]
+
+
+def _beyond(place: Any, end: Float[np.ndarray, "3"]) -> Any:
+    return np.asarray(place) @ end > end @ end / 2
+
+
+def _hinge(name: str, offset: Any, axis: Any, link: tuple[Body, ...] = ()) -> Joint:
+    return Joint(name, axis=axis, offset=offset, k_bend=1.0, k_tors=1.0, link=link, driven=False)
+
+
+def _shifted(body: Body, by: Float[np.ndarray, "3"]) -> Body:
+    return eqx.tree_at(lambda b: b.com, body, jnp.asarray(body.com - by))
+
+
+def _carried(point: Point, ends: dict[str, np.ndarray]) -> Point:
+    end = ends.get(point.joint)
+    if end is None or not _beyond(point.position, end):
+        return point
+    return Point(point.name, _middle(point.joint), np.asarray(point.position) - end / 2)
+
+
+def _loaded(payload: Payload, ends: dict[str, np.ndarray]) -> Payload:
+    end = ends.get(payload.joint)
+    if end is None or not _beyond(payload.body.com, end):
+        return payload
+    return Payload(_middle(payload.joint), _shifted(payload.body, end / 2))

@@ -1,0 +1,161 @@
+"""How predictions change with what a fit takes for granted: with compliances at zero, and with given numbers."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Chain
+from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
+from ident.arm.hinges import CutArm
+from ident.arm.mechanics import (
+    Phi,
+    flat,
+    point_positions,
+    potential_gradient,
+    second_variations,
+    straight_positions,
+    unflatten,
+)
+from ident.arm.modes import Modes, modes_about
+from ident.arm.parts import Body
+from ident.arm.rotations import matvec, transpose
+from ident.identify.conditions import Conditions
+from ident.identify.predict import chains, mode_choice, pick, read_points
+from ident.jit import jit
+
+
+class Slopes(NamedTuple):
+    """A campaign's predictions [SI] and their derivatives; zero in the rows of damping ratios.
+
+    Attributes:
+        predicted: (D,) of the arm itself.
+        bending, torsion: (H, D) by the compliance [rad/(N m)] of each hinge across its axis, and about it.
+        mass: (N, D) by ln(mass) of what each joint carries behind its pin, the inertia with it.
+        centre: (N, D) by the way of its mass centre along the link, as a share of its length.
+        servo: (N, D) by compliance in series with each joint's torsion, as a share of the joint's own.
+    """
+
+    predicted: Float[Array, "D"]
+    bending: Float[Array, "H D"]
+    torsion: Float[Array, "H D"]
+    mass: Float[Array, "N D"]
+    centre: Float[Array, "N D"]
+    servo: Float[Array, "N D"]
+
+
+@jit
+def slopes(arm: Arm, cut: CutArm, conditions: Conditions) -> Slopes:
+    """Differentiate what a campaign would measure, exactly, by compliances at zero and by given numbers.
+
+    A hinge of compliance c P, P a projector, turns by psi = -c P g, where g is the potential's gradient by psi. So,
+    with H the Hessian of the arm without hinges, the static equilibrium moves by
+
+        d psi_s/dc = -P g,    d phi_s/dc = -H^-1 (d grad V/d psi) d psi_s/dc,
+
+    and a mass-normalised mode v of eigenvalue l, whose gradient at the hinge is m = ((H - l M) v)_psi, has
+
+        dl/dc = -m' P m + the change of v' (H - l M) v along the equilibrium's move.
+
+    A number x of the arm moves the equilibrium by -H^-1 d(grad V)/dx, and adds d(v' (H - l M) v)/dx. Nothing is solved
+    but the arm as it is, so hinges between which there is no mass do no harm.
+
+    Args:
+        arm: the arm as it was fitted.
+        cut: the same arm, cut at hinges.
+        conditions: those of the campaign.
+
+    References:
+        Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964. For hinges: ours,
+        compared with arms that have stiff bushings there in tests/identify/test_slopes.py.
+    """
+    at, modes, rest, shapes = _at_rest(arm, cut, conditions)
+    still, own, n, count = chains(cut.arm, {}, conditions), np.array(cut.own), len(cut.arm.joints), len(cut.own)
+    hinges, squared = np.array([hinge.place for hinge in cut.hinges], int), (2 * jnp.pi * modes.frequency) ** 2
+
+    def of_mode(phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, ""]:
+        return _of_mode(still, phi, v, eigenvalue).sum()
+
+    by_phi, by_shape = jax.vmap(jax.grad(of_mode, (0, 1)), (None, 0, 0))(rest, shapes, squared)
+    moment, gradient = by_shape[:, :, hinges] / 2, unflatten(potential_gradient(still, rest))[:, hinges]
+    projectors = [K[:, :, hinges] for K in (still.bend, still.tors)]
+    turns = jnp.concatenate([_one_each(-matvec(P, gradient), hinges, n) for P in projectors])
+    turns = jnp.concatenate([turns, jnp.zeros((3 * count, *rest.shape))])
+    amounts = jnp.concatenate([jnp.zeros((2 * len(hinges), 3 * count)), jnp.eye(3 * count)])
+
+    def gradients(x: Array, phi: Phi) -> tuple[Float[Array, "n3 S"], Float[Array, "m S"]]:
+        chain = chains(_changed(cut, x), {}, conditions)
+        each = jax.vmap(lambda v, eigenvalue: _of_mode(chain, phi, v, eigenvalue))(shapes, squared)
+        return potential_gradient(chain, phi), each
+
+    forces, change = jax.vmap(lambda *way: jax.jvp(gradients, (jnp.zeros(3 * count), rest), way)[1])(amounts, turns)
+    yielded = jnp.concatenate([jnp.einsum("mahs,abhs,mbhs->hms", moment, P, moment) for P in projectors])
+    moves = -jax.vmap(lambda force: _solve(at.W, unflatten(force)[:, own]))(forces)
+    change = change.at[: len(yielded)].add(-yielded) + jnp.einsum("mans,eans->ems", by_phi[:, :, own], moves)
+    hertz, ways = change / (8 * jnp.pi**2 * modes.frequency), turns.at[:, :, own].set(moves)
+    points = jax.vmap(lambda way: jax.jvp(lambda phi: point_positions(still, phi), (rest,), (way,))[1])(ways)
+    rows = jax.vmap(lambda f, r: _rows(f, r, modes, conditions))(hertz, points)
+    resting = point_positions(still, rest) - straight_positions(still)
+    parts = np.cumsum([len(hinges), len(hinges), count, count])
+    return Slopes(_rows(modes.frequency, resting, modes, conditions), *jnp.split(rows, parts))
+
+
+def _at_rest(
+    arm: Arm, cut: CutArm, conditions: Conditions
+) -> tuple[StaticEquilibrium, Modes, Phi, Float[Array, "m 3 n S"]]:
+    """Return equilibrium and modes of the arm, and both in the coordinates of the one that is cut."""
+    chain = chains(arm, {}, conditions)
+    at = static_equilibrium(chain)
+    modes, own = modes_about(chain, at), np.array(cut.own)
+    rest = jnp.zeros((3, len(cut.arm.joints), *at.phi.shape[2:])).at[:, own].set(at.phi)
+    shapes = jax.vmap(unflatten, 1)(modes.shape)
+    return at, modes, rest, jnp.zeros((len(shapes), *rest.shape)).at[:, :, own].set(shapes)
+
+
+def _of_mode(chain: Chain, phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, "S"]:
+    """Return v' (H - l M) v."""
+    H, M = second_variations(chain, phi, v)
+    return H - eigenvalue * M
+
+
+def _changed(cut: CutArm, amounts: Float[Array, "amounts"]) -> Arm:
+    """Change the masses, the mass centres and the torsion of the joints that the arm had before."""
+    mass, centre, servo = jnp.split(amounts, 3)
+    joints = list(cut.arm.joints)
+    for j, place in enumerate(cut.own):
+        joints[place] = eqx.tree_at(lambda joint: joint.k_tors, joints[place], joints[place].k_tors / (1 + servo[j]))
+        way, factor = centre[j] * cut.link_end(place), 1 + mass[j]
+        for piece in cut.pieces(place):
+            link = tuple(_heavier(body, factor, way) for body in joints[piece].link)
+            joints[piece] = eqx.tree_at(lambda joint: joint.link, joints[piece], link)
+    return eqx.tree_at(lambda arm: arm.joints, cut.arm, tuple(joints))
+
+
+def _heavier(body: Body, factor: Array, way: Float[Array, "3"]) -> Body:
+    numbers = body.mass * factor, body.com + way, body.inertia * factor
+    return eqx.tree_at(lambda body: (body.mass, body.com, body.inertia), body, numbers)
+
+
+def _one_each(turn: Float[Array, "3 H S"], hinges: np.ndarray, n: int) -> Float[Array, "H 3 n S"]:
+    """Return for each hinge the turns of all bushings where only that one turns."""
+    alone = np.equal.outer(hinges, np.arange(n)).astype(float)
+    return jnp.einsum("ahs,hn->hans", turn, alone)
+
+
+def _solve(W: Array, force: Phi) -> Phi:
+    return unflatten(matvec(transpose(W), matvec(W, flat(force))))
+
+
+def _rows(
+    frequency: Float[Array, "m S"], moved: Float[Array, "3 P S"], modes: Modes, conditions: Conditions
+) -> Float[Array, "D"]:
+    modal = conditions.frequency
+    rows = np.array([*modal.rows, *conditions.deflected], int)
+    values = [pick(frequency, mode_choice(modal, modes), modal)] if modal.rows else []
+    values += [read_points(moved, conditions)] if conditions.deflected else []
+    count = len(rows) + len(conditions.damping.rows)
+    return jnp.zeros(count).at[rows].set(jnp.concatenate(values)) if values else jnp.zeros(count)

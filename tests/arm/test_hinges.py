@@ -1,0 +1,56 @@
+"""An arm that is cut at hinges is the arm that it was, as long as they stay at rest."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arms import lcd_arm, posture_of, random_arm
+
+from ident.arm.base import on_soft_base
+from ident.arm.chain import at_posture
+from ident.arm.hinges import cut
+from ident.arm.mechanics import mass_matrix, point_positions, potential_energy
+
+ARMS = [
+    *(random_arm(np.random.default_rng(n), n) for n in (1, 2, 3, 6)),
+    random_arm(np.random.default_rng(7), 4, undriven=(0,)),
+    random_arm(np.random.default_rng(8), 4, undriven=(2,)),
+    lcd_arm(),
+    on_soft_base(lcd_arm(), 0.5),
+]
+
+
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: f"{arm.name}-{arm.base is None}")
+def test_with_its_hinges_at_rest_it_is_the_same_arm(arm):
+    rng, pieces = np.random.default_rng(0), cut(arm)
+    posture = posture_of(arm, rng)
+    own, other = at_posture(arm, posture), at_posture(pieces.arm, posture)
+    n, own_places = len(pieces.arm.joints), list(pieces.own)
+    phi = rng.normal(size=(3, len(arm.joints))) * 0.3
+    wide = np.zeros((3, n))
+    wide[:, own_places] = phi
+    rows = np.ravel([[3 * place + a for a in range(3)] for place in own_places])
+    mass = np.asarray(mass_matrix(other, jnp.asarray(wide)))[np.ix_(rows, rows)]
+    np.testing.assert_allclose(mass, mass_matrix(own, jnp.asarray(phi)), rtol=1e-11, atol=1e-12)
+    change = [float(potential_energy(chain, x) - potential_energy(chain, 0 * x)) for chain, x in
+              ((own, jnp.asarray(phi)), (other, jnp.asarray(wide)))]  # fmt: skip
+    assert change[1] == pytest.approx(change[0], rel=1e-11)
+    places = [
+        np.asarray(point_positions(chain, x)) for chain, x in ((own, jnp.asarray(phi)), (other, jnp.asarray(wide)))
+    ]
+    np.testing.assert_allclose(places[1], places[0], atol=1e-13)
+
+
+def test_it_is_cut_under_its_foot_and_in_the_middle_of_each_link():
+    pieces = cut(lcd_arm())
+    assert [hinge.link for hinge in pieces.hinges] == [False, True, True, True]
+    straight = np.cumsum([np.asarray(joint.offset) for joint in pieces.arm.joints], 0)
+    ends = np.array([[0, 0, 0], [0.992855, 0, 0.12], [1.942855, 0, 0.24], [4.732855, 0, 0.29]])
+    middles = straight[[hinge.place for hinge in pieces.hinges if hinge.link]]
+    np.testing.assert_allclose(middles, (ends[:-1] + ends[1:]) / 2, atol=1e-12)
+    np.testing.assert_allclose(straight[0], [0, 0, -np.hypot(0.992855, 0.12) / 2], atol=1e-12)
+
+
+def test_where_a_bushing_without_a_pin_is_already_there_is_no_further_hinge():
+    assert [hinge.link for hinge in cut(on_soft_base(lcd_arm(), 0.5)).hinges] == [True, True, True]
+    arm = random_arm(np.random.default_rng(8), 4, undriven=(2,))
+    assert [hinge.beside for hinge in cut(arm).hinges] == [1, 1, 5], "base, link 1, the last one"

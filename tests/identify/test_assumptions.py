@@ -1,0 +1,99 @@
+"""What a fit of the paper's arm takes for granted, on campaigns that are right and on a base that gives."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+
+from ident.arm.base import on_soft_base
+from ident.identify.assumptions import KINDS
+from ident.identify.conditions import bind
+from ident.identify.fit import fit_campaign
+from ident.identify.predict import predict
+from ident.identify.unknowns import Unknowns
+from ident.measure import Campaign, read_campaign
+
+HEIGHT = math.hypot(0.992855, 0.12) / 2
+
+
+def campaign_of(arm, *, noise=0.0, sigma=1.0, labels=True):
+    """The shipped campaign's rows, measured on an arm."""
+    rows = read_campaign(DATA / "lcd_arm" / "campaign.csv").measurements
+    rows = tuple(row if labels else replace(row, mode=None) for row in rows)
+    values = np.asarray(predict(arm, {}, bind(arm, Campaign(measurements=rows))))
+    z = np.random.default_rng(1).standard_normal(len(rows))
+    relative = [0.005 if row.kind == "frequency" else 0.02 for row in rows]
+    return Campaign(
+        measurements=tuple(
+            replace(row, value=value * (1 + noise * part * e), sigma=sigma * part * value)
+            for row, value, part, e in zip(rows, values.tolist(), relative, z, strict=True)
+        )
+    )
+
+
+@pytest.fixture(scope="module")
+def right():
+    return fit_campaign(lcd_arm(), campaign_of(lcd_arm(), noise=1.0))
+
+
+def test_every_joint_and_the_base_are_looked_at(right):
+    named = {(item.kind, item.joint) for item in right.assumptions.items}
+    joints = ("joint1", "joint2", "joint3")
+    of_joints = {(kind, joint) for kind in KINDS if not kind.startswith("base") for joint in joints}
+    assert named == of_joints | {("base rocks", ""), ("base turns", "")}
+    assert right.assumptions.height == pytest.approx(HEIGHT)
+    assert right.assumptions.asked_for == ()
+
+
+def test_what_is_in_series_with_a_joint_cannot_be_told_apart(right):
+    apart = {(item.kind, item.joint): item.test.separable for item in right.assumptions.items}
+    assert not apart.pop(("base turns", ""))
+    assert not any(apart.pop(("servo gives", joint)) for joint in ("joint1", "joint2", "joint3"))
+    assert all(apart.values())
+
+
+def test_a_servo_can_be_told_apart_where_its_joint_is_not_fitted():
+    arm = lcd_arm()
+    fit = fit_campaign(arm, campaign_of(arm, noise=1.0), Unknowns(fixed=("joint2.k_tors",)), starts=2)
+    apart = {item.joint: item.test.separable for item in fit.assumptions.items if item.kind == "servo gives"}
+    assert apart == {"joint1": False, "joint2": True, "joint3": False}
+
+
+def test_a_base_that_gives_is_asked_for_and_the_shift_takes_the_stiffnesses_to_the_truth():
+    soft = on_soft_base(lcd_arm(), HEIGHT).replace({"base.k_bend": 50 * 7.173e5, "base.k_tors": 1e12})
+    fit = fit_campaign(lcd_arm(), campaign_of(soft, sigma=0.1, labels=False), starts=2)
+    first = fit.assumptions.asked_for[0]
+    assert (first.kind, first.joint) == ("base rocks", "")
+    assert first.test.z * first.test.sd == pytest.approx(0.02, rel=0.1), "the share of joint 1's compliance"
+    truth = np.log([float(lcd_arm().get(name)) for name in fit.problem.parameters.names])
+    off = truth - fit.best.theta
+    assert np.abs(off).max() > 1.5 * fit.information.sd[np.argmax(np.abs(off))]
+    moved = first.test.shift * 0.02 / first.test.amount
+    np.testing.assert_allclose(moved, off, atol=0.1 * np.abs(off).max())
+
+
+def test_a_base_that_is_modelled_is_not_taken_for_granted():
+    arm = on_soft_base(lcd_arm(), HEIGHT)
+    fit = fit_campaign(arm, campaign_of(lcd_arm(), noise=1.0), starts=2)
+    assert fit.problem.parameters.names[0] == "base.k_bend"
+    assert not [item for item in fit.assumptions.items if item.kind.startswith("base")]
+    prior = dict(zip(fit.problem.parameters.names, fit.problem.parameters.column("prior_sd"), strict=True))
+    assert (prior["base.k_tors"], prior["joint1.k_tors"]) == (1.5, 1.0)
+
+
+def test_a_discrepancy_factor_scales_what_an_assumption_changes():
+    arm = lcd_arm()
+    rows = campaign_of(arm, noise=1.0)
+    high = Campaign(
+        measurements=tuple(
+            replace(row, value=1.2 * row.value, sigma=1.2 * row.sigma) if row.kind == "deflection" else row
+            for row in rows
+        )
+    )
+    plain, scaled = (
+        fit_campaign(arm, data, Unknowns(discrepancy={"deflection": 1e3}), starts=2) for data in (rows, high)
+    )
+    for one, other in zip(plain.assumptions.items, scaled.assumptions.items, strict=True):
+        assert one.test.sd == pytest.approx(other.test.sd, rel=1e-3) or not one.test.separable
