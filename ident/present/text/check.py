@@ -11,9 +11,9 @@ from ident.inference.information import WEAK_ABOVE, Information
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.text.agreement import agreement, dependence_on_priors
-from ident.present.text.fit import in_words, spread_in_words
+from ident.present.text.directions import in_words, spread_in_words
 from ident.present.text.units import in_read_unit
-from ident.present.text.words import balance, describe, paragraphs, parameter_in_words
+from ident.present.text.words import balance, cut, describe, paragraphs, parameter_in_words
 
 CORRELATED = 0.9
 """Correlation from which a pair of parameters is named."""
@@ -133,12 +133,14 @@ def _measurements(check: CampaignCheck) -> Iterator[str]:
         return
     every = len(check.campaign) <= FEW
     names = check.problem.parameters.names
-    yield "Measurements, each with its row in the file                    information   checked   depends most on"
+    yield f"{'Measurements, each with its row in the file':57s}  information  checked  depends most on"
     for i in range(len(check.campaign)):
         remark = _remark(check, i)
         if every or remark:
             most = names[part.sees[i]] if part.sees[i] >= 0 else "nothing"
-            yield f"  {_row(check, i):61s} {part.share[i]:8.1%} {1 - min(part.leverage[i], 1):10.0%}   {most}{remark}"
+            numbers = f"{part.share[i]:13.1%} {1 - min(part.leverage[i], 1):8.0%}"
+            yield f"  {cut(_row(check, i), 55):55s}{numbers}  {most}"
+            yield from [f"       <-- {remark}"] if remark else []
     if not every:
         yield f"  The other measurements of {len(check.campaign)} neither dominate nor carry nothing."
     yield "  information: share of all; checked: how much of its message the others would tell without it."
@@ -151,10 +153,10 @@ def _remark(check: CampaignCheck, i: int) -> str:
     if part is None or not (part.empty[i] or part.dominant[i]):
         return ""
     if part.empty[i]:
-        return "   <-- carries no information"
+        return "carries no information"
     lost = f"; without it {', '.join(part.lost[i])} not identifiable" if part.lost[i] else ""
     opened = "; one direction open without it" if part.opened[i] and not part.lost[i] else ""
-    return f"   <-- dominates{lost or opened}"
+    return f"dominates{lost or opened}"
 
 
 def _row(check: CampaignCheck, i: int) -> str:
@@ -207,5 +209,6 @@ def _agreement(check: CampaignCheck) -> Iterator[str]:
     elif agree.degrees_of_freedom > 0:
         yield "  All together: not to be judged along a straight line, as the data lead too far from the arm file."
     if check.contradictory:
-        yield f"  CONTRADICTION. {dependence_on_priors(check.cross_predictions)} Look at values, labels, units and"
-        yield "  load cases of these rows first, then at masses and lengths. `ident fit` searches from more starts."
+        yield f"  CONTRADICTION. {dependence_on_priors(check.cross_predictions)}"
+        yield "  Look at values, labels, units and load cases of these rows first, then at masses and lengths."
+        yield "  `ident fit` searches from more starts."

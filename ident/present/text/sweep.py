@@ -50,18 +50,19 @@ def _table(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     """Yield head and rows: value, amplitudes with bands [mm], probability that the limit is exceeded."""
     (axis,) = sweep.axes
     drawn, limit = sweep.draws is not None, study.limit
-    units = [f"[{name}]" for name in _units(axis)] + ([] if axis.shifted else ["times"])
-    head = "".join(f"{name:>12s}" for name in units)
-    head += "".join(f"{d + ' [mm]':>11s}" + ("    5 to 95 % " if drawn else "") for d in DIRECTIONS)
-    yield head + ("  exceeds" if drawn and limit is not None else "")
+    units = [f"[{name}]" for name in _units(axis)][-1 if drawn else 0 :] + ([] if axis.shifted else ["times"])
+    wide, narrow = (11, 8) if drawn else (12, 11)
+    head = "".join(f"{name:>{wide}s}" for name in units)
+    head += "".join(f"{d + ' [mm]':>{narrow}s}" + ("    5 to 95 %" if drawn else "") for d in DIRECTIONS)
+    yield head + (" exceeds" if drawn and limit is not None else "")
     shares = sweep.exceeds(limit) if drawn and limit is not None else None
     for k, value in enumerate(axis.values):
-        numbers = [value, nmm_per_deg(value)][: len(_units(axis))] + ([] if axis.shifted else [value / axis.present])
-        row = "".join(f"{number:12.5g}" for number in numbers)
+        numbers = [value, nmm_per_deg(value)][: len(_units(axis))][-1 if drawn else 0 :]
+        row = "".join(f"{number:{wide}.5g}" for number in [*numbers, *([] if axis.shifted else [value / axis.present])])
         for d in range(3):
-            row += f"{mm(sweep.amplitude[d, k]):>11s}"
-            row += f" {_band(sweep.band[:, d, k]):>13s}" if drawn else ""
-        yield row + ("" if shares is None else f"{shares[k]:9.0%}") + _mark(axis, value)
+            row += f"{mm(sweep.amplitude[d, k]):>{narrow}s}"
+            row += f"{_band(sweep.band[:, d, k]):>13s}" if drawn else ""
+        yield row + ("" if shares is None else f"{shares[k]:8.0%}") + _mark(axis, value)
     if shares is not None:
         yield f"  exceeds: probability that {MM * (limit or 0):g} mm is exceeded in any direction"
 

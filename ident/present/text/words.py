@@ -1,17 +1,22 @@
 """Short texts that figures and reports share."""
 
 import math
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from ident.arm.fields import field_of
-from ident.inference.information import Direction
+from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
+WIDTH = 100
+"""Columns of a terminal that every report fits."""
+KEPT = "\u00a0"
+"""Stands for a space at which no line is broken, until lines are."""
 LARGEST = 1e6
 """Factor above which it is only said to be above."""
 NOTABLE = 0.15
@@ -19,8 +24,30 @@ NOTABLE = 0.15
 
 
 def paragraphs(sections: Iterable[Iterable[str]]) -> str:
-    """Return a report: lines as paragraphs, with a blank line between; empty ones are left out."""
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    """Return a report: lines as paragraphs, with a blank line between; empty ones are left out, long ones folded."""
+    return "\n\n".join("\n".join(map(folded, lines)) for lines in map(list, sections) if lines) + "\n"
+
+
+def folded(line: str) -> str:
+    """Break a line where it would leave a terminal, but not within what is `kept`, and indent what goes on."""
+    if len(line) <= WIDTH:
+        return line.replace(KEPT, " ")
+    indent = " " * (len(line) - len(line.lstrip()))
+    words = line[len(indent) :]
+    return textwrap.fill(
+        words,
+        WIDTH,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+        replace_whitespace=False,
+    ).replace(KEPT, " ")
+
+
+def kept(text: str) -> str:
+    """Return words between which `folded` breaks no line."""
+    return text.replace(" ", KEPT)
 
 
 def degrees(posture: Iterable[float]) -> str:
@@ -76,12 +103,18 @@ def describe(m: Measurement) -> str:
     return f"{m.kind.replace('_', ' ')} {what}{loads}{against} at {degrees(m.posture)}".replace("  ", " ")
 
 
-def known_from(prior_share: float, sd: float) -> str:
-    """Say in what shares data and prior tell a parameter whose standard deviation is sd."""
-    if not math.isfinite(sd):
-        return "nothing: where the search stopped"
-    prior_share = abs(round(prior_share, 2))
-    return f"data {1 - prior_share:4.0%}, prior {prior_share:4.0%}"
+def shares(known: Information, i: int) -> str:
+    """Say in what shares a parameter is told by the data alone, by its own prior, and by data with other priors."""
+    if not math.isfinite(known.sd[i]):
+        return "nothing"
+    data, prior = (abs(round(float(share[i]), 2)) for share in (known.data_share, known.prior_share))
+    return f"{data:5.0%} {prior:5.0%} {abs(1 - data - prior):5.0%}"
+
+
+def in_percent(share: float) -> str:
+    """Write a relative difference: `-3.7 %`."""
+    percent = 100 * share
+    return f"{percent:+.{0 if abs(percent) > 99.4 else 2}{'f' if abs(percent) > 99.4 else 'g'}} %"
 
 
 def priors_in_words(items: Sequence[Parameter]) -> Iterator[str]:

@@ -72,7 +72,6 @@ def test_the_paper(paper):
     assert "deflection tip at (0, 0, 0) deg: by the others 31.6 mm, measured 22: -4.1 sd" in report
     assert "CONTRADICTION" in report
     assert "none is in doubt" in report
-    assert max(map(len, report.splitlines())) < 150
 
 
 def test_the_shipped_campaign(shipped):
@@ -84,7 +83,7 @@ def test_the_shipped_campaign(shipped):
     assert "Condition number of the 6 that are seen: 4.79" in report
     rows = measured_rows(report)
     assert len(rows) == 20, "each measurement with its row in the file"
-    assert sum(float(row[63:].split("%")[0]) for row in rows) == pytest.approx(100, abs=1)
+    assert sum(float(row[57:].split("%")[0]) for row in rows) == pytest.approx(100, abs=1)
 
 
 def test_a_long_campaign_lists_what_matters_only(shipped):
@@ -101,8 +100,8 @@ def test_a_long_campaign_lists_what_matters_only(shipped):
         lost=part.lost * 2,
     )
     report = check_report(dataclasses.replace(shipped, campaign=twice, leverage=marked))
-    rows = measured_rows(report)
-    assert [line.split("<-- ")[1] for line in rows] == ["dominates", "carries no information"]
+    assert len(measured_rows(report)) == 2
+    assert re.findall("<-- (.*)", report) == ["dominates", "carries no information"]
     assert "The other measurements of 40" in report
 
 
