@@ -8,12 +8,13 @@ import numpy as np
 from ident.identify.check import CampaignCheck
 from ident.identify.label_checks import LabelDoubt
 from ident.inference.information import WEAK_ABOVE, Information
+from ident.inference.optima import Optimum, is_tie
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.text.agreement import agreement, dependence_on_priors
 from ident.present.text.directions import in_words, spread_in_words
-from ident.present.text.units import in_read_unit
-from ident.present.text.words import balance, cut, describe, paragraphs, parameter_in_words
+from ident.present.text.units import in_read_unit, unit_of
+from ident.present.text.words import balance, cut, describe, kept, paragraphs, parameter_in_words
 
 CORRELATED = 0.9
 """Correlation from which a pair of parameters is named."""
@@ -30,6 +31,7 @@ def check_report(check: CampaignCheck) -> str:
     sections = [
         _heading(check),
         _verdicts(check),
+        _others(check),
         _directions(check),
         _measurements(check),
         _labels(check),
@@ -42,7 +44,9 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
     count = len(check.verdicts)
     yield f"Check of {check.campaign.name or 'a campaign'} on {check.arm.name}, before any solving"
     fine = check.verdicts.count("identifiable")
-    yield f"  {len(check.campaign)} measurements, {count} unknowns: {fine} of {count} identifiable by the data alone"
+    known = f"{fine} of {count} identifiable by the data alone"
+    near = ", but only near these values (see below)" if check.others and check.others.exact else ""
+    yield f"  {len(check.campaign)} measurements, {count} unknowns: {known}{near}"
     if check.tried > check.answered:
         yield f"  WARNING: the model has no answer at {check.tried - check.answered} of {check.tried} points looked at"
     if check.missing.any():
@@ -65,6 +69,36 @@ def _verdicts(check: CampaignCheck) -> Iterator[str]:
     limit = math.exp(WEAK_ABOVE)
     yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.tried} points looked at: the"
     yield "  arm file's values and others about them, since one point may mislead. Priors count nothing here."
+
+
+def _others(check: CampaignCheck) -> Iterator[str]:
+    """Yield which other values give the same data, or that none were found."""
+    others, items = check.others, check.problem.parameters.items
+    if others is None:
+        return
+    count = len(others.exact)
+    if count:
+        sets = "another set of values gives" if count == 1 else f"{count} other sets of values give"
+        yield f"GLOBALLY NOT IDENTIFIABLE: {sets} the same data; only priors tell them apart"
+    else:
+        yield "Other values that give the same data: none were found"
+    for optimum in (*others.exact, *others.near):
+        yield f"  {_cost(optimum)}: {', '.join(map(_changed, items, optimum.values.tolist()))}"
+    if others.near:
+        yield "  chi-squared: what exact data would cost there; below 3.84 the data hardly rule it out"
+    ended = f"{others.ended} of {others.starts} starts ended in an optimum"
+    yield f"  {ended}: a search may miss some, so that none was found is no proof."
+    yield "  Data as predicted at the arm file's values; priors count nothing."
+
+
+def _cost(optimum: Optimum) -> str:
+    return "chi-squared 0" if is_tie(0.0, optimum.cost) else f"chi-squared {optimum.cost:.2g}"
+
+
+def _changed(item: Parameter, value: float) -> str:
+    start = float(item.start)
+    change = f"{value / start:.3g} times" if item.positive and start else f"{value:.4g} {unit_of(item.name)}"
+    return kept(f"{item.name} {change}")
 
 
 def _reason(check: CampaignCheck, i: int) -> str:

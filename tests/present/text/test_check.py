@@ -11,6 +11,8 @@ from arms import lcd_arm
 from ident.arm.labels import Label
 from ident.identify.check import check_campaign
 from ident.identify.label_checks import LabelDoubt
+from ident.inference.optima import Optimum
+from ident.inference.other_solutions import OtherSolutions
 from ident.inference.parameters import Parameter
 from ident.measure import Campaign, read_campaign
 from ident.present.text.check import check_report
@@ -84,6 +86,20 @@ def test_the_shipped_campaign(shipped):
     rows = measured_rows(report)
     assert len(rows) == 20, "each measurement with its row in the file"
     assert sum(float(row[57:].split("%")[0]) for row in rows) == pytest.approx(100, abs=1)
+
+
+def test_other_values_with_the_same_data_are_listed(shipped):
+    assert "Other values that give the same data: none were found" in check_report(shipped)
+    assert "no proof" in check_report(shipped)
+    start = shipped.problem.parameters.column("start")
+    twin = Optimum(start * np.array([2.0, 0.5, 1, 1, 1, 1]), np.log(start), 0.0, 3, True, np.empty((0, 6)), np.ones(6))
+    rival = dataclasses.replace(twin, cost=2.34)
+    report = check_report(dataclasses.replace(shipped, others=OtherSolutions(16, 14, (twin,), (rival,))))
+    assert "6 of 6 identifiable by the data alone, but only near these values" in report
+    assert "GLOBALLY NOT IDENTIFIABLE: another set of values gives the same data" in report
+    assert "chi-squared 0: joint1.k_bend 2 times, joint2.k_bend 0.5 times, joint3.k_bend 1 times" in report
+    assert "chi-squared 2.3: joint1" in report
+    assert "14 of 16 starts ended in an optimum" in report
 
 
 def test_a_long_campaign_lists_what_matters_only(shipped):
