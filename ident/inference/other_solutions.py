@@ -7,13 +7,16 @@ import jax
 import numpy as np
 
 from ident.inference.convergence import convergence
+from ident.inference.fit import UNMET
 from ident.inference.information import half_width
 from ident.inference.least_squares import End, solve, without_priors
-from ident.inference.optima import SAME, Ended, Optimum, distinct, is_tie
+from ident.inference.optima import SAME, Ended, Optimum, distinct, is_tie, unmet
 from ident.inference.problem import InverseProblem
 
 STARTS = 16
-"""Starts of the search."""
+"""Starts at least."""
+MOST = 96
+"""Starts at most, where other solutions are met, and more of them are expected."""
 SPREAD = 1.0
 """Their standard deviation in theta, where the prior is not narrower: a factor of e for a stiffness."""
 
@@ -45,19 +48,27 @@ def other_solutions(problem: InverseProblem, here: End, *, starts: int = STARTS,
     Args:
         problem: model, sigmas and unknowns.
         here: predictions at the starting values.
-        starts: number of starts.
+        starts: number of starts at least.
         seed: of the starts.
     """
     exact = eqx.tree_at(lambda p: p.measured, without_priors(problem), jax.device_put(np.asarray(here.predicted)))
     start, width = np.asarray(here.theta), np.minimum(problem.parameters.normal_sd, SPREAD)
-    noise = np.random.default_rng(seed).standard_normal((starts, len(start))) * width
-    found = [jax.device_get(end) for end in (solve(exact, start + step) for step in noise) if np.isfinite(end.cost)]
-    ended: list[Ended] = [(end, convergence(exact, end)) for end in found]
-    reached = [(end, how) for end, how in ended if how.converged]
-    others = [optimum for optimum in distinct(exact, reached) if not _same(exact, optimum, here)]
+    noise = np.random.default_rng(seed).standard_normal((MOST, len(start))) * width
+    reached: list[Ended] = []
+    optima: tuple[Optimum, ...] = ()
+    tried = 0
+    for tried, step in enumerate(noise, 1):
+        end = jax.device_get(solve(exact, start + step))
+        how = convergence(exact, end) if np.isfinite(end.cost) else None
+        if how and how.converged:
+            reached.append((end, how))
+            optima = distinct(exact, reached)
+        if tried >= starts and (not optima or unmet(optima) < UNMET):
+            break
+    others = [optimum for optimum in optima if not _same(exact, optimum, here)]
     exactly = tuple(optimum for optimum in others if is_tie(0.0, optimum.cost))
     near = tuple(o for o in others if not is_tie(0.0, o.cost) and o.cost < half_width(0.95) ** 2)
-    return OtherSolutions(starts, len(reached), exactly, near)
+    return OtherSolutions(tried, len(reached), exactly, near)
 
 
 def _same(problem: InverseProblem, optimum: Optimum, here: End) -> bool:

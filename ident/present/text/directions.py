@@ -8,10 +8,7 @@ from jaxtyping import Float
 
 from ident.inference.information import Direction, Information, TradeOff
 from ident.inference.parameters import Parameter
-from ident.present.text.words import LARGEST, kept, scatter
-
-MATTERS = 0.3
-"""Spread that a factor adds to a product, as a share of the product's own, from which it is shown."""
+from ident.present.text.words import kept, main_factors, scatter
 
 
 def what_is_fixed(known: Information, items: tuple[Parameter, ...]) -> Iterator[str]:
@@ -51,16 +48,6 @@ def product(direction: Direction, items: tuple[Parameter, ...], spread: Float[np
     if len(parts) == 1:
         return parts[0][0]
     return f" {kept('* ')}".join(f"{name}^{exponent}" for name, exponent in parts)
-
-
-def main_factors(direction: Direction, spread: Float[np.ndarray, "P"]) -> list[int]:
-    """Return which parameters take part in a direction, by falling exponent.
-
-    An exponent may be small and its factor matter all the same, where that parameter is hardly known.
-    """
-    added = np.abs(direction.weights) * np.minimum(spread, math.log(LARGEST))
-    first, *others = np.argsort(-np.abs(direction.weights)).tolist()
-    return [first, *(i for i in others if added[i] > MATTERS * direction.sd)]
 
 
 def _exponent(weight: float) -> str:

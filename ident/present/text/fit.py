@@ -8,6 +8,7 @@ import numpy as np
 from ident.identify.fit import CampaignFit
 from ident.inference.fit import Fit
 from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE
+from ident.inference.optima import unmet
 from ident.inference.parameters import Parameter
 from ident.present.text.agreement import agreement, dependence_on_priors, what_may_be_wrong
 from ident.present.text.directions import what_is_fixed, what_is_open
@@ -122,6 +123,8 @@ def _rivals(fit: Fit) -> Iterator[str]:
         others = "another optimum" if len(costs) == 1 else f"{len(costs)} other optima"
         yield f"  WARNING: the data do not rule out {others}: the next costs {min(costs):.2g} more (see below)."
     if fit.rivals:
+        expected = f"{unmet(fit.optima):.1f}" if np.isfinite(unmet(fit.optima)) else "any number of"
+        yield f"  By how often each of them was met, {expected} more like them are expected; more starts would tell."
         yield "  Each interval reaches over all that were found; all else here holds about the answer alone."
 
 

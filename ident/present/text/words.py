@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from ident.arm.fields import field_of
 from ident.inference.information import Direction, Information
@@ -20,7 +21,9 @@ KEPT = "\u00a0"
 LARGEST = 1e6
 """Factor above which it is only said to be above."""
 NOTABLE = 0.15
-"""Weight below which a parameter is left out when a direction is put into words."""
+"""Weight below which a parameter is left out when a direction is put into a few words."""
+MATTERS = 0.3
+"""Spread that a factor adds to a product, as a share of the product's own, from which it is shown."""
 
 
 def paragraphs(sections: Iterable[Iterable[str]]) -> str:
@@ -77,12 +80,26 @@ def cut(text: str, length: int) -> str:
     return text if len(text) <= length else f"{text[: length - half - 1]}…{text[-half:]}"
 
 
-def direction_name(direction: Direction, names: Sequence[str]) -> str:
+def main_factors(direction: Direction, spread: Float[np.ndarray, "P"]) -> list[int]:
+    """Return which parameters take part in a direction, by falling exponent.
+
+    An exponent may be small and its factor matter all the same, where that parameter is hardly known.
+
+    Args:
+        direction: the combination.
+        spread: (P,) standard deviation of each theta.
+    """
+    added = np.abs(direction.weights) * np.minimum(spread, math.log(LARGEST))
+    first, *others = np.argsort(-np.abs(direction.weights)).tolist()
+    return [first, *(i for i in others if added[i] > MATTERS * direction.sd)]
+
+
+def direction_name(direction: Direction, names: Sequence[str], spread: Float[np.ndarray, "P"]) -> str:
     """Name a direction by its main parameters: a product, or a ratio where they are traded against each other."""
-    order = [i for i in np.argsort(-np.abs(direction.weights)) if abs(direction.weights[i]) > NOTABLE]
-    first, *others = order[:2]
+    order = main_factors(direction, spread)
+    first, *others = (i for i in order[:2] if abs(direction.weights[i]) > NOTABLE)
     signs = [" / " if direction.weights[i] * direction.weights[first] < 0 else " · " for i in others]
-    more = " …" if len(order) > 2 else ""
+    more = " …" if len(order) > 1 + len(others) else ""
     return cut(names[first], 24) + "".join(s + cut(names[i], 24) for s, i in zip(signs, others, strict=True)) + more
 
 
