@@ -177,7 +177,7 @@ def predict(
     central = fitted or drawn
     changed = arm_file.arm.replace((central.medians if central else {}) | options.set)
     draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)
-    if drawn and len(next(iter(drawn.values.values()))) < 2:
+    if drawn and next(iter(drawn.values.values())).size < 2:
         raise InputError(Problem("posterior", "one draw", "two at least, for a band", "sample longer"))
     if drawn and not draws:
         raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))

@@ -36,6 +36,7 @@ from ident.present.figures.style import (
     titled,
 )
 from ident.present.text.agreement import chance
+from ident.present.text.fit import why_no_interval
 from ident.present.text.units import MM, in_read_unit, is_length, read_unit
 from ident.present.text.words import cut, direction_name, short
 
@@ -123,10 +124,10 @@ def _values(axes: Axes, fit: CampaignFit, group: Sequence[int], *, shift: bool) 
         axes.plot([row.value], [y], linestyle="", zorder=3, **(FILLED if row.supported else HOLLOW))
     axes.set_xlabel("fitted - arm file [mm]" if shift else "fitted / arm file [-]", fontsize=9)
     keys = _key(
-        [row.supported for row in drawn], "known, 95 % interval", "not supported by the data; interval with prior"
+        [row.supported for row in drawn], "known, 95 % interval", "no interval by the data; shown with the prior"
     )
     heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
-    texts = [_value_text(items[i].name, fit.best.values[i], interval[i], bool(supported[i])) for i in group]
+    texts = [_value_text(items[i].name, fit.best.values[i], interval[i], why_no_interval(fit, i)) for i in group]
     rows(axes.twinx(), texts, side="right")
 
 
@@ -157,10 +158,10 @@ def _shift_span(drawn: Sequence[_Row]) -> tuple[float, float]:
     return -size, size
 
 
-def _value_text(name: str, value: float, interval: np.ndarray, supported: bool) -> str:
+def _value_text(name: str, value: float, interval: np.ndarray, why_not: str) -> str:
     size, unit = read_unit(name)
     best, low, high = engineering(*(float(number) / size for number in (value, *interval)))
-    return f"{best} {unit}\n{low} to {high}" if supported else f"not supported\n({best} {unit})"
+    return f"{why_not}\n({best} {unit})" if why_not else f"{best} {unit}\n{low} to {high}"
 
 
 def _directions(axes: Axes, information: Information) -> None:

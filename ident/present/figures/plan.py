@@ -44,7 +44,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
         order = np.argsort(angles[:, 0])
         axes.plot(angles[order, 0], gain[order], color=BLUE, marker="o", markersize=4)
         axes.set_ylabel(_gain_label(plan), fontsize=9)
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.12 * float(np.nanmax(gain)))
         places = {
             i: (math.degrees(q[0]), height)
             for i, (q, height) in enumerate(zip(plan.predictions.postures, 60 * plan.best_gain, strict=True))

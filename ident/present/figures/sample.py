@@ -121,7 +121,7 @@ def _combinations(axes: Axes, result: CampaignSample) -> None:
         axes.plot([direction.sd], [y], linestyle="", **(HOLLOW if direction.sd > LEARNED * prior else FILLED))
     left, right = axes.get_xlim()
     ticks = [step for step in (1e-4, 1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0) if left < step < right]
-    axes.set_xticks(ticks, [f"{100 * tick:g} %" if tick < 1 else f"factor {np.exp(tick):.3g}" for tick in ticks])
+    axes.set_xticks(ticks, [f"{100 * tick:g} %" if tick < 1 else f"factor {np.exp(tick):.2g}" for tick in ticks])
     axes.set_xticks([], minor=True)
     axes.set_xlabel("standard deviation of ln(combination) [-]", fontsize=9)
     keys: dict[str, Style] = {"by the posterior": FILLED, "by the prior alone": {"marker": "|", "color": GREY}}
@@ -150,7 +150,7 @@ def _predicted(axes: Axes, result: CampaignSample) -> None:
         axes.plot([median], [y], linestyle="", **{**FILLED, "color": colour, "markersize": 4})
     axes.set_xlabel("(measured - predicted) / sigma [-]", fontsize=9)
     keys: dict[str, Style] = {"prediction with noise, 95 %": BAND, "prediction, 95 %": WIDE, "50 %": NARROW}
-    keys["with noise, no 0 within 95 %"] = {**WIDE, "color": ORANGE}
+    keys["with noise, 95 % without 0"] = {**WIDE, "color": ORANGE}
     heading(axes, "Measured against predicted", keys)
 
 

@@ -44,7 +44,7 @@ def _heading(fit: CampaignFit) -> Iterator[str]:
 def _answer(fit: CampaignFit) -> Iterator[str]:
     """Yield each value with its interval, or why it has none."""
     yield "Fitted values, with their 95 % intervals"
-    items, words = fit.problem.parameters.items, [_verdict(fit, i) for i in range(len(fit.best.values))]
+    items, words = fit.problem.parameters.items, [why_no_interval(fit, i) for i in range(len(fit.best.values))]
     width = max(16, *(len(cut(item.name, 40)) for item in items))
     for item, value, interval, word in zip(items, fit.best.values, fit.interval(), words, strict=True):
         shown = word or _either_side(item, float(value), interval)
@@ -59,7 +59,7 @@ def _answer(fit: CampaignFit) -> Iterator[str]:
     yield from (f"  {word}: {meaning}" for word, meaning in meanings.items() if word in words)
 
 
-def _verdict(fit: Fit, i: int) -> str:
+def why_no_interval(fit: Fit, i: int) -> str:
     """Return in one word why a parameter has no interval; nothing where it has one."""
     known = fit.information
     if known.supported[i]:

@@ -89,9 +89,13 @@ def main_factors(direction: Direction, spread: Float[np.ndarray, "P"]) -> list[i
         direction: the combination.
         spread: (P,) standard deviation of each theta.
     """
-    added = np.abs(direction.weights) * np.minimum(spread, math.log(LARGEST))
-    first, *others = np.argsort(-np.abs(direction.weights)).tolist()
-    return [first, *(i for i in others if added[i] > MATTERS * direction.sd)]
+    size = np.abs(direction.weights)
+    if direction.seen:
+        matters = size * np.minimum(spread, math.log(LARGEST)) > MATTERS * direction.sd
+    else:
+        matters = size > NOTABLE
+    first, *others = np.argsort(-size).tolist()
+    return [first, *(i for i in others if matters[i])]
 
 
 def direction_name(direction: Direction, names: Sequence[str], spread: Float[np.ndarray, "P"]) -> str:
