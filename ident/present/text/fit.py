@@ -53,7 +53,7 @@ def _answer(fit: CampaignFit) -> Iterator[str]:
             yield f"    = {other}"
     meanings = {
         "open": "the data alone leave it open; what is known of it rests on the priors",
-        "weak": f"the data alone know it to a factor of {math.exp(WEAK_ABOVE):.2g} at best (one sd)",
+        "weak": f"the data alone know it no better than to a factor of {math.exp(WEAK_ABOVE):.2g} (one sd)",
         "withheld": "data and model would support an interval, but the fit is in doubt",
     }
     yield from (f"  {word}: {meaning}" for word, meaning in meanings.items() if word in words)
@@ -70,7 +70,7 @@ def why_no_interval(fit: Fit, i: int) -> str:
 def _either_side(item: Parameter, value: float, interval: np.ndarray) -> str:
     """Write how far an interval reaches to either side, as `-3.7 % +3.9 %`."""
     if item.positive:
-        return "".join(f"{in_percent(float(end) / value - 1):>8s}" for end in interval)
+        return " ".join(f"{in_percent(float(end) / value - 1):>8s}" for end in interval)
     factor, unit = (MM, "mm") if is_length(item.name) else (1.0, unit_of(item.name))
     return "  ".join(f"{factor * (float(end) - value):+.2g} {unit}" for end in interval)
 
@@ -123,8 +123,11 @@ def _rivals(fit: Fit) -> Iterator[str]:
         others = "another optimum" if len(costs) == 1 else f"{len(costs)} other optima"
         yield f"  WARNING: the data do not rule out {others}: the next costs {min(costs):.2g} more (see below)."
     if fit.rivals:
-        expected = f"{unmet(fit.optima):.1f}" if np.isfinite(unmet(fit.optima)) else "any number of"
-        yield f"  By how often each of them was met, {expected} more like them are expected; more starts would tell."
+        expected = unmet(fit.optima)
+        if np.isfinite(expected):
+            yield f"  By how often each of them was met, {expected:.1f} more like them are expected."
+        else:
+            yield "  Each was met too seldom to say how many more like them there are: try more starts."
         yield "  Each interval reaches over all that were found; all else here holds about the answer alone."
 
 

@@ -133,9 +133,11 @@ def shares(known: Information, i: int) -> str:
 
 
 def in_percent(share: float) -> str:
-    """Write a relative difference: `-3.7 %`."""
+    """Write a relative difference, `-3.7 %`; where it is no small one, what the value is multiplied by, `35 times`."""
+    if not -0.95 < share < 9.995:
+        return f"{1 + share:.2g} times"
     percent = 100 * share
-    return f"{percent:+.{0 if abs(percent) > 99.4 else 2}{'f' if abs(percent) > 99.4 else 'g'}} %"
+    return f"{percent:+.0f} %" if abs(percent) > 99.4 else f"{percent:+.2g} %"
 
 
 def priors_in_words(items: Sequence[Parameter]) -> Iterator[str]:

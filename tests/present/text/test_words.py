@@ -22,7 +22,14 @@ def test_what_nothing_bounds_overflows_nothing(log):
 
 @pytest.mark.parametrize(
     ("share", "words"),
-    [(-0.0372, "-3.7 %"), (0.031, "+3.1 %"), (-0.99999, "-100 %"), (37.2, "+3720 %"), (0.00021, "+0.021 %")],
+    [
+        (-0.0372, "-3.7 %"),
+        (0.031, "+3.1 %"),
+        (-0.999, "0.001 times"),
+        (37.2, "38 times"),
+        (3.2, "+320 %"),
+        (0.00021, "+0.021 %"),
+    ],
 )
 def test_a_difference_in_percent(share, words):
     assert in_percent(share) == words
