@@ -67,6 +67,11 @@ class Information:
         return sum(direction.seen for direction in self.directions)
 
     @property
+    def fixed(self) -> int:
+        """Number of directions that the data do not leave open."""
+        return sum(not direction.open for direction in self.directions)
+
+    @property
     def sd(self) -> Float[np.ndarray, "P"]:
         """Standard deviation of each theta by data and prior."""
         return np.sqrt(np.diag(self.covariance))

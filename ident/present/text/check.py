@@ -124,10 +124,10 @@ def _directions(check: CampaignCheck) -> Iterator[str]:
     if known is None:
         return
     items, count = check.problem.parameters.items, len(known.names)
-    yield f"What the data see: {known.rank} of {count} directions"
+    yield f"What the data see: {known.fixed} of {count} directions"
     trades = known.trade_offs()
     if trades:
-        yield "  Null directions, of which they see nothing:"
+        yield "  Null directions, of which they see nothing, or next to nothing:"
     for trade in trades:
         alone = np.count_nonzero(np.abs(trade.change) > SLIGHT) == 1
         fits = "any value fits" if alone else "any trade-off fits"
@@ -139,10 +139,10 @@ def _directions(check: CampaignCheck) -> Iterator[str]:
         yield "  Near-null directions, of which they see little:"
     for direction in weak:
         yield f"    {balance(direction.weights.tolist(), items)}: known within {_within(direction.sd)} only"
-    seen = [d.sd for d in known.directions if d.seen]
+    seen = [d.sd for d in known.directions if not d.open]
     if len(seen) > 1:
-        infinite = f" (of all {count}: infinite)" if known.rank < count else ""
-        yield f"  Condition number of the {known.rank} that are seen: {seen[-1] / seen[0]:.3g}{infinite}"
+        infinite = f" (of all {count}: infinite)" if known.fixed < count else ""
+        yield f"  Condition number of the {known.fixed} that are seen: {seen[-1] / seen[0]:.3g}{infinite}"
     yield from _correlations(check, known)
 
 

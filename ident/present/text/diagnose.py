@@ -82,7 +82,7 @@ def _failure(best: Remedy, verified: int) -> str:
 def cautions(diagnosis: Diagnosis) -> Iterator[str]:
     """Say how far a diagnosis holds where the measurements do not bear it."""
     sampled = diagnosis.identification.sampled
-    rank, count = sampled.fitted.information.rank, len(sampled.fitted.information.names)
+    rank, count = sampled.fitted.information.fixed, len(sampled.fitted.information.names)
     if rank < count:
         filled = "the rest comes from the prior, and so do the probabilities"
         yield f"Caution: the measurements fix {rank} of {count} directions only; {filled}."
@@ -92,7 +92,7 @@ def cautions(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _stiffness(diagnosis: Diagnosis) -> tuple[list[str], str]:
     fit = diagnosis.identification.sampled.fitted
-    rank, count = fit.information.rank, len(fit.information.names)
+    rank, count = fit.information.fixed, len(fit.information.names)
     findings = [
         f"{len(fit.campaign)} measurements fix {rank} of {count} directions of the unknowns; "
         f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom."

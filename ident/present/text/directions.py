@@ -14,7 +14,7 @@ from ident.present.text.words import kept, main_factors, scatter
 def what_is_fixed(known: Information, items: tuple[Parameter, ...]) -> Iterator[str]:
     """Say which combinations the data fix, best known first."""
     fixed = [direction for direction in known.directions if not direction.open]
-    yield f"What the data fix: {len(fixed)} of {len(known.names)} directions"
+    yield f"What the data fix: {known.fixed} of {len(known.names)} directions"
     for direction in fixed:
         weak = "weakly known, to" if direction.weak else "known to"
         yield f"  {weak} {spread_in_words(direction.sd)}: {product(direction, items, known.sd)}"
