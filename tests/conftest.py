@@ -22,6 +22,7 @@ ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "pr
 install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 
 import jax  # noqa: E402
+from reports import too_wide  # noqa: E402
 
 from ident import cli  # noqa: E402
 
@@ -53,6 +54,8 @@ def run(monkeypatch, capsys, tmp_path):
         except SystemExit as stop:
             code = stop.code or 0
         captured = capsys.readouterr()
+        if "--help" not in arguments:
+            assert not too_wide(captured.out), "a report fits a terminal"
         return code, captured.out, captured.err
 
     return call

@@ -12,7 +12,7 @@ from ident.inference.convergence import convergence
 from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
 from ident.inference.information import Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
-from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd
+from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd, rivals, unmet
 from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import IMPROBABLE, farthest, outlying
 
@@ -21,6 +21,8 @@ STARTS = 16
 PATIENCE = 6
 """Starts tried at most, as a multiple of that, until the best optimum has been reached `AGAIN` times."""
 AGAIN = 3
+UNMET = 0.5
+"""Expected number of rivals that were not met, below which the search may end where it has met one."""
 SPREAD = 1.0
 """Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
 
@@ -128,8 +130,7 @@ class Fit:
     @property
     def rivals(self) -> tuple[Optimum, ...]:
         """Further optima that the data do not rule out: of a cost within the 95 % limit of the best one's."""
-        limit = self.best.cost + half_width(0.95) ** 2
-        return tuple(optimum for optimum in self.optima[1:] if optimum.converged and optimum.cost < limit)
+        return rivals(self.optima)
 
     @property
     def ties(self) -> int:
@@ -169,7 +170,8 @@ def fit(
 
     After `starts` of them the search goes on, up to `PATIENCE` times as many, until `AGAIN` starts have ended in the
     best optimum: an optimum that was met once only may not be the best one. Nor may one whose chi-squared is
-    improbable, so that the search goes on there as well, before data are blamed.
+    improbable, so that the search goes on there as well, before data are blamed. And where it has met rivals, until
+    fewer than `UNMET` further ones are expected.
 
     Args:
         problem: model, data and unknowns.
@@ -193,7 +195,8 @@ def fit(
         if np.isfinite(end.cost):
             reached.append(_measured(problem, end))
             optima = distinct(problem, reached)
-        if tried >= starts and optima and optima[0].starts >= AGAIN and not _answer(problem, reached).improbable:
+        met = tried >= starts and optima and optima[0].starts >= AGAIN and unmet(optima) < UNMET
+        if met and not _answer(problem, reached).improbable:
             break
     if not reached:
         raise _no_optimum(evaluate(problem).predicted)

@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from typing import Literal
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ident.inference.information import Information, information
-from ident.inference.least_squares import evaluate
+from ident.inference.least_squares import End, evaluate
 from ident.inference.leverage import Leverage, leverage_of
+from ident.inference.other_solutions import OtherSolutions, other_solutions
 from ident.inference.problem import InverseProblem
 
 Verdict = Literal["identifiable", "weak", "not seen", "unknown"]
@@ -34,6 +35,7 @@ class Check:
         data_sd: (points, P) standard deviation in theta by the data alone, the starting values first.
         supported: (points, P) whether each parameter is identifiable there.
         tried: number of points tried, the starting values among them; those without an answer are not in `data_sd`.
+        others: other values that give the same data; None where some direction is open, so that there are always some.
     """
 
     problem: InverseProblem
@@ -44,6 +46,7 @@ class Check:
     data_sd: Float[np.ndarray, "points P"]
     supported: Bool[np.ndarray, "points P"]
     tried: int
+    others: OtherSolutions | None = None
 
     @property
     def answered(self) -> int:
@@ -67,6 +70,8 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
     - `unknown`: the model has no answer at the starting values, or at most of the points;
     - `weak`: else. The data see it too little, together with others only, or not at every point.
 
+    That is local: whether values far away give the same data is looked for, from several starts, in `others`.
+
     Args:
         problem: model, data and unknowns; priors only narrow the points down.
         points: number of points beside the starting values.
@@ -77,7 +82,8 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
     start = np.asarray(parameters.theta(parameters.column("start")))
     width = np.minimum(parameters.normal_sd, spread)
     noise = np.random.default_rng(seed).standard_normal((points, len(start))) * width
-    evaluated = [_scaled_jacobian(problem, theta) for theta in (start, *(start + noise))]
+    ends = [jax.device_get(evaluate(problem, theta)) for theta in (start, *(start + noise))]
+    evaluated = [_scaled_jacobian(problem, end) for end in ends]
     answers = [J for J, missing in evaluated if not missing.any()]
     known = [information(J, np.full(len(start), np.inf), parameters.names) for J in answers]
     here, missing = evaluated[0]
@@ -85,6 +91,7 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
     sd = np.array([each.data_sd for each in known]).reshape(-1, len(start))
     supported = np.array([each.supported for each in known], bool).reshape(-1, len(start))
     unknown = blank or 2 * len(answers) < len(evaluated)
+    closed = not blank and not any(direction.open for direction in known[0].directions)
     return Check(
         problem,
         tuple("unknown" for _ in start) if unknown else _verdicts(np.array(answers), supported),
@@ -94,12 +101,13 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
         sd,
         supported,
         len(evaluated),
+        other_solutions(problem, ends[0], seed=seed) if closed else None,
     )
 
 
-def _scaled_jacobian(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> tuple[np.ndarray, np.ndarray]:
+def _scaled_jacobian(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
     """Return d(predicted / sigma)/d(theta), and which values are fitted but have no answer."""
-    end, sigma = evaluate(problem, jnp.asarray(theta)), np.asarray(problem.sigma)
+    sigma = np.asarray(problem.sigma)
     J, fitted = np.asarray(end.jacobian), np.isfinite(sigma)
     missing = fitted & ~(np.isfinite(np.asarray(end.predicted)) & np.isfinite(J).all(1))
     return np.where(fitted[:, None], J, 0.0) / sigma[:, None], missing

@@ -1,5 +1,6 @@
 """What data can tell about parameters, from the Jacobian at one point: directions, ranks, standard deviations."""
 
+import math
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -8,6 +9,8 @@ from jaxtyping import Float
 
 WEAK_ABOVE = 0.5
 """Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6."""
+OPEN_ABOVE = math.log(1e3)
+"""The same above which it counts as open: whatever little the data say there, no prior would say less."""
 RANK_TOLERANCE = 1e-8
 """Singular values below this share of the largest are rounding."""
 
@@ -30,9 +33,14 @@ class Direction:
         return bool(np.isfinite(self.sd))
 
     @property
+    def open(self) -> bool:
+        """Whether they leave it open: they say nothing about it, or nothing within a factor of a thousand."""
+        return not self.sd < OPEN_ABOVE
+
+    @property
     def weak(self) -> bool:
         """Whether they say little."""
-        return self.seen and self.sd > WEAK_ABOVE
+        return not self.open and self.sd > WEAK_ABOVE
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,11 @@ class Information:
         return sum(direction.seen for direction in self.directions)
 
     @property
+    def fixed(self) -> int:
+        """Number of directions that the data do not leave open."""
+        return sum(not direction.open for direction in self.directions)
+
+    @property
     def sd(self) -> Float[np.ndarray, "P"]:
         """Standard deviation of each theta by data and prior."""
         return np.sqrt(np.diag(self.covariance))
@@ -67,6 +80,21 @@ class Information:
     def supported(self) -> np.ndarray:
         """Which parameters the data alone would give an interval for."""
         return self.data_sd < WEAK_ABOVE
+
+    @property
+    def open(self) -> np.ndarray:
+        """Which parameters the data alone leave open, as directions."""
+        return ~(self.data_sd < OPEN_ABOVE)
+
+    @property
+    def data_share(self) -> Float[np.ndarray, "P"]:
+        """Share of the data alone in what is known of each parameter, from 0 to 1.
+
+        What this and `prior_share` leave is told by the data together with the priors of other parameters.
+        """
+        with np.errstate(invalid="ignore"):
+            share = np.diag(self.covariance) / self.data_sd**2
+        return np.where(np.isfinite(share), np.minimum(share, 1 - self.prior_share), 0.0)
 
     @property
     def correlation(self) -> Float[np.ndarray, "P P"]:
@@ -80,14 +108,14 @@ class Information:
         return self.directions[-1].sd / self.directions[0].sd
 
     def trade_offs(self) -> tuple["TradeOff", ...]:
-        """Say for each direction that the data do not see which parameter may move, and what then moves along."""
-        open_space = np.array([d.weights for d in self.directions if not d.seen])
+        """Say for each open direction which parameter may move, and what then moves along."""
+        open_space = np.array([d.weights for d in self.directions if d.open])
         return tuple(TradeOff(self.names[lead], row) for lead, row in _echelon(open_space))
 
 
 @dataclass(frozen=True)
 class TradeOff:
-    """A change that the data would not notice.
+    """A change that the data would hardly notice, or not at all.
 
     Attributes:
         name: the parameter that may be chosen freely.

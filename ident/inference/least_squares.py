@@ -33,13 +33,18 @@ def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None)
 
     It is a fit without data and prior, so that what was compiled for the fit serves here as well.
     """
-    blank = eqx.tree_at(lambda p: p.sigma, problem, np.full_like(problem.sigma, np.inf))
+    blank = eqx.tree_at(lambda p: p.sigma, without_priors(problem), np.full_like(problem.sigma, np.inf))
     start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
+    return solve(blank, start)
+
+
+def without_priors(problem: InverseProblem) -> InverseProblem:
+    """Return the problem in which the priors count nothing."""
     free = tuple(
         eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
         for item in problem.parameters.items
     )
-    return solve(eqx.tree_at(lambda p: p.parameters.items, blank, free), start)
+    return eqx.tree_at(lambda p: p.parameters.items, problem, free)
 
 
 @jit

@@ -1,12 +1,13 @@
 """Where the starts of a fit ended: which ends are one optimum, in which order, and how well each is known."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from ident.inference.convergence import Convergence
-from ident.inference.information import RANK_TOLERANCE, information
+from ident.inference.information import RANK_TOLERANCE, half_width, information
 from ident.inference.least_squares import End
 from ident.inference.problem import InverseProblem
 
@@ -39,6 +40,27 @@ class Optimum:
     converged: bool
     open: Float[np.ndarray, "N P"]
     sd: Float[np.ndarray, "P"]
+
+
+def rivals(optima: Sequence[Optimum]) -> tuple[Optimum, ...]:
+    """Return the further optima that the data do not rule out: of a cost within the 95 % limit of the first one's."""
+    limit = optima[0].cost + half_width(0.95) ** 2
+    return tuple(optimum for optimum in optima[1:] if optimum.converged and optimum.cost < limit)
+
+
+def unmet(optima: Sequence[Optimum]) -> float:
+    """Return how many optima are expected beyond the best one and its rivals, by how often each of these was met.
+
+    With w of them met in n starts, w (n - 1) / (n - w - 2) are expected in all, if starts are independent and any
+    sizes of the regions that lead to them are equally probable beforehand (Boender & Rinnooy Kan, "Bayesian stopping
+    rules for multistart global optimization methods", Math. Programming 37, 1987). A single one that was never beside
+    another expects none.
+    """
+    near = [optima[0], *rivals(optima)]
+    n, w = sum(optimum.starts for optimum in near), len(near)
+    if w == 1:
+        return 0.0
+    return w * (n - 1) / (n - w - 2) - w if n > w + 2 else np.inf
 
 
 def _cost(reached: Ended) -> float:

@@ -216,7 +216,7 @@ def _diagnose(chains: Chains, basins: Sequence[int], only: int | None = None) ->
 def _walkers(fit: Fit, target: Marginal, settings: Settings) -> int:
     """Return the number of walkers of settings that can work."""
     count = len(target.parameters.items)
-    curved = not all(direction.seen and not direction.weak for direction in fit.information.directions)
+    curved = any(direction.weak or direction.open for direction in fit.information.directions)
     walkers = settings.walkers or (8 if curved else 4) * count
     if walkers < 2 * count or walkers % SPLITS:
         expected, remedy = f"an even number, at least {2 * count} for {count} unknowns", "correct `walkers`"

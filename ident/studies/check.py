@@ -39,7 +39,7 @@ class CheckResult(Result):
     check: "CampaignCheck"
     options: CheckOptions = field(default_factory=CheckOptions)
 
-    form = "ident-check/2"
+    form = "ident-check/3"
     subject = "check.campaign.name"
     shown = ("check",)
     summary = ("contradictory",)
@@ -48,6 +48,13 @@ class CheckResult(Result):
     def verdicts(self) -> Mapping[str, str]:
         """Verdict by parameter: identifiable, weak, not seen or unknown."""
         return dict(zip(self.check.problem.parameters.names, self.check.verdicts, strict=True))
+
+    @property
+    def others(self) -> tuple[Mapping[str, float], ...]:
+        """Other values by parameter [SI] that give the same data: those that a search from several starts found."""
+        names = self.check.problem.parameters.names
+        found = self.check.others.exact if self.check.others else ()
+        return tuple(dict(zip(names, map(float, optimum.values), strict=True)) for optimum in found)
 
     @property
     def contradictory(self) -> bool:

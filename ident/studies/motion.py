@@ -35,7 +35,7 @@ class MotionOptions(ArmOptions):
     """What the arm carries out, under which load, with which numbers changed."""
 
     speed: float | None = option(
-        None, "percent of full speed, default 10; with --path of its own speed, default 100", argument="percent"
+        None, "percent of full speed, default 10; with --path of its own speed, default 100", above=0.0, high=1000.0
     )
     profile: str | None = option(None, "of the stroke's speed: s-curve (default), trapezoid or cycloid")
     retract: bool = option(False, "from unfolded to folded")

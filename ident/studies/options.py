@@ -37,6 +37,7 @@ class Spec:
         help: one clause, with the unit in brackets.
         low: least value that is allowed.
         above: value that it must exceed.
+        high: value that it may reach at most, where `above` is given.
         choices: words that it must be one of.
         flag: name on the command line; by default the option's own.
         short: one letter with a dash, as a further name.
@@ -49,6 +50,7 @@ class Spec:
     help: str
     low: float | None = None
     above: float | None = None
+    high: float = math.inf
     choices: tuple[str, ...] = ()
     flag: str = ""
     short: str = ""
@@ -63,8 +65,8 @@ class Spec:
             return f"one of {', '.join(self.choices)}"
         if isinstance(value, Real) and not isinstance(value, bool):
             value = float(value)
-            if self.above is not None and not self.above < value < math.inf:
-                return f"a number above {self.above:g}"
+            if self.above is not None and not (self.above < value <= self.high and value < math.inf):
+                return f"a number above {self.above:g}" + (f", at most {self.high:g}" if self.high < math.inf else "")
             if self.low is not None and not self.low <= value < math.inf:
                 return f"a number from {self.low:g}"
         return ""

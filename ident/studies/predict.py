@@ -40,7 +40,7 @@ class PredictOptions(ArmOptions):
         read=reading.postures,
     )
     modes: int = option(6, "number of modes", low=1)
-    draws: int = option(200, "draws of the posterior", low=1)
+    draws: int = option(200, "draws of the posterior", low=2)
     seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
 
     def problems(self) -> list[Problem]:
@@ -179,6 +179,8 @@ def predict(
     central = fitted or drawn
     changed = arm_file.arm.replace((central.medians if central else {}) | options.set)
     draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)
+    if drawn and next(iter(drawn.values.values())).size < 2:
+        raise InputError(Problem("posterior", "one draw", "two at least, for a band", "sample longer"))
     if drawn and not draws:
         raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
     postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]

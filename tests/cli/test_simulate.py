@@ -241,8 +241,8 @@ def test_an_arm_without_drives_is_shaken_by_its_motion_alone(run, tmp_path, bare
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--speed=0"], "--speed: got 0 %"),
-        (["--speed=nan"], "--speed: got nan %"),
+        (["--speed=0"], "--speed: got 0, expected a number above 0, at most 1000"),
+        (["--speed=nan"], "--speed: got nan, expected a number above 0"),
         (["--profile=scurve"], "did you mean s-curve"),
         (["--dwell=-1"], "--dwell: got -1 s"),
         (["--method=exakt"], "did you mean exact"),

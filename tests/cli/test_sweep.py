@@ -160,7 +160,7 @@ def test_other_parameters_are_other_files_and_an_arm_without_drives_is_told(run,
             "--vary link1.mass: got 0 at present, expected a number above 0; "
             "it is changed by a factor: set it first (--set)",
         ),
-        (["--vary=link1.mass", "--speed=0"], "--speed: got 0 %"),
+        (["--vary=link1.mass", "--speed=0"], "--speed: got 0, expected a number above 0, at most 1000"),
     ],
 )
 def test_bad_sweeps_are_one_line_and_nothing_is_written(run, tmp_path, options, words):

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from chains import storey_frequencies, storey_problem
 from scipy.stats import binomtest
 
 from ident.errors import InputError
@@ -85,6 +86,52 @@ def test_each_verdict_in_closed_form():
     assert [d.weak for d in found.information.directions] == [False, False, True, False, False]
     assert not found.blind
     assert check(linear(np.zeros((3, 5)))).blind
+
+
+def storeys_as_they_are():
+    """A chain of four whose springs start at the truth, so that check looks for others with the same frequencies."""
+    truth = np.array([1.2e6, 1.0e6, 0.8e6, 0.9e6])
+    problem = storey_problem(truth, width=math.inf)
+    return truth, eqx.tree_at(
+        lambda p: [item.start for item in p.parameters.items], problem, list(map(np.array, truth))
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_other_values_that_give_the_same_data_are_found(seed):
+    """A Jacobi matrix of this form has four solutions for one spectrum (as the fit from 60 starts finds)."""
+    truth, problem = storeys_as_they_are()
+    found = check(problem, seed=seed)
+    assert found.verdicts == ("identifiable",) * 4, "near the truth it is"
+    assert len(found.others.exact) == 3
+    for optimum in found.others.exact:
+        values = {f"k{i + 1}": jnp.asarray(k) for i, k in enumerate(optimum.values)}
+        np.testing.assert_allclose(storey_frequencies(values), problem.measured, rtol=1e-7)
+        assert np.abs(optimum.values / truth - 1).max() > 0.02
+    assert found.others.near == ()
+
+
+def test_a_rival_that_the_sigmas_would_not_rule_out_is_told_with_its_cost():
+    """x^2 and x, the latter so uncertain that the other root costs (0.8 / 0.5)^2, less what a shift saves."""
+    items = (Parameter(("x",), False, 0.4, 0.0),)
+    two = InverseProblem(
+        lambda p: jnp.stack([p["x"] ** 2, p["x"]]), jnp.zeros(2), jnp.array([1e-4, 0.5]), Parameters(items), ("a", "b")
+    )
+    (rival,) = check(two).others.near
+    assert rival.values[0] == pytest.approx(-0.4, abs=1e-3)
+    assert rival.cost == pytest.approx(1.6**2, rel=1e-3)
+    assert check(two).others.exact == ()
+
+
+def test_where_a_direction_is_open_there_are_always_others_and_none_is_looked_for(paper):
+    assert paper.others is None
+    assert check(linear(np.diag([5.0, 5.0]))).others.exact == ()
+
+
+def test_no_other_values_are_found_for_the_shipped_campaign(shipped):
+    assert shipped.others.exact == ()
+    assert shipped.others.near == ()
+    assert shipped.others.ended > 8
 
 
 def test_orthogonal_columns_are_uncorrelated_and_equally_well_known():

@@ -21,6 +21,7 @@ from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
 from ident.inference.fit import fit
 from ident.inference.least_squares import evaluate
+from ident.inference.optima import Optimum, unmet
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
@@ -309,6 +310,33 @@ def test_an_optimum_that_the_data_rule_out_widens_no_interval():
     assert len(found.optima) == 2
     assert found.rivals == ()
     np.testing.assert_allclose(found.interval()[0], [1 - 0.0098, 1 + 0.0098], atol=1e-3)
+
+
+def met(*starts, cost=0.0):
+    return [
+        Optimum(np.zeros(1), np.full(1, float(i)), cost, n, True, np.empty((0, 1)), np.ones(1))
+        for i, n in enumerate(starts)
+    ]
+
+
+def test_how_many_rivals_were_not_met_is_estimated_by_how_often_each_was():
+    """Boender & Rinnooy Kan 1987: w (n - 1) / (n - w - 2) in all."""
+    assert unmet(met(3)) == 0.0
+    assert unmet(met(14, 2)) == pytest.approx(2 * 15 / 12 - 2)
+    assert unmet(met(40, 3, 2, 1)) == pytest.approx(4 * 45 / 40 - 4)
+    assert unmet(met(1, 2, 1)) == math.inf
+    far = dataclasses.replace(met(1)[0], cost=50.0)
+    assert unmet([*met(14), far]) == 0.0, "what the data rule out does not count"
+
+
+def test_where_a_rival_was_met_the_search_goes_on_until_no_more_are_expected():
+    """A chain of four: of 8 seeds, 16 starts alone miss one of the four solutions in about half."""
+    truth = {f"k{i}": jnp.asarray(k) for i, k in enumerate((1.2e6, 1.0e6, 0.8e6, 0.9e6))}
+    problem = chain_problem(chain_frequencies(truth))
+    found = [fit(problem, seed=seed) for seed in range(8)]
+    assert all(unmet(each.optima) < 0.5 for each in found)
+    assert sum(each.ties == 3 for each in found) >= 6
+    assert min(sum(o.starts for o in each.optima) for each in found) > 16
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -21,6 +21,7 @@ def test_it_gives_a_verdict_for_each_parameter(result):
     assert set(result.verdicts.values()) == {"weak"}
     assert list(result.verdicts) == list(result.check.problem.parameters.names)
     assert result.contradictory
+    assert result.others == (), "directions are open: none is looked for"
 
 
 def test_it_comes_back_as_it_was(result, tmp_path):

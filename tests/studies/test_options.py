@@ -15,6 +15,7 @@ from ident.studies.fit import FitOptions
 from ident.studies.options import Options, flag_of, option, renamed, specs
 from ident.studies.predict import PredictOptions
 from ident.studies.profile import ProfileOptions
+from ident.vibrate.motion.motion import FASTEST
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +34,13 @@ def refusal(**values):
     with pytest.raises(InputError) as error:
         Drawn(**values)
     return str(error.value)
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, 1000.5, math.nan, math.inf])
+def test_a_speed_is_refused_by_the_name_of_its_option(speed):
+    with pytest.raises(InputError, match=rf"^speed: got {speed:g}, expected a number above 0, at most 1000; "):
+        ident.ResonanceOptions(speed=speed)
+    assert ident.ResonanceOptions(speed=FASTEST).speed == 1000, "as fast as a motion may be"
 
 
 def test_defaults_are_fine_and_nobodys_dict_is_shared():

@@ -61,6 +61,12 @@ def test_what_is_set_is_not_drawn(drawn):
         predict(lcd_arm(), both, posterior=drawn)
 
 
+def test_one_draw_makes_no_band():
+    single = Values("", "", {"joint1.k_tors": np.array([3e5])})
+    with pytest.raises(ident.InputError, match="posterior: got one draw, expected two at least, for a band"):
+        predict(lcd_arm(), posterior=single)
+
+
 def test_a_fit_gives_its_values():
     fitted = Values("", "", {"joint1.k_tors": np.asarray(5e4)})
     result = predict(lcd_arm(), fit=fitted)
@@ -105,6 +111,7 @@ def test_it_draws_frequencies_against_the_first_joint_that_turns():
     ("options", "words"),
     [
         ({"modes": 0}, "modes: got 0, expected a number from 1"),
+        ({"draws": 1}, "draws: got 1, expected a number from 2"),
         ({"set": {"link2.mass": -3.0}}, "set: got link2.mass=-3, expected a value >= 0"),
         ({"set": {"joint1.k_bend": -3.0}}, "set: got joint1.k_bend=-3"),
         ({"posture": ("30,-60,30",)}, "as \\(\\(30, -60, 30\\),\\)"),

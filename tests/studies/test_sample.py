@@ -60,6 +60,16 @@ def test_it_comes_back_as_it_was(result, tmp_path):
     np.testing.assert_array_equal(loaded.sample.sample.log_density, result.sample.sample.log_density)
     assert loaded.arm.sha256 == result.arm.sha256
     assert list(loaded.figures()) == ["posterior", "corner", "trace"]
+    parameters, _, predicted = (axes for axes in loaded.figures()["posterior"].axes if axes.get_xlabel())
+    assert predicted.get_xlabel() == "(measured - predicted) / sigma [-]", "as in the figure of the fit"
+    medians = [line.get_xdata()[0] for line in predicted.lines if line.get_marker() == "o"]
+    drawn, campaign = result.sample.posterior_predictive.predicted, result.sample.fitted.campaign
+    expected = [(m.value - np.median(own)) / m.sigma for m, own in zip(campaign, drawn.T, strict=True)]
+    np.testing.assert_allclose(medians, expected, rtol=1e-9)
+    own = np.array([line.get_xdata() for line in parameters.lines if line.get_linewidth() == 1.2])
+    left, right = parameters.get_xlim()
+    assert left < own.min() < own.max() < right
+    assert (np.log(own[:, 1] / own[:, 0]) > 0.01 * np.log(right / left)).all(), "each interval can be seen"
 
 
 def test_its_file_is_arviz_inference_data(result, file):

@@ -14,7 +14,7 @@ from matplotlib.gridspec import SubplotSpec
 
 from ident.identify.fit import CampaignFit
 from ident.inference.cross_prediction import contradicting
-from ident.inference.information import WEAK_ABOVE, Direction
+from ident.inference.information import WEAK_ABOVE, Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import Campaign
 from ident.present.figures.style import (
@@ -35,6 +35,8 @@ from ident.present.figures.style import (
     rows,
     titled,
 )
+from ident.present.text.agreement import chance
+from ident.present.text.fit import why_no_interval
 from ident.present.text.units import MM, in_read_unit, is_length, read_unit
 from ident.present.text.words import cut, direction_name, short
 
@@ -52,8 +54,6 @@ DENSE = 60
 """Measurements above which the rows are numbered instead of described."""
 REACH = 30.0
 """Factor beyond the fitted values at which the frame cuts an interval off."""
-FARTHEST = 100.0
-"""Standard deviation of a direction at which its marker stays within the frame."""
 
 
 def fit_figure(fit: CampaignFit) -> Figure:
@@ -76,7 +76,7 @@ def fit_figure(fit: CampaignFit) -> Figure:
     *values, directions = _stack(figure, columns[0], heights[0])
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
         _values(axes, fit, group, shift=group is moved)
-    _directions(directions, fit.information.directions, fit.information.names)
+    _directions(directions, fit.information)
     residuals, words = _stack(figure, columns[1], heights[1])
     _residuals(residuals, fit.campaign, fit.residuals)
     _write(words, notes)
@@ -86,7 +86,7 @@ def fit_figure(fit: CampaignFit) -> Figure:
 def _width(fit: CampaignFit) -> float:
     """Return the width [inch] that leaves room for the panels beside what is written in the rows."""
     known = fit.information
-    left = max(len(direction_name(direction, known.names)) for direction in known.directions)
+    left = max(len(direction_name(direction, known.names, known.sd)) for direction in known.directions)
     right = max(len(cut(short(m), LABEL)) for m in fit.campaign)
     return 8.6 + LETTER * (max(left, 20) + max(right, 20) + 20)
 
@@ -124,10 +124,10 @@ def _values(axes: Axes, fit: CampaignFit, group: Sequence[int], *, shift: bool) 
         axes.plot([row.value], [y], linestyle="", zorder=3, **(FILLED if row.supported else HOLLOW))
     axes.set_xlabel("fitted - arm file [mm]" if shift else "fitted / arm file [-]", fontsize=9)
     keys = _key(
-        [row.supported for row in drawn], "known, 95 % interval", "not supported by the data; interval with prior"
+        [row.supported for row in drawn], "known, 95 % interval", "no interval by the data; shown with the prior"
     )
     heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
-    texts = [_value_text(items[i].name, fit.best.values[i], interval[i], bool(supported[i])) for i in group]
+    texts = [_value_text(items[i].name, fit.best.values[i], interval[i], why_no_interval(fit, i)) for i in group]
     rows(axes.twinx(), texts, side="right")
 
 
@@ -158,25 +158,26 @@ def _shift_span(drawn: Sequence[_Row]) -> tuple[float, float]:
     return -size, size
 
 
-def _value_text(name: str, value: float, interval: np.ndarray, supported: bool) -> str:
+def _value_text(name: str, value: float, interval: np.ndarray, why_not: str) -> str:
     size, unit = read_unit(name)
     best, low, high = engineering(*(float(number) / size for number in (value, *interval)))
-    return f"{best} {unit}\n{low} to {high}" if supported else f"not supported\n({best} {unit})"
+    return f"{why_not}\n({best} {unit})" if why_not else f"{best} {unit}\n{low} to {high}"
 
 
-def _directions(axes: Axes, directions: Sequence[Direction], names: Sequence[str]) -> None:
-    """Draw the standard deviation of each direction; those that the data do not see stand at the edge."""
-    known = [min(d.sd, FARTHEST) for d in directions if d.seen]
+def _directions(axes: Axes, information: Information) -> None:
+    """Draw the standard deviation of each direction; those that the data leave open stand at the edge."""
+    directions = information.directions
+    known = [d.sd for d in directions if not d.open]
     left, edge = min([0.01, *known]) / 2, 4 * max([2 * WEAK_ABOVE, *known])
-    rows(axes, [direction_name(direction, names) for direction in directions])
+    rows(axes, [direction_name(direction, information.names, information.sd) for direction in directions])
     axes.set_xscale("log")
     axes.set_xlim(left, 4 * edge)
     axes.axvspan(WEAK_ABOVE, 4 * edge, color="#F3F3F3", zorder=0)
     axes.axvline(WEAK_ABOVE, color="black", linewidth=0.8, linestyle="--")
     for y, direction in enumerate(directions):
-        place = min(direction.sd, FARTHEST) if direction.seen else edge
+        place = edge if direction.open else direction.sd
         axes.plot([place], [y], linestyle="", **_direction_style(direction))
-        word = "weak" if direction.weak else "" if direction.seen else "open"
+        word = "weak" if direction.weak else "open" if direction.open else ""
         note(axes, word, (place, y), (7, 0), va="center", color="black")
     ticks = {WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
     for power in range(-1, -9, -1):
@@ -185,12 +186,12 @@ def _directions(axes: Axes, directions: Sequence[Direction], names: Sequence[str
     axes.set_xticks(list(ticks), list(ticks.values()))
     axes.set_xticks([], minor=True)
     axes.set_xlabel("standard deviation by the data alone, of ln(value) [-]", fontsize=9)
-    keys = _key([d.seen for d in directions], "seen by the data", "open: only the prior fills it")
+    keys = _key([not d.open for d in directions], "seen by the data", "open: only the prior fills it")
     heading(axes, f"Directions: the data fix {len(known)} of {len(directions)}", keys)
 
 
 def _direction_style(direction: Direction) -> Style:
-    if not direction.seen:
+    if direction.open:
         return HOLLOW
     return {**FILLED, "markerfacecolor": PALE_BLUE} if direction.weak else FILLED
 
@@ -236,8 +237,8 @@ def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
     if fit.contradictory:
         yield "CONTRADICTION: the kinds disagree; the fit joins them only by implausible values.", True
     elif fit.cross_predictions:
-        worst = max(t.sd for t in fit.cross_predictions)
-        yield f"The kinds of measurement agree: each with the others within {worst:.1f} sd", False
+        worst = min(fit.cross_predictions, key=lambda t: t.p_value)
+        yield f"The kinds of measurement agree with each other: {chance(worst)} at worst", False
     doubts = contradicting(fit.cross_predictions)
     rows = [(z, t, i) for t in doubts if t.z is not None for i, z in enumerate(np.abs(t.z).tolist())]
     for z, t, i in sorted(rows, key=lambda row: -row[0])[:4]:

@@ -10,12 +10,15 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocat
 
 from ident.identify.plan import CampaignPlan
 from ident.identify.posture_grid import main_joints
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain, titled
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PALE_BLUE, PINK, heading, plain, rows, titled
 from ident.present.text.plan import criterion_in_words, experiment_in_words
 from ident.present.text.words import cut, degrees
 
 COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's, one for each joint or other part."""
+LISTED = 24
+"""Listed postures up to which each has a bar of its own."""
+BESIDE: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center"}
 DASHES = {"k_bend": "-", "k_tors": (0, (5, 2))}
 
 
@@ -35,11 +38,13 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
     shown = main_joints(postures, gain) if workspace.line is None else [int(np.flatnonzero(workspace.line)[0])]
     names = [plan.arm.driven[i].name for i in shown]
     angles = np.rad2deg(postures[:, shown])
-    if len(shown) == 1:
+    if workspace.postures and len(postures) <= LISTED:
+        places = _bars(axes, plan, gain)
+    elif len(shown) == 1:
         order = np.argsort(angles[:, 0])
         axes.plot(angles[order, 0], gain[order], color=BLUE, marker="o", markersize=4)
         axes.set_ylabel(_gain_label(plan), fontsize=9)
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.12 * float(np.nanmax(gain)))
         places = {
             i: (math.degrees(q[0]), height)
             for i, (q, height) in enumerate(zip(plan.predictions.postures, 60 * plan.best_gain, strict=True))
@@ -52,20 +57,32 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
         bar.outline.set_visible(False)
         axes.set_ylabel(f"{cut(names[1], 30)} [deg]", parse_math=False)
         places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.predictions.postures)}
-    axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
-    for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
-        axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not scattered else MaxNLocator(9))
+    listed = bool(workspace.postures) and len(postures) <= LISTED
+    if not listed:
+        axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
+        for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
+            axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not scattered else MaxNLocator(9))
     plain(axes)
     _mark(axes, plan, places)
     entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is then still open": _badge()}
     if plan.measured.any():
         entries["measured before"] = _cross()
-    others = [joint.name for i, joint in enumerate(plan.arm.driven) if i not in shown]
+    others = [] if listed else [joint.name for i, joint in enumerate(plan.arm.driven) if i not in shown]
     where = "at any angle" if scattered else "at the best angle"
     rest = f"; {', '.join(cut(name, 20) for name in others)} {where}" if others else ""
     if workspace.line is not None:
         rest = f" on the line ({', '.join(f'{share:g}' for share in workspace.line)})"
     heading(axes, f"Gain of a first experiment over posture{rest}", entries)
+
+
+def _bars(axes: Axes, plan: CampaignPlan, gain: np.ndarray) -> dict[int, Any]:
+    """Draw a bar for each listed posture; return where the bars of those that show different things end."""
+    rows(axes, [degrees(posture) for posture in plan.grid.postures])
+    axes.barh(range(len(gain)), np.nan_to_num(gain), height=0.5, color=PALE_BLUE)
+    axes.set_xlim(0, 1.15 * float(np.nanmax(gain)))
+    axes.set_xlabel(_gain_label(plan), fontsize=9)
+    first = {int(place): row for row, place in reversed(list(enumerate(plan.grid.seen)))}
+    return {place: (float(gain[row]), row) for place, row in first.items() if place < len(plan.best_gain)}
 
 
 def _gain_label(plan: CampaignPlan) -> str:
@@ -100,7 +117,7 @@ def _ticks(angles: np.ndarray) -> np.ndarray:
 
 
 def _badge() -> dict[str, Any]:
-    return {"marker": "o", "markersize": 11, "markerfacecolor": "white", "color": "black"}
+    return {"marker": "s", "markersize": 10, "markerfacecolor": "white", "color": "black"}
 
 
 def _cross() -> dict[str, Any]:
@@ -108,7 +125,7 @@ def _cross() -> dict[str, Any]:
 
 
 def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
-    """Mark postures that were measured, and number the chosen ones; several numbers share a place."""
+    """Mark postures that were measured, and number the chosen ones beside; several numbers share a place."""
     for i in np.flatnonzero(plan.measured):
         axes.plot(*places[int(i)], linestyle="", zorder=3, clip_on=False, **_cross())
     numbers: dict[tuple[float, float], list[str]] = {}
@@ -117,9 +134,7 @@ def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
         numbers.setdefault((round(float(x), 3), round(float(y), 6)), []).append(str(number))
     for place, texts in numbers.items():
         box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "black"}
-        axes.annotate(
-            ", ".join(texts), place, ha="center", va="center", fontsize=9, fontweight="bold", bbox=box, zorder=4
-        )
+        axes.annotate(", ".join(texts), place, (13, 13), **BESIDE, fontsize=9, fontweight="bold", bbox=box, zorder=4)
 
 
 def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:

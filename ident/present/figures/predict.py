@@ -72,7 +72,9 @@ def frequency_figure(predictions: Sequence[Prediction], joint: int) -> Figure:
     axes.plot(angle, frequency, color="#BBBBBB", linewidth=0.8, zorder=1)
     at = np.broadcast_to(angle[:, None], frequency.shape)
     low, high = np.stack([each.frequency_band for each in predictions], 1)
-    axes.vlines(at, low, high, color="#888888", linewidth=2.5, alpha=0.5, zorder=1)
+    beside = at + _apart(angle) * (np.arange(frequency.shape[1]) - (frequency.shape[1] - 1) / 2)
+    colours = [NAME_STYLES[words]["color"] for words in name.ravel()]
+    axes.vlines(beside.ravel(), low.ravel(), high.ravel(), color=colours, linewidth=2.2, alpha=0.4, zorder=1)
     for words, style in NAME_STYLES.items():
         for chosen, face in ((~unsure, style["color"]), (unsure, "white")):
             here = (name == words) & chosen
@@ -91,9 +93,15 @@ def frequency_figure(predictions: Sequence[Prediction], joint: int) -> Figure:
     if unsure.any():
         named["hollow: named by a near draw"] = {"color": "black", "marker": "o", "markerfacecolor": "white"}
     if np.isfinite(low).any():
-        named["5 to 95 % of the draws"] = {"color": "#888888", "linestyle": "-", "linewidth": 2.5, "alpha": 0.5}
+        named["5 to 95 % of the draws, beside its mode"] = {"color": "#888888", "linestyle": "-", "linewidth": 2.2}
     heading(axes, f"Natural frequencies of {cut(arm.name, 40)} along its postures", named, columns=len(named))
     return figure
+
+
+def _apart(angle: np.ndarray) -> float:
+    """Return how far bands of neighbouring modes stand apart [deg], so that none hides another."""
+    steps = np.diff(np.unique(angle.round(6)))
+    return 0.08 * float(steps.min()) if len(steps) else 0.1
 
 
 def _panels(count: int, size: list[float]) -> tuple[Figure, np.ndarray]:

@@ -39,8 +39,8 @@ CORNER_DRAWS = 20000
 """Draws, at most, in the corner plot."""
 WIDE_SPAN = 5.0
 """Ratio of the ends of a range from which its axis in the corner plot is logarithmic."""
-FARTHEST = 1e4
-"""Ratio to the arm file's value at which the frame cuts a prior off."""
+FRAME = 1.0
+"""Room beside the posterior's intervals that priors may fill, as a share of these intervals' whole reach."""
 BAND: Style = {"marker": "", "linestyle": "-", "linewidth": 5.0, "color": PALE}
 WIDE: Style = {"marker": "", "linestyle": "-", "linewidth": 1.2, "color": BLUE}
 NARROW: Style = {"marker": "", "linestyle": "-", "linewidth": 3.6, "color": BLUE}
@@ -77,28 +77,41 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
     own = ratio_to_prior(parameters, np.asarray(parameters.theta(quantiles(result.sample).T)))
     open_ones = share > LEARNED
     rows(axes, [cut(item.name, 30) for item in items])
-    reach = np.concatenate([own.ravel(), prior[parameters.proper].ravel(), [1.0]])
-    ratio_axis(axes, max(reach.min(), 1 / FARTHEST) / 1.2, min(reach.max(), FARTHEST) * 1.2)
+    left, right, hidden = _frame(own, prior[parameters.proper])
+    ratio_axis(axes, left, right)
     axes.axvline(1.0, color="black", linewidth=0.8, zorder=1.5)
     for y, (before, (low, lower, median, upper, high), unknown) in enumerate(zip(prior, own, open_ones, strict=True)):
-        axes.plot(np.clip(before, 1 / FARTHEST, FARTHEST), [y, y], **BAND, solid_capstyle="butt")
+        axes.plot(np.clip(before, left, right), [y, y], **BAND, solid_capstyle="butt")
         axes.plot([low, high], [y, y], **WIDE)
         axes.plot([lower, upper], [y, y], **NARROW, solid_capstyle="butt")
-        axes.plot([median], [y], linestyle="", zorder=3, **(HOLLOW if unknown else FILLED))
+        axes.plot([median], [y], linestyle="", zorder=3, **{**(HOLLOW if unknown else FILLED), "markersize": 5})
     shares = zip(share, parameters.proper, strict=True)
     texts = [f"{share:.0%} of prior" if proper else "no prior" for share, proper in shares]
     rows(axes.twinx(), texts, side="right")
     axes.set_xlabel("value / centre of its prior [-]", fontsize=9)
-    keys: dict[str, Style] = {"prior, 95 %": BAND, "posterior, 95 %": WIDE, "50 %": NARROW}
-    keys |= {"median": FILLED, "median, open": HOLLOW} if open_ones.any() else {"median": FILLED}
+    beyond = ", goes on beyond the frame" if hidden else ""
+    keys: dict[str, Style] = {f"prior, 95 %{beyond}": BAND, "posterior, 95 %": WIDE, "50 %": NARROW}
+    keys |= {"median": FILLED, "median, mostly the prior": HOLLOW} if open_ones.any() else {"median": FILLED}
     heading(axes, "Parameters, one by one", keys)
+
+
+def _frame(own: np.ndarray, prior: np.ndarray) -> tuple[float, float, bool]:
+    """Return limits with all intervals, and with the priors as far as these stay readable; whether any is cut off."""
+    low, high = min(own.min(), 1.0), max(own.max(), 1.0)
+    room = (high / low) ** FRAME
+    ends = [*prior.ravel(), low, high]
+    left, right = max(min(ends), low / room), min(max(ends), high * room)
+    hidden = bool((prior[:, 0] < left).any() or (prior[:, 1] > right).any())
+    pad = (right / left) ** 0.04
+    return left / pad, right * pad, hidden
 
 
 def _combinations(axes: Axes, result: CampaignSample) -> None:
     """Draw the spread of each combination over the draws, and what the prior alone would leave."""
     known, parameters = combinations(result.sample), result.fitted.problem.parameters
     names = parameters.names
-    rows(axes, [direction_name(direction, names) for direction in known])
+    spread = result.sample.draws()[:, : len(names)].std(0)
+    rows(axes, [direction_name(direction, names, spread) for direction in known])
     axes.set_xscale("log")
     for y, direction in enumerate(known):
         prior = prior_spread(direction, parameters)
@@ -106,8 +119,9 @@ def _combinations(axes: Axes, result: CampaignSample) -> None:
             axes.plot([direction.sd, prior], [y, y], color=PALE, linewidth=1.2)
             axes.plot([prior], [y], linestyle="", marker="|", markersize=11, color=GREY)
         axes.plot([direction.sd], [y], linestyle="", **(HOLLOW if direction.sd > LEARNED * prior else FILLED))
-    ticks = [power for power in (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0) if known[0].sd / 3 < power < 5 * known[-1].sd]
-    axes.set_xticks(ticks, [f"{100 * tick:g} %" if tick < 1 else f"factor {np.exp(tick):.3g}" for tick in ticks])
+    left, right = axes.get_xlim()
+    ticks = [step for step in (1e-4, 1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0) if left < step < right]
+    axes.set_xticks(ticks, [f"{100 * tick:g} %" if tick < 1 else f"factor {np.exp(tick):.2g}" for tick in ticks])
     axes.set_xticks([], minor=True)
     axes.set_xlabel("standard deviation of ln(combination) [-]", fontsize=9)
     keys: dict[str, Style] = {"by the posterior": FILLED, "by the prior alone": {"marker": "|", "color": GREY}}
@@ -115,11 +129,11 @@ def _combinations(axes: Axes, result: CampaignSample) -> None:
 
 
 def _predicted(axes: Axes, result: CampaignSample) -> None:
-    """Draw the bands of the predictions about each measured value, in standard deviations of the measurement."""
+    """Draw each measured value less the band of its predictions, in standard deviations of the measurement."""
     campaign, drawn = result.fitted.campaign, result.posterior_predictive
     sigma, measured = np.array([m.sigma for m in campaign]), np.array([m.value for m in campaign])
-    bands = np.quantile((drawn.predicted - measured) / sigma, LEVELS, axis=0).T
-    noisy = np.quantile((drawn.simulated - measured) / sigma, (LEVELS[0], LEVELS[-1]), axis=0).T
+    bands = np.quantile((measured - drawn.predicted) / sigma, LEVELS, axis=0).T
+    noisy = np.quantile((measured - drawn.simulated) / sigma, (LEVELS[0], LEVELS[-1]), axis=0).T
     if len(campaign) <= DENSE:
         rows(axes, [cut(short(m), LABEL) for m in campaign])
     else:
@@ -134,10 +148,10 @@ def _predicted(axes: Axes, result: CampaignSample) -> None:
         axes.plot([low, high], [y, y], **{**WIDE, "color": colour})
         axes.plot([lower, upper], [y, y], **{**NARROW, "color": colour}, solid_capstyle="butt")
         axes.plot([median], [y], linestyle="", **{**FILLED, "color": colour, "markersize": 4})
-    axes.set_xlabel("(predicted - measured) / sigma [-]; measured at 0", fontsize=9)
-    keys: dict[str, Style] = {"with noise, 95 %": BAND, "predicted, 95 %": WIDE, "50 %": NARROW}
-    keys["measured outside the 95 % band"] = {**WIDE, "color": ORANGE}
-    heading(axes, "Predicted about measured", keys)
+    axes.set_xlabel("(measured - predicted) / sigma [-]", fontsize=9)
+    keys: dict[str, Style] = {"prediction with noise, 95 %": BAND, "prediction, 95 %": WIDE, "50 %": NARROW}
+    keys["with noise, 95 % without 0"] = {**WIDE, "color": ORANGE}
+    heading(axes, "Measured against predicted", keys)
 
 
 def corner_figure(result: CampaignSample) -> Figure:

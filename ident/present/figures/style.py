@@ -76,7 +76,7 @@ def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: in
         frameon=False,
         fontsize=8,
         borderpad=0.2,
-        handletextpad=0.3,
+        handletextpad=0.6,
         columnspacing=1.2,
     )
     legend.get_title().set(fontweight="bold", fontsize=10, parse_math=False)

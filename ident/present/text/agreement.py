@@ -17,11 +17,16 @@ def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measure
         values = "value" if len(cross.rows) == 1 else "values"
         yield (
             f"  {cross.kind.replace('_', ' ')}, {len(cross.rows)} {values}: T {cross.statistic:#.3g} on"
-            f" {cross.degrees_of_freedom:.1f} degrees of freedom, p = {cross.p_value:.2g} ({cross.sd:.1f} sd)"
+            f" {cross.degrees_of_freedom:.1f} degrees of freedom, {chance(cross)}"
         )
         for i, row in enumerate(cross.rows if len(cross.rows) <= FEW else ()):
             yield f"    {against(cross, i, measured[row])}"
     yield "  T: how much more the data cost together than each part by itself; priors count as the others'."
+
+
+def chance(cross: CrossPrediction) -> str:
+    """Write how improbable a disagreement is; as standard deviations, too, where these say anything."""
+    return f"p = {cross.p_value:.2g}" + (f" ({cross.sd:.1f} sd)" if cross.sd >= 1 else "")
 
 
 def against(cross: CrossPrediction, i: int, m: Measurement) -> str:

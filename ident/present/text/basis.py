@@ -6,7 +6,7 @@ import numpy as np
 
 from ident.assess.basis import Basis
 from ident.identify.values import Values
-from ident.present.text.words import cut, degrees
+from ident.present.text.words import WIDTH, cut, degrees
 
 UNDRIVEN = "The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
 PARTS = {"Drive": "drives", "Belt": "belts", "Stroke": "stroke"}
@@ -109,7 +109,7 @@ def _taken_over(values: Values, what: str) -> Iterator[str]:
         yield f"    REMARK: {values.remark}"
 
 
-def _wrapped(start: str, words: Sequence[str], width: int = 116) -> Iterator[str]:
+def _wrapped(start: str, words: Sequence[str], width: int = WIDTH) -> Iterator[str]:
     line = f"  {start}"
     for i, word in enumerate(words):
         piece = word + (", " if i < len(words) - 1 else "")

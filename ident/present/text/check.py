@@ -8,12 +8,13 @@ import numpy as np
 from ident.identify.check import CampaignCheck
 from ident.identify.label_checks import LabelDoubt
 from ident.inference.information import WEAK_ABOVE, Information
+from ident.inference.optima import Optimum, is_tie
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.text.agreement import agreement, dependence_on_priors
-from ident.present.text.fit import in_words, spread_in_words
-from ident.present.text.units import in_read_unit
-from ident.present.text.words import balance, describe, paragraphs, parameter_in_words
+from ident.present.text.directions import in_words, spread_in_words
+from ident.present.text.units import in_read_unit, unit_of
+from ident.present.text.words import balance, cut, describe, kept, paragraphs, parameter_in_words
 
 CORRELATED = 0.9
 """Correlation from which a pair of parameters is named."""
@@ -30,6 +31,7 @@ def check_report(check: CampaignCheck) -> str:
     sections = [
         _heading(check),
         _verdicts(check),
+        _others(check),
         _directions(check),
         _measurements(check),
         _labels(check),
@@ -42,7 +44,9 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
     count = len(check.verdicts)
     yield f"Check of {check.campaign.name or 'a campaign'} on {check.arm.name}, before any solving"
     fine = check.verdicts.count("identifiable")
-    yield f"  {len(check.campaign)} measurements, {count} unknowns: {fine} of {count} identifiable by the data alone"
+    known = f"{fine} of {count} identifiable by the data alone"
+    near = ", but only near these values (see below)" if check.others and check.others.exact else ""
+    yield f"  {len(check.campaign)} measurements, {count} unknowns: {known}{near}"
     if check.tried > check.answered:
         yield f"  WARNING: the model has no answer at {check.tried - check.answered} of {check.tried} points looked at"
     if check.missing.any():
@@ -65,6 +69,36 @@ def _verdicts(check: CampaignCheck) -> Iterator[str]:
     limit = math.exp(WEAK_ABOVE)
     yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.tried} points looked at: the"
     yield "  arm file's values and others about them, since one point may mislead. Priors count nothing here."
+
+
+def _others(check: CampaignCheck) -> Iterator[str]:
+    """Yield which other values give the same data, or that none were found."""
+    others, items = check.others, check.problem.parameters.items
+    if others is None:
+        return
+    count = len(others.exact)
+    if count:
+        sets = "another set of values gives" if count == 1 else f"{count} other sets of values give"
+        yield f"GLOBALLY NOT IDENTIFIABLE: {sets} the same data; only priors tell them apart"
+    else:
+        yield "Other values that give the same data: none were found"
+    for optimum in (*others.exact, *others.near):
+        yield f"  {_cost(optimum)}: {', '.join(map(_changed, items, optimum.values.tolist()))}"
+    if others.near:
+        yield "  chi-squared: what exact data would cost there; below 3.84 the data hardly rule it out"
+    ended = f"{others.ended} of {others.starts} starts ended in an optimum"
+    yield f"  {ended}: a search may miss some, so that none was found is no proof."
+    yield "  Data as predicted at the arm file's values; priors count nothing."
+
+
+def _cost(optimum: Optimum) -> str:
+    return "chi-squared 0" if is_tie(0.0, optimum.cost) else f"chi-squared {optimum.cost:.2g}"
+
+
+def _changed(item: Parameter, value: float) -> str:
+    start = float(item.start)
+    change = f"{value / start:.3g} times" if item.positive and start else f"{value:.4g} {unit_of(item.name)}"
+    return kept(f"{item.name} {change}")
 
 
 def _reason(check: CampaignCheck, i: int) -> str:
@@ -90,10 +124,10 @@ def _directions(check: CampaignCheck) -> Iterator[str]:
     if known is None:
         return
     items, count = check.problem.parameters.items, len(known.names)
-    yield f"What the data see: {known.rank} of {count} directions"
+    yield f"What the data see: {known.fixed} of {count} directions"
     trades = known.trade_offs()
     if trades:
-        yield "  Null directions, of which they see nothing:"
+        yield "  Null directions, of which they see nothing, or next to nothing:"
     for trade in trades:
         alone = np.count_nonzero(np.abs(trade.change) > SLIGHT) == 1
         fits = "any value fits" if alone else "any trade-off fits"
@@ -105,10 +139,10 @@ def _directions(check: CampaignCheck) -> Iterator[str]:
         yield "  Near-null directions, of which they see little:"
     for direction in weak:
         yield f"    {balance(direction.weights.tolist(), items)}: known within {_within(direction.sd)} only"
-    seen = [d.sd for d in known.directions if d.seen]
+    seen = [d.sd for d in known.directions if not d.open]
     if len(seen) > 1:
-        infinite = f" (of all {count}: infinite)" if known.rank < count else ""
-        yield f"  Condition number of the {known.rank} that are seen: {seen[-1] / seen[0]:.3g}{infinite}"
+        infinite = f" (of all {count}: infinite)" if known.fixed < count else ""
+        yield f"  Condition number of the {known.fixed} that are seen: {seen[-1] / seen[0]:.3g}{infinite}"
     yield from _correlations(check, known)
 
 
@@ -133,12 +167,14 @@ def _measurements(check: CampaignCheck) -> Iterator[str]:
         return
     every = len(check.campaign) <= FEW
     names = check.problem.parameters.names
-    yield "Measurements, each with its row in the file                    information   checked   depends most on"
+    yield f"{'Measurements, each with its row in the file':57s}  information  checked  depends most on"
     for i in range(len(check.campaign)):
         remark = _remark(check, i)
         if every or remark:
             most = names[part.sees[i]] if part.sees[i] >= 0 else "nothing"
-            yield f"  {_row(check, i):61s} {part.share[i]:8.1%} {1 - min(part.leverage[i], 1):10.0%}   {most}{remark}"
+            numbers = f"{part.share[i]:13.1%} {1 - min(part.leverage[i], 1):8.0%}"
+            yield f"  {cut(_row(check, i), 55):55s}{numbers}  {most}"
+            yield from [f"       <-- {remark}"] if remark else []
     if not every:
         yield f"  The other measurements of {len(check.campaign)} neither dominate nor carry nothing."
     yield "  information: share of all; checked: how much of its message the others would tell without it."
@@ -151,10 +187,10 @@ def _remark(check: CampaignCheck, i: int) -> str:
     if part is None or not (part.empty[i] or part.dominant[i]):
         return ""
     if part.empty[i]:
-        return "   <-- carries no information"
+        return "carries no information"
     lost = f"; without it {', '.join(part.lost[i])} not identifiable" if part.lost[i] else ""
     opened = "; one direction open without it" if part.opened[i] and not part.lost[i] else ""
-    return f"   <-- dominates{lost or opened}"
+    return f"dominates{lost or opened}"
 
 
 def _row(check: CampaignCheck, i: int) -> str:
@@ -207,5 +243,6 @@ def _agreement(check: CampaignCheck) -> Iterator[str]:
     elif agree.degrees_of_freedom > 0:
         yield "  All together: not to be judged along a straight line, as the data lead too far from the arm file."
     if check.contradictory:
-        yield f"  CONTRADICTION. {dependence_on_priors(check.cross_predictions)} Look at values, labels, units and"
-        yield "  load cases of these rows first, then at masses and lengths. `ident fit` searches from more starts."
+        yield f"  CONTRADICTION. {dependence_on_priors(check.cross_predictions)}"
+        yield "  Look at values, labels, units and load cases of these rows first, then at masses and lengths."
+        yield "  `ident fit` searches from more starts."

@@ -11,7 +11,7 @@ from ident.assess.task import CONFIDENT, MOVED, STIFFER
 from ident.present.text.basis import UNDRIVEN
 from ident.present.text.resonance_words import grouped, sources_words
 from ident.present.text.units import MM, is_stiffness
-from ident.present.text.words import cut
+from ident.present.text.words import cut, folded
 from ident.vibrate.modal.resonance import ResonanceCrossing
 from ident.vibrate.redesign.binomial import BinomialEstimate
 
@@ -42,7 +42,7 @@ class StageReport:
     def __str__(self) -> str:
         head = f"{self.number}. {self.title}{' (as found before)' if self.resumed else ''}"
         arrow = [f"   -> {self.onward}"] if self.onward else []
-        return "\n".join([head, *(f"   {line}" for line in self.findings), *arrow])
+        return "\n".join(map(folded, [head, *(f"   {line}" for line in self.findings), *arrow]))
 
 
 def stage_report(diagnosis: Diagnosis, stage: str, *, resumed: bool = False) -> StageReport:
@@ -55,7 +55,7 @@ def stage_report(diagnosis: Diagnosis, stage: str, *, resumed: bool = False) -> 
 def diagnose_report(diagnosis: Diagnosis) -> str:
     """Return what all stages say, and the verdict."""
     stages = (str(stage_report(diagnosis, stage)) for stage in diagnosis.stages)
-    return "\n".join([*stages, verdict_words(diagnosis)])
+    return "\n".join([*stages, folded(verdict_words(diagnosis))])
 
 
 def verdict_words(diagnosis: Diagnosis) -> str:
@@ -82,7 +82,7 @@ def _failure(best: Remedy, verified: int) -> str:
 def cautions(diagnosis: Diagnosis) -> Iterator[str]:
     """Say how far a diagnosis holds where the measurements do not bear it."""
     sampled = diagnosis.identification.sampled
-    rank, count = sampled.fitted.information.rank, len(sampled.fitted.information.names)
+    rank, count = sampled.fitted.information.fixed, len(sampled.fitted.information.names)
     if rank < count:
         filled = "the rest comes from the prior, and so do the probabilities"
         yield f"Caution: the measurements fix {rank} of {count} directions only; {filled}."
@@ -92,7 +92,7 @@ def cautions(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _stiffness(diagnosis: Diagnosis) -> tuple[list[str], str]:
     fit = diagnosis.identification.sampled.fitted
-    rank, count = fit.information.rank, len(fit.information.names)
+    rank, count = fit.information.fixed, len(fit.information.names)
     findings = [
         f"{len(fit.campaign)} measurements fix {rank} of {count} directions of the unknowns; "
         f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom."

@@ -12,18 +12,18 @@ from ident.inference.optimal_design import A_OPTIMAL, D_OPTIMAL
 from ident.inference.parameters import Parameter
 from ident.inference.prior_information import OPEN_SD
 from ident.present.text.units import unit_of
-from ident.present.text.words import cut, degrees, scatter
+from ident.present.text.words import cut, degrees, kept, paragraphs, scatter
 
 RANKED = 8
 """Postures that are listed."""
-COLUMNS = 6
+COLUMNS = 4
 """Standard deviations that are shown of each parameter, from now on; the last one always is."""
 
 
 def plan_report(plan: CampaignPlan) -> str:
     """Return the report of a plan."""
     sections = [_heading, _ranking, _ways, _batch, _intervals, _assumptions]
-    return "\n\n".join("\n".join(section(plan)) for section in sections) + "\n"
+    return paragraphs(section(plan) for section in sections)
 
 
 def criterion_in_words(plan: CampaignPlan) -> tuple[str, str]:
@@ -54,11 +54,10 @@ def _heading(plan: CampaignPlan) -> Iterator[str]:
     known = f"{len(plan.fit.campaign)} measurements of {plan.fit.campaign.name}" if plan.fit else "the prior alone"
     yield f"Plan of measurements on {plan.arm.name}, from {known}"
     sample = ", a sample" if plan.grid.sampled else ""
-    yield (
-        f"  {len(plan.grid.postures)} postures {_where(plan)}{sample}; {len(plan.predictions.postures)} of"
-        f" them show different things, {len(plan.experiments)} experiments"
-    )
-    yield f"  chosen for {criterion_in_words(plan)[0]}, most gain per minute first"
+    yield f"  {len(plan.grid.postures)} postures {_where(plan)}{sample};"
+    yield f"  {len(plan.predictions.postures)} of them show different things, {len(plan.experiments)} experiments"
+    words, unit = criterion_in_words(plan)
+    yield f"  chosen for {words}, most gain [{unit}] per minute first"
     for doubt in plan.fit.doubts if plan.fit else ():
         yield f"  WARNING: {doubt.replace(' (see below)', '')}"
     if plan.fit and plan.fit.doubts:
@@ -83,6 +82,7 @@ def _ranking(plan: CampaignPlan) -> Iterator[str]:
     yield from (f"  {rank:2d}  {_row(plan, i)}" for rank, i in enumerate(best, 1))
     if any(plan.measured[plan.experiments[i].place] for i in best):
         yield "  * measured before, there or where the arm shows the same: a repeat averages noise, and gains less"
+    yield "  improves most: the parameter whose standard deviation falls most, and what it will be"
 
 
 def _heeded(plan: CampaignPlan) -> str:
@@ -100,7 +100,7 @@ def _ways(plan: CampaignPlan) -> Iterator[str]:
 
 
 def _head(title: str, plan: CampaignPlan) -> str:
-    return f"{title:55s} {f'gain [{criterion_in_words(plan)[1]}]':>15s} {'cost':>9s} {'gain/h':>8s}   improves most"
+    return f"{title:48s}{'gain':>8s}{'cost':>7s}{'gain/h':>7s}  improves most"
 
 
 def _row(plan: CampaignPlan, i: int, where: str | None = None) -> str:
@@ -109,14 +109,14 @@ def _row(plan: CampaignPlan, i: int, where: str | None = None) -> str:
         f"{degrees(experiment.posture)}{'*' if plan.measured[experiment.place] else ''}  " if where is None else where
     )
     what = where + experiment_in_words(experiment)
-    numbers = f"{plan.gain[i]:15.3g} {plan.candidates.cost[i]:5.0f} min {60 * plan.per_cost[i]:8.3g}"
-    return f"{what:49s} {numbers}   {_most(plan, plan.known.sd[0], plan.sd_after(i))}"
+    numbers = f"{plan.gain[i]:8.3g}{plan.candidates.cost[i]:3.0f} min{60 * plan.per_cost[i]:7.3g}"
+    return f"{what:42s}{numbers}  {_most(plan, plan.known.sd[0], plan.sd_after(i))}"
 
 
 def _most(plan: CampaignPlan, before: np.ndarray, after: np.ndarray) -> str:
     place = int(np.argmax(before / after))
     item = plan.parameters.items[place]
-    return f"{item.name}: {sd_in_words(item, before[place])} -> {sd_in_words(item, after[place])}"
+    return f"{item.name} to {sd_in_words(item, after[place])}"
 
 
 def _batch(plan: CampaignPlan) -> Iterator[str]:
@@ -127,21 +127,21 @@ def _batch(plan: CampaignPlan) -> Iterator[str]:
         what = f"{degrees(experiment.posture)}  {experiment_in_words(experiment)}"
         yield f"  {number:2d}  {what}: {gain}{step.nats:.3g} nat for {step.cost:.0f} min"
         values = plan.value_gains(number - 1)
-        yield "      " + ", ".join(f"{name} ({nats:.2g})" for name, nats in values)
+        yield "      " + ", ".join(kept(f"{name} ({nats:.2g})") for name, nats in values)
     if plan.steps:
-        yield "  In brackets: nat that each value would give as the only one of its experiment. Fewer modes tell less,"
-        yield "  but a hammer test gives them all at once."
+        yield "  In brackets: nat that each value would give as the only one of its experiment. Fewer modes"
+        yield "  tell less, but a hammer test gives them all at once."
 
 
 def _intervals(plan: CampaignPlan) -> Iterator[str]:
     items = plan.parameters.items
-    width = max(26, *(len(cut(item.name, 38)) for item in items))
+    width = max(18, *(len(cut(item.name, 38)) for item in items))
     shown = sorted({*range(min(COLUMNS, len(plan.sd))), len(plan.sd) - 1})
-    steps = "".join(f"{f'after {i}' if i else 'now':>13s}" for i in shown)
-    yield f"{'What the sd will become':{width + 2}s}{steps}   in the end, at other draws"
+    steps = "".join(f"{f'after {i}' if i else 'now':>11s}" for i in shown)
+    yield f"{'What the sd will be':{width + 2}s}{steps}   then, at other draws"
     last = plan.steps[-1].sd if plan.steps else plan.known.sd
     for place, item in enumerate(items):
-        row = "".join(f"{sd_in_words(item, float(sd)):>13s}" for sd in plan.sd[shown, place])
+        row = "".join(f"{sd_in_words(item, float(sd)):>11s}" for sd in plan.sd[shown, place])
         ends = (last[1:, place].min(), last[1:, place].max()) if len(last) > 1 else ()
         spread = " to ".join(sd_in_words(item, float(sd)) for sd in ends)
         yield f"  {cut(item.name, 38):{width}s}{row}   {spread}".rstrip()

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ident.assess.prediction import Prediction
+from ident.identify.modal_analysis import ModalAnalysis
 from ident.identify.values import Values
 from ident.present.text.basis import changes_in_words, values_in_words
-from ident.present.text.words import degrees, paragraphs, span
+from ident.present.text.words import WIDTH, degrees, paragraphs, span
 
 
 def predict_report(
@@ -44,22 +45,34 @@ def _modes(prediction: Prediction) -> Iterator[str]:
     analysis = prediction.analysis
     modes, names = analysis.modes, [joint.name for joint in analysis.arm.joints]
     width, drawn = max(11, *(len(name) + 1 for name in names)), prediction.frequency is not None
-    band = f"{'5 to 95 %':>19s}" if drawn else ""
+    band = f"{'5 to 95 %':>17s}" if drawn else ""
     yield "Natural frequencies about the static equilibrium, and where the strain energy of each mode sits [%]"
-    yield f"{'':{47 + len(band)}s}" + "".join(f"{name:>{width}s}" for name in names)
-    halves = f"{'bend tors':>{width}s}" * len(names)
-    yield f"  mode  frequency [Hz]{band}  label                 damping" + halves
+    shares = _shares(analysis, width)
+    beside = 47 + len(band) + width * len(names) <= WIDTH
+    yield from [f"{'':{41 + len(band)}s}{shares[0]}"] if beside else []
+    yield f"  mode    f [Hz]{band}  label                 damping{shares[1] if beside else ''}"
     for i, label in enumerate(analysis.labels):
-        shares = "".join(
-            f"{f'{100 * b:4.0f} {100 * t:4.0f}':>{width}s}"
-            for b, t in zip(modes.bend[:, i], modes.tors[:, i], strict=True)
-        )
         name = f"{label}{' (?)' if analysis.ambiguous[i] else ''}"
         damping = f"{round(100 * float(analysis.damping_ratio[i]), 2) + 0.0:.2f} %"
-        within = f"{span(*prediction.frequency_band[:, i]):>19s}" if drawn else ""
-        yield f"  {i + 1:4d}  {modes.frequency[i]:14.4f}{within}  {name:22s}{damping:>7s}" + shares
+        within = f"{span(*prediction.frequency_band[:, i]):>17s}" if drawn else ""
+        numbers = f"{modes.frequency[i]:9.4f}{within}  {name:22s}{damping:>7s}"
+        yield f"  {i + 1:4d} {numbers}{shares[i + 2] if beside else ''}"
+    if not beside:
+        modes_column = ["", "mode", *(str(i + 1) for i in range(len(analysis.labels)))]
+        yield from (f"  {mode:>4s}{line}" for mode, line in zip(modes_column, shares, strict=True))
     if analysis.ambiguous.any():
         yield "  (?) nearly as much bending as torsion, or vertical as lateral: a small change may rename the mode"
+
+
+def _shares(analysis: ModalAnalysis, width: int) -> list[str]:
+    """Return head and rows of the strain energy's shares [%], so many columns for each joint."""
+    modes, names = analysis.modes, [joint.name for joint in analysis.arm.joints]
+    rows = [zip(modes.bend[:, i], modes.tors[:, i], strict=True) for i in range(len(analysis.labels))]
+    return [
+        "".join(f"{name:>{width}s}" for name in names),
+        f"{'bend tors':>{width}s}" * len(names),
+        *("".join(f"{f'{100 * b:4.0f} {100 * t:4.0f}':>{width}s}" for b, t in row) for row in rows),
+    ]
 
 
 def _deflections(prediction: Prediction) -> Iterator[str]:

@@ -1,13 +1,12 @@
 """The printed report of profiles: intervals beside those of the linear approximation, and why each side ends."""
 
-import math
 from collections.abc import Iterator, Sequence
 
 from ident.identify.fit import CampaignFit
 from ident.inference.profile import FLAT, Interval, Profile, threshold
 from ident.inference.profile_path import Ending
 from ident.present.text.units import unit_of
-from ident.present.text.words import known_from, paragraphs, priors_in_words
+from ident.present.text.words import paragraphs, priors_in_words
 
 SIDES = ("below", "above")
 
@@ -34,24 +33,20 @@ def _heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
 
 
 def _table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
-    known = fit.information
     level = level_in_words(profiles[0].widest.level)
-    yield (
-        f"{'Parameters':18s} {'fitted':>10s}    {f'{level}, linear':24s} {f'{level}, profile':24s}"
-        f" {'profile/linear':17s} known from"
-    )
+    yield (f"{'Parameters':18s} {'fitted':>10s}  {f'{level}, linear':22s} {f'{level}, profile':22s} profile/linear")
     for profile in profiles:
         (value,) = profile.values([profile.optimum])
-        place = known.names.index(profile.name)
-        mark = "" if profile.linear else "<--"
-        source = known_from(known.prior_share[place], profile.sd) if math.isfinite(profile.sd) else "-"
+        mark = "" if profile.linear else " <--"
         yield (
-            f"  {profile.name:16s} {value:10.5g}    {interval_text(profile, profile.linear_interval):24s}"
-            f" {interval_text(profile, profile.widest):24s} {_halves(profile):13s} {mark:3s} "
-            f"{source}   [{unit_of(profile.name)}]"
+            f"  {profile.name:16s} {value:10.5g}  {interval_text(profile, profile.linear_interval):22s}"
+            f" {interval_text(profile, profile.widest):22s} {_halves(profile)}{mark}"
         )
         for other in profile.item.paths[1:]:
             yield f"    = {other}"
+    units = {unit_of(profile.name): profile.name for profile in profiles}
+    each = ", ".join(f"{unit_of(profile.name)} of {profile.name}" for profile in profiles)
+    yield f"  in {next(iter(units)) if len(units) == 1 else each}"
     yield "  profile/linear: halves of the interval below and above the fitted value; <-- more than 20 % off"
     if any(0.0 in profile.halves for profile in profiles):
         yield "  only: closed by the profile only, the linear interval is open"
@@ -70,10 +65,10 @@ def _half(half: float, ending: Ending) -> str:
 def _nested(profiles: Sequence[Profile]) -> Iterator[str]:
     levels = [interval.level for interval in profiles[0].intervals]
     if len(levels) > 1:
-        yield "Profiles at all levels  " + "".join(f"{level_in_words(level):26s}" for level in levels).rstrip()
+        yield "At all levels     " + "".join(f"{level_in_words(level):24s}" for level in levels).rstrip()
         for profile in profiles:
-            cells = "".join(f"{interval_text(profile, interval):26s}" for interval in profile.intervals)
-            yield f"  {profile.name:22s}{cells}[{unit_of(profile.name)}]"
+            cells = "".join(f"{interval_text(profile, interval):24s}" for interval in profile.intervals)
+            yield f"  {profile.name:16s}{cells}".rstrip()
 
 
 def _remarks(profiles: Sequence[Profile]) -> Iterator[str]:

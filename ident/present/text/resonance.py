@@ -80,25 +80,24 @@ def _heading(
 def _table(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]]) -> Iterator[str]:
     if not groups:
         return
-    share = "  draws near  cross" if branches.batch_size else ""
+    end = "  near cross" if branches.batch_size else f"{'number':>9s}"
     yield (
-        f"{'':4s}{'excitation':24s} {'mode':22s} {'from':>7s} {'to':>7s} {'at':>7s} {'f':>6s} {'apart':>12s}"
-        f" {'cycles':>7s} {'rate':>6s} {'number':>8s} {'times':>6s} {'built up':>8s}{share}"
+        f"{'':3s}{'excitation':15s} {'mode':18s}{'from':>6s}{'to':>6s}{'at':>6s}{'f':>6s}{'apart':>8s}"
+        f"{'cycles':>7s}{'times':>6s}{'built':>6s}{end}"
     )
-    units = f"{'[s]':>7s} {'[s]':>7s} {'[s]':>7s} {'[Hz]':>6s} {'[Hz]':>12s} {'':7s} {'[Hz/s]':>6s}"
-    yield f"{'':52s}{units}"
+    yield f"{'':37s}{'[s]':>6s}{'[s]':>6s}{'[s]':>6s}{'[Hz]':>6s}"
     for number, group in enumerate(groups, start=1):
         yield _row(branches, number, group)
 
 
 def _row(branches: Branches, number: int, group: Sequence[ResonanceCrossing]) -> str:
     e = group[0]
-    who = cut(sources_words([crossing.source for crossing in group]), 24)
-    apart = "crosses" if e.crossings else f"{e.distance:.2f} ({e.relative_distance:.1%})"
-    share = f" {e.probability:11.0%} {e.crossing_probability:6.0%}" if branches.batch_size else ""
+    who = cut(sources_words([crossing.source for crossing in group]), 15)
+    apart = "crosses" if e.crossings else f"{e.relative_distance:.1%}"
+    share = f"{e.probability:6.0%}{e.crossing_probability:6.0%}" if branches.batch_size else f"{e.sweep_number:9.3g}"
     return (
-        f"{number:3d} {who:24s} {e.label!s:22s} {e.start:7.2f} {e.end:7.2f} {e.time:7.2f} {e.natural:6.2f} {apart:>12s}"
-        f" {e.cycles:7.1f} {e.rate:6.2f} {e.sweep_number:8.3g} {e.magnification:6.3g} {e.built_up:8.0%}{share}"
+        f"{number:2d} {who:15s} {e.label!s:18s}{e.start:6.2f}{e.end:6.2f}{e.time:6.2f}{e.natural:6.2f}{apart:>8s}"
+        f"{e.cycles:7.1f}{e.magnification:6.3g}{e.built_up:6.0%}{share}"
     )
 
 
@@ -125,18 +124,19 @@ def _branches(branches: Branches) -> Iterator[str]:
 
 def _assumed(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]], margin: float) -> Iterator[str]:
     yield "What the numbers mean and assume"
-    yield "  Natural frequencies are those of the arm held at each posture. A pulley turns at |ratio qd| / 2 pi, seen"
-    yield "  from its shaft; order 1 is its eccentric mass, order 2 the transmission error of its drive."
-    yield "  Ratios and speeds are the arm file's, which says which of them are assumed: of the shipped arm, all."
+    yield "  Natural frequencies are those of the arm held at each posture. A pulley turns at |ratio qd| / 2 pi"
+    yield "  as seen from its shaft; order 1 is its eccentric mass, order 2 its drive's transmission error."
+    yield "  Ratios and speeds are the arm file's, which says which are assumed: of the shipped arm, all."
     if groups:
         yield f"  Near: within {100 * margin:.3g} % of the natural frequency, or its half-power bandwidth if wider."
-        yield "  rate: of the pulley relative to the mode. number: rate / (zeta f)^2; up to"
+        yield "  times: largest amplitude over the static response to the same force, of one mode at constant"
+        yield "  force, passed at the true rate from rest; built: the same over steady resonance, 1/(2 zeta)."
+        yield "  They rank resonance crossings and are no amplitudes of vibration, for which there is the"
+        yield "  simulation; least of all where a pulley passes in less than a cycle."
+    if groups and not branches.batch_size:
+        yield "  number: rate of the pulley relative to the mode [Hz/s] / (zeta f)^2; up to"
         yield f"  {QUASI_STEADY:g} the response is nearly steady (ISO 7626-2), far above the pulley passes too fast for"
         yield "  the mode to build up (Lewis, 1932)."
-        yield "  times: largest amplitude over the static response to the same force, of one mode at constant force,"
-        yield "  passed at the true rate from rest; built up: the same over steady resonance, 1/(2 zeta). They rank"
-        yield "  resonance crossings and are no amplitudes of vibration, for which there is the simulation; least of"
-        yield "  all where a pulley passes in less than a cycle."
     if branches.batch_size:
-        yield f"  Bands: {band_words(branches)}. draws near, cross: share of the draws for which the pulley"
-        yield "  comes near the natural frequency within the interval, or crosses it; all else is of the medians."
+        yield f"  Bands: {band_words(branches)}. near, cross: share of the draws for which the pulley comes"
+        yield "  near the natural frequency within the interval, or crosses it; all else is of the medians."

@@ -9,9 +9,9 @@ from ident.identify.sample import CampaignSample
 from ident.inference.diagnostics import LONG_ENOUGH, MIXED, Diagnosis
 from ident.inference.posterior_summary import LEARNED, combinations, quantiles, share_of_prior
 from ident.inference.sample import RIVAL
-from ident.present.text.fit import product
+from ident.present.text.directions import product
 from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
-from ident.present.text.words import describe, paragraphs, priors_in_words, scatter, span
+from ident.present.text.words import cut, describe, paragraphs, priors_in_words, scatter, span
 
 
 def sample_report(result: CampaignSample) -> str:
@@ -43,26 +43,24 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
     items = sample.posterior.parameters.items
     fitted = [*optimum.values, *(1.0 for _ in sample.posterior.noise.items)]
     where = f" about optimum {basin + 1}" if len(sample.basins) > 1 else ""
-    yield (
-        f"Parameters{where:17s}   median   {'50 % interval':24s} {'95 % interval':24s}        fit   arm file   of prior"
-    )
+    yield f"{f'Parameters{where}':18s}     median  {'95 % interval':22s}       fit  arm file  of prior"
     rows = zip(items, quantiles(sample, basin).T, fitted, share_of_prior(sample, basin), strict=True)
-    for item, (low, lower, median, upper, high), best, share in rows:
-        width = (
-            f"{share:6.0%}{' <- open' if share > LEARNED else ''}" if math.isfinite(float(item.prior_sd)) else "  none"
-        )
+    for item, (low, _, median, _, high), best, share in rows:
+        width = f"{share:6.0%} {'<--' if share > LEARNED else ''}" if math.isfinite(float(item.prior_sd)) else "  none"
         yield (
-            f"  {item.name:22s} {median:10.4g}   {span(lower, upper):24s} {span(low, high):24s} {best:10.4g} "
-            f"{float(item.start):10.4g}   {width}   [{unit_of(item.name)}]"
+            f"  {item.name:16s} {median:10.4g}  {span(low, high):22s} {best:9.4g} {float(item.start):9.4g}"
+            f" {width:11s}  [{unit_of(item.name)}]"
         )
     stiff = [(item, q) for item, q in zip(items, quantiles(sample, basin).T, strict=True) if is_stiffness(item.name)]
     if stiff:
-        yield "  in N mm/deg, the unit of the paper's Table 1:"
-        for item, (low, _, median, _, high) in stiff:
-            numbers = f"{nmm_per_deg(median):10.4g}   95 %: {span(nmm_per_deg(low), nmm_per_deg(high)):24s}"
-            yield f"    {item.name:20s} {numbers}   arm file {nmm_per_deg(float(item.start)):.4g}"
+        yield "  in N mm/deg, the unit of the paper's Table 1: median, 50 % and 95 % interval, arm file"
+        for item, q in stiff:
+            low, lower, median, upper, high = map(nmm_per_deg, q)
+            intervals = f"{span(lower, upper):22s}  {span(low, high):22s}"
+            yield f"  {item.name:16s} {median:10.4g}  {intervals}  {nmm_per_deg(float(item.start)):9.4g}"
     if basin == sample.basins[0]:
-        yield "  of prior: width of the 95 % interval as a share of the prior's; near 100 % the data say nothing"
+        yield "  of prior: width of the 95 % interval as a share of the prior's; near 100 % the data say nothing;"
+        yield f"  <-- above {LEARNED:.0%}: what is known of it is mostly the prior"
         for prior in priors_in_words(items):
             yield f"  prior: {prior}"
 
@@ -71,23 +69,23 @@ def _combinations(result: CampaignSample) -> Iterator[str]:
     items = result.fitted.problem.parameters.items
     if len(items) > 1:
         yield f"Combinations{of_first(result)}, best known first: standard deviation of the product over the draws"
+        spread = result.sample.draws()[:, : len(items)].std(0)
         for direction in combinations(result.sample):
-            yield f"  {scatter(direction.sd):>11s}   {product(direction, items)}"
+            yield f"  {scatter(direction.sd):>11s}   {product(direction, items, spread)}"
 
 
 def _measurements(result: CampaignSample) -> Iterator[str]:
     head = f"Measurements{of_first(result)}, each with its row in the file"
-    yield f"{head:61s}  measured  predicted, 95 % band               simulated below"
+    yield f"{head:57s}  measured       {'predicted, 95 %':18s}  below"
     drawn = result.posterior_predictive
     for i, m in enumerate(result.fitted.campaign):
-        low, median, high = (
-            in_read_unit(m.kind, q)[0] for q in np.quantile(drawn.predicted[:, i], (0.025, 0.5, 0.975))
-        )
+        low, high = (in_read_unit(m.kind, q)[0] for q in np.quantile(drawn.predicted[:, i], (0.025, 0.975)))
         measured, unit = in_read_unit(m.kind, m.value)
         below = float((drawn.simulated[:, i] < m.value).mean())
-        row, mark = m.where.rpartition(":")[2], "  <--" if not 0.005 < below < 0.995 else ""
-        band = f"{median:10.4g}  {f'({low:.4g} to {high:.4g})':24s}"
-        yield f"  {row:>3s}  {describe(m):53s} {measured:10.4g} {band} {below:7.1%}   [{unit}]{mark}"
+        row, mark = m.where.rpartition(":")[2], " <--" if not 0.005 < below < 0.995 else ""
+        numbers = f"{measured:9.4g} {unit:3s} {span(low, high):18s} {below:6.1%}{mark}"
+        yield f"  {row:>3s}  {cut(describe(m), 50):50s}  {numbers}"
+    yield "  below: share of measurements simulated by the posterior that are less; <-- too few or too many"
 
 
 def of_first(result: CampaignSample) -> str:

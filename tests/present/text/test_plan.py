@@ -1,14 +1,17 @@
 """The plan in words, as a figure and as files."""
 
 import csv
+import dataclasses
 import math
 import re
 
 import numpy as np
 import pytest
 from arms import DATA, loose_arm
+from reports import too_wide
 
 from ident.arm.arm import Arm
+from ident.arm.workspace import Workspace
 from ident.errors import InputError
 from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
@@ -18,6 +21,7 @@ from ident.present.figures.plan import plan_figure
 from ident.present.files.plan import write_form
 from ident.present.files.png import save
 from ident.present.text.plan import plan_report
+from ident.present.text.words import degrees
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +46,7 @@ def test_the_report_says_what_to_do_and_what_it_gives(plan):
         assert row.count("%") + row.count("factor") >= 4
     assert "Assumed" in report
     assert "0.5 % of each frequency" in report
-    assert max(map(len, report.splitlines())) < 160
+    assert not too_wide(report)
 
 
 def test_a_fit_in_doubt_is_said():
@@ -73,6 +77,16 @@ def test_the_figure_names_joints_units_and_visits(plan, tmp_path):
     assert sorted(", ".join(numbers).split(", "))[:3] == ["1", "2", "3"]
     save(figure, tmp_path / "plan.png")
     assert (tmp_path / "plan.png").stat().st_size > 20_000
+
+
+def test_listed_postures_have_a_bar_each(tmp_path):
+    postures = ((0.0, 0.0, 0.0), (0.0, -0.5, 0.5), (0.0, -1.0, 1.0))
+    arm = dataclasses.replace(loose_arm(), workspace=Workspace(postures=postures))
+    plan = plan_campaign(arm, settings=PlanSettings(draws=0, count=2, modes=2))
+    axes = plan_figure(plan).axes[0]
+    assert [t.get_text() for t in axes.get_yticklabels()] == [degrees(posture) for posture in plan.grid.postures]
+    np.testing.assert_allclose([bar.get_width() for bar in axes.patches], 60 * plan.gain_over_grid)
+    assert len([text for text in axes.texts if text.get_text()[0] in "12"]) >= 1
 
 
 def test_joints_that_do_not_matter_are_not_drawn(plan):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from arms import lcd_arm, random_arm, two_equal_arm
+from reports import too_wide
 
 from ident.arm.arm import Arm
 from ident.assess.prediction import Prediction
@@ -94,3 +95,14 @@ def test_any_arm_is_reported_in_straight_columns(arm):
     rows = [line for line in report.splitlines() if line[2:6].strip().isdigit()]
     assert len(rows) == 3 * len(arm.joints)
     assert len({len(row) for row in rows}) == 1
+
+
+def test_many_joints_have_their_shares_in_a_table_below():
+    arm = random_arm(np.random.default_rng(3), 7)
+    analysis = modal_analysis(arm, (0.0,) * 7, Load(), 3)
+    report = predict_report([Prediction(analysis)])
+    assert not too_wide(report)
+    rows = [line.split() for line in report.splitlines() if line.startswith("     2")]
+    assert [len(row) for row in rows][1:] == [1 + 2 * 7], "its own row, beside that with the frequency"
+    expected = np.stack([analysis.modes.bend[:, 1], analysis.modes.tors[:, 1]], 1).ravel()
+    np.testing.assert_allclose(np.array(rows[1][1:], float), 100 * expected, atol=0.51)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ident.present.text.words import as_factor, scatter
+from ident.present.text.words import WIDTH, as_factor, folded, in_percent, kept, scatter
 
 
 @pytest.mark.parametrize(
@@ -18,3 +18,30 @@ def test_a_scatter_is_in_percent_or_a_factor(sd, words):
 @pytest.mark.parametrize("log", [1e3, 1e300, math.inf])
 def test_what_nothing_bounds_overflows_nothing(log):
     assert as_factor(log) == "over 1e+06"
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (-0.0372, "-3.7 %"),
+        (0.031, "+3.1 %"),
+        (-0.999, "0.001 times"),
+        (37.2, "38 times"),
+        (3.2, "+320 %"),
+        (0.00021, "+0.021 %"),
+    ],
+)
+def test_a_difference_in_percent(share, words):
+    assert in_percent(share) == words
+
+
+def test_a_long_line_is_folded_and_goes_on_farther_in():
+    first, *rest = folded("  known to 1 %: " + " ".join(kept("* a^0.5") for _ in range(30))).split("\n")
+    assert first.startswith("  known to 1 %: * a^0.5 * a")
+    assert max(map(len, [first, *rest])) <= WIDTH
+    assert all(line.startswith("      * a^0.5") for line in rest), "and not broken where it must not be"
+    assert len(rest) == 2
+
+
+def test_a_short_line_is_left_alone():
+    assert folded(f"  a  b  {kept('c d')}") == "  a  b  c d"

@@ -1,0 +1,83 @@
+"""The rest of a fit's report: measurements, where each value comes from, and the optima that were found."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ident.identify.fit import CampaignFit
+from ident.inference.fit import Fit
+from ident.inference.information import Information
+from ident.inference.parameters import Parameter
+from ident.inference.verdicts import farthest
+from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg
+from ident.present.text.words import cut, describe, priors_in_words, shares
+
+LISTED = 12
+"""Optima that are listed at most."""
+
+
+def measurements(fit: CampaignFit) -> Iterator[str]:
+    """Yield each measurement beside what is predicted for it."""
+    yield f"{'Measurements, each with its row in the file':57s}  measured  predicted      off by"
+    rows = zip(fit.campaign, fit.predicted, fit.residuals, fit.outliers, strict=True)
+    for m, predicted, z, outlying in rows:
+        measured, unit = in_read_unit(m.kind, m.value)
+        model, _ = in_read_unit(m.kind, float(predicted))
+        row, mark = m.where.rpartition(":")[2], " <--" if outlying else ""
+        numbers = f"{measured:9.4g} {model:10.4g} {unit:3s} {-z:5.2f} sigma{mark}"
+        yield f"  {row:>3s}  {cut(describe(m), 50):50s}  {numbers}"
+    count = len(fit.campaign)
+    yield "  off by: measured less predicted"
+    yield f"  limit for the farthest of {count}: {farthest(count):.1f} sigma; what lies too far off is marked <--"
+
+
+def origins(fit: CampaignFit) -> Iterator[str]:
+    """Yield for each parameter the arm file's value, the fitted one in the paper's unit, and what tells it."""
+    known, items = fit.information, fit.problem.parameters.items
+    head = "fitted   arm file  ratio   N mm/deg  (arm file)   told by data, prior, both"
+    yield f"{'Parameters':17s}{head:>82s}"
+    for i, (item, value) in enumerate(zip(items, fit.best.values.tolist(), strict=True)):
+        start = float(item.start)
+        ratio = f"{value / start:.3g}" if start else "-"
+        paper = _in_paper_unit(item, value)
+        yield f"  {cut(item.name, 22):18s} {value:10.5g} {start:10.4g} {ratio:>6s} {paper}   {shares(known, i)}"
+    yield "  N mm/deg: the unit of the paper's Table 1. both: the data, together with the priors of others"
+    for prior in priors_in_words(items):
+        yield f"  prior: {prior}"
+    if not any("tau" in item.name for item in items):
+        times = sorted({f"{float(tau):.2g} s" for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors)})
+        yield f"  damping was not fitted; the arm file's is {' to '.join(times)} times the stiffness"
+    worst = _worst_correlation(known)
+    if worst:
+        yield f"  largest correlation: {worst}"
+
+
+def _in_paper_unit(item: Parameter, value: float) -> str:
+    if not is_stiffness(item.name):
+        return f"{'-':>10s} {'':11s}"
+    return f"{nmm_per_deg(value):10.4g} {f'({nmm_per_deg(float(item.start)):.4g})':11s}"
+
+
+def _worst_correlation(known: Information) -> str:
+    correlation = np.triu(np.nan_to_num(known.correlation), 1)
+    i, j = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
+    return f"{correlation[i, j]:+.2f} between {known.names[i]} and {known.names[j]}" if correlation[i, j] else ""
+
+
+def optima(fit: Fit) -> Iterator[str]:
+    """Yield the optima, the answer first."""
+    tried = sum(o.starts for o in fit.optima) + fit.failed
+    failed = f"; {fit.failed} starts reached none" if fit.failed else ""
+    first = f"; the first {LISTED} of them" if len(fit.optima) > LISTED else ""
+    yield f"Optima: {len(fit.optima)} found from {tried} starts{failed}{first}"
+    for i, optimum in enumerate(fit.optima[:LISTED]):
+        note = (" (open)" if len(optimum.open) else "") if optimum.converged else " (not converged)"
+        mark = "answer" if i == 0 else "other "
+        yield f"  {mark} cost {optimum.cost:10.4g}  starts {optimum.starts:3d}   {_values(optimum.values)}{note}"
+    if fit.best.converged and len(fit.best.open):
+        count = f"{len(fit.best.open)} of {len(fit.best.theta)} directions"
+        yield f"  open: along {count} the cost stays flat, or still falls, over several e-folds"
+
+
+def _values(values: Sequence[float] | np.ndarray) -> str:
+    return " ".join(f"{value:9.4g}" for value in values)
