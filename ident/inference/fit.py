@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from ident.errors import ModelError
 from ident.inference.information import RANK_TOLERANCE, Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
-from ident.inference.problem import InverseProblem
+from ident.inference.problem import Choice, InverseProblem
 
 STARTS = 16
 """Starts tried at least, the given one among them."""
@@ -52,6 +53,7 @@ class Fit:
         predicted: (D,) [SI] at the answer.
         jacobian: (D, P) d(predicted)/d(theta) there.
         information: what data and prior tell there.
+        choice: what the model takes the values for there.
     """
 
     problem: InverseProblem
@@ -60,6 +62,7 @@ class Fit:
     predicted: Float[np.ndarray, "D"]
     jacobian: Float[np.ndarray, "D P"]
     information: Information
+    choice: Choice
 
     @property
     def best(self) -> Optimum:
@@ -137,19 +140,24 @@ def fit(
     optima: tuple[Optimum, ...] = ()
     tried = 0
     for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
-        end = solve(problem, first + noise[tried - 1])
+        example = min(reached, key=_score, default=None)
+        end = solve(problem, first + noise[tried - 1], example)
         if np.isfinite(end.cost):
-            reached.append(End(*(np.asarray(part) for part in end)))
+            reached.append(jax.tree.map(np.asarray, end))
             optima = _distinct(problem, reached)
         if tried >= starts and optima and optima[0].starts >= AGAIN:
             break
     if not reached:
         raise ModelError(_no_optimum(evaluate(problem).predicted))
-    best = min(reached, key=lambda end: float(end.cost))
+    best = min(reached, key=_score)
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
     known = information(scaled, _prior_sd(problem), problem.parameters.names)
     ended = sum(optimum.starts for optimum in optima)
-    return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known)
+    return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known, best.choice)
+
+
+def _score(end: End) -> float:
+    return end.score
 
 
 def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
@@ -159,7 +167,7 @@ def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
     """
     groups: list[list[End]] = []
     sigma, prior_sd = np.asarray(problem.sigma), _prior_sd(problem)
-    for end in sorted(ends, key=lambda e: float(e.cost)):
+    for end in sorted(ends, key=_score):
         for group in groups:
             step = end.theta - group[0].theta
             apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])

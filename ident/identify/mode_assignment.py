@@ -1,0 +1,225 @@
+"""Which computed mode each labelled value belongs to: found anew between the steps of a fit, held within each.
+
+Design. The label of a value is data: somebody saw how the arm moved and named it. So it has a likelihood.
+
+1. A computed mode is called `vertical` with probability Phi((v - 1/2) / sd), v its share of vertical motion at the end
+   point, `torsion` likewise by its share of strain energy; never with probability zero, so that every label has a mode
+   at every start. Modes of one frequency have no shapes of their own: `modes_about` turns them first.
+2. The modes of a state are named independently, ascending; `vertical bending 2` is the second that bears the name. The
+   weight of a pair of value and mode sums the probability over all ways to name the modes: a chain whose state is the
+   number of each name so far (forward-backward recursion, Rabiner 1989). `label_weights` returns it.
+3. E-step: the most probable naming (Viterbi) picks one mode for each label, for different labels different ones. What
+   was measured counts too, each value by no more than `FAR` (it may be an outlier): so data decide between names by a
+   near draw and never overrule clear ones. Where the arm's numbers are off, so are shares and frequencies: the sd of
+   both grow with the misfit of the last step, as where a variance is estimated along (annealing: Ueda, Nakano 1998).
+4. M-step: each value stays with the shape it has, known again by the largest overlap (v' M u)^2 (modal assurance
+   criterion in the mass metric), so that a step is smooth least squares; no shape is differentiated. Where an accepted
+   step leads to where another naming is more probable, the search begins anew there (`least_squares.solve`).
+5. A start that finds no end so goes on with the order of the modes that the best start so far found, and at last holds
+   what it has: it ends in an optimum all the same, and the fit says that its labels contradict it.
+
+References:
+    Dempster, Laird, Rubin, J. R. Stat. Soc. B 39, 1977 (E-step, M-step; with the most probable choice in place of the
+    weights: Celeux, Govaert, Comput. Stat. Data Anal. 14, 1992).
+    Rabiner, Proc. IEEE 77, 1989, sections III A and B. Ueda, Nakano, Neural Networks 11, 1998.
+    Allemang, "The modal assurance criterion: twenty years of use and abuse", Sound and Vibration, 2003.
+"""
+
+from collections.abc import Callable
+from functools import reduce
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import log_ndtr
+from jaxtyping import Array, Bool, Float
+
+from ident.arm.labels import AMBIGUOUS, Label, torsion_share, vertical_share
+from ident.arm.modes import Modes
+from ident.identify.conditions import Conditions
+from ident.inference.problem import Data
+
+NAMING_SD = AMBIGUOUS / 2
+"""Standard deviation with which a person sees a share: where a name is a near draw, two of them from one half."""
+SHARES_MOVE = 3.0
+"""By how much a share is off where the frequencies are off by so many times less, as the stiffnesses then are."""
+FAR = 9.0
+"""Most that one value may say for or against a mode, as a squared number of sigma."""
+AT_FIRST = 0.3
+"""By how much the frequencies of a start may be off, as a fraction: a factor of e in stiffness makes 0.5 at most."""
+NEVER = -1e12
+"""Logarithm of the probability of what cannot be; finite, so that its derivative is."""
+
+NAMES = tuple((direction, kind) for direction in ("vertical", "lateral") for kind in ("bending", "torsion"))
+
+
+class Labelled(NamedTuple):
+    """The labelled values of a campaign: frequencies, then damping ratios.
+
+    Attributes:
+        labels: label of each.
+        states: state of each.
+        rows: its place in the campaign.
+        is_frequency: whether it is a frequency.
+        patterns: the different pairs of direction and kind.
+        top: largest ordinal of each.
+        places: place of each value's label in the table of labels, ordered by pattern and ordinal.
+    """
+
+    labels: tuple[Label, ...]
+    states: np.ndarray
+    rows: np.ndarray
+    is_frequency: np.ndarray
+    patterns: tuple[tuple[str | None, str | None], ...]
+    top: tuple[int, ...]
+    places: np.ndarray
+
+
+def labelled(conditions: Conditions) -> Labelled:
+    """Collect the labelled values."""
+    found = [
+        (label, state, row)
+        for modal in (conditions.frequency, conditions.damping)
+        for label, state, row in zip(modal.labels, modal.states, modal.rows, strict=True)
+        if label
+    ]
+    labels, states, rows = zip(*found, strict=True) if found else ((), (), ())
+    patterns = tuple(dict.fromkeys((label.direction, label.kind) for label in labels))
+    top = tuple(max(la.ordinal for la in labels if (la.direction, la.kind) == pattern) for pattern in patterns)
+    first = np.concatenate([[0], np.cumsum(top)])
+    places = [first[patterns.index((la.direction, la.kind))] + la.ordinal - 1 for la in labels]
+    frequency = np.isin(rows, conditions.frequency.rows)
+    return Labelled(labels, np.array(states, int), np.array(rows, int), frequency, patterns, top, np.array(places, int))
+
+
+def name_costs(modes: Modes, off: Float[Array, "*batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
+    """Return -2 ln(probability) of each word for each mode, as far as the arm's numbers may be off."""
+    sd = jnp.hypot(NAMING_SD, SHARES_MOVE * off)
+    lean = {"vertical": (vertical_share(modes) - 0.5) / sd, "torsion": (torsion_share(modes) - 0.5) / sd}
+    cost = {word: -2 * log_ndtr(x) for word, x in lean.items()}
+    opposite = {"lateral": "vertical", "bending": "torsion"}
+    return cost | {word: -2 * log_ndtr(-lean[other]) for word, other in opposite.items()}
+
+
+def label_costs(values: Labelled, modes: Modes) -> Float[Array, "m R *batch"]:
+    """Return -2 ln(probability) that each mode bears the words of each value's label."""
+    cost = name_costs(modes)
+    words = [[word for word in (label.direction, label.kind) if word] for label in values.labels]
+    return jnp.stack([sum(cost[w][:, s] for w in ws) for ws, s in zip(words, values.states, strict=True)], 1)
+
+
+def most_probable(
+    values: Labelled, modes: Modes, data: Data | None, off: Float[Array, "*batch"] | float
+) -> Float[Array, "m R *batch"]:
+    """Return one for the mode that each labelled value belongs to by the most probable naming, zero for the others.
+
+    Args:
+        values: the labelled values.
+        modes: all modes of all states.
+        data: what was measured.
+        off: by how much the frequencies are off, as a fraction; see `how_far_off`.
+    """
+    weight = _weights(values, modes, _misfits(values, modes, data, off), off, jnp.maximum)
+    best = jnp.argmax(weight, 0) == jnp.arange(len(weight)).reshape((-1,) + (1,) * (weight.ndim - 1))
+    return jnp.where(jnp.isfinite(weight).all(0), best, False).astype(float)
+
+
+def label_weights(
+    values: Labelled, modes: Modes, data: Data | None, off: Float[Array, "*batch"] | float
+) -> Float[Array, "m R *batch"]:
+    """Return the probability that each labelled value belongs to each mode; arguments as in `most_probable`."""
+    return _weights(values, modes, _misfits(values, modes, data, off), off, jnp.logaddexp)
+
+
+def how_far_off(
+    values: Labelled, modes: Modes, data: Data, chosen: Float[Array, "m R *batch"]
+) -> Float[Array, "*batch"]:
+    """Return the root mean square of ln(computed / measured) over the labelled frequencies that are fitted."""
+    hertz = (modes.frequency[:, values.states] * chosen).sum(0)
+    measured, sigma = _aligned(values, data, hertz.ndim - 1)
+    counts = values.is_frequency.reshape((-1,) + (1,) * (hertz.ndim - 1)) & jnp.isfinite(sigma)
+    squared = jnp.where(counts, jnp.log(jnp.where(counts, hertz / measured, 1.0)) ** 2, 0.0)
+    return jax.lax.stop_gradient(jnp.sqrt(squared.sum(0) / jnp.maximum(counts.sum(0), 1)))
+
+
+def _misfits(values: Labelled, modes: Modes, data: Data | None, off: Array | float) -> Float[Array, "m R *batch"]:
+    """Return the squared misfit of each labelled frequency with each mode, in sigma; zero for a damping ratio."""
+    near = modes.frequency[:, values.states]
+    if data is None:
+        return jnp.zeros_like(near)
+    measured, sigma = _aligned(values, data, near.ndim - 2)
+    squared = ((near - measured) / jnp.hypot(sigma, off * measured)) ** 2
+    frequency = values.is_frequency.reshape((-1,) + (1,) * (near.ndim - 2))
+    return jnp.where(frequency, jnp.minimum(squared, FAR), 0.0)
+
+
+def _aligned(values: Labelled, data: Data, rank: int) -> tuple[Array, Array]:
+    measured, sigma = (jnp.reshape(x, x.shape + (1,) * (1 + rank - x.ndim))[values.rows] for x in data)
+    return measured, sigma
+
+
+def overlap(shapes: Float[Array, "n m R"], M: Float[Array, "n n R"], reference: Float[Array, "n R"]) -> Array:
+    """Return the squared overlap (m, R) of each value's reference shape with each mode: (v' M u)^2."""
+    return (shapes * (M * reference[None]).sum(1)[:, None]).sum(0) ** 2
+
+
+def _weights(
+    values: Labelled, modes: Modes, misfit: Array, off: Array | float, plus: Callable[[Array, Array], Array]
+) -> Array:
+    """Return the derivative of ln(sum over all namings) by the logarithm of each pair's likelihood.
+
+    With a sum this is the probability of the pair, with a maximum in its place one where the best naming has it.
+    """
+    modes, misfit = jax.lax.stop_gradient((modes, misfit))
+    cost = name_costs(modes, off)
+    table = jnp.zeros((len(modes.frequency), sum(values.top), *modes.frequency.shape[1:]))
+    table = table.at[:, values.places, values.states].add(-0.5 * misfit)
+    names = jnp.stack([-0.5 * (cost[direction] + cost[kind]) for direction, kind in NAMES], 1)
+    pairs = jax.grad(lambda each: _log_sum(values, names, each, plus).sum())(table)
+    return pairs[:, values.places, values.states]
+
+
+def _log_sum(values: Labelled, names: Array, table: Array, plus: Callable[[Array, Array], Array]) -> Array:
+    """Sum the likelihood over all namings that have the labels of each state; returns its logarithm (S, *batch)."""
+    batch = names.shape[2:]
+    counts = tuple(top + 1 for top in values.top)
+    before = jnp.full((*counts, *batch), NEVER).at[(0,) * len(counts)].set(0.0)
+
+    def name_one(before: Array, mode: tuple[Array, Array]) -> tuple[Array, None]:
+        after = [_named(values, before + mode[0][i], mode[1], name) for i, name in enumerate(NAMES)]
+        return reduce(plus, after), None
+
+    def _named(values: Labelled, count: Array, likelihood: Array, name: tuple[str, str]) -> Array:
+        first = 0
+        for axis, (pattern, top) in enumerate(zip(values.patterns, values.top, strict=True)):
+            if all(word in (None, own) for word, own in zip(pattern, name, strict=True)):
+                count = _one_more(count, likelihood[first : first + top], axis, plus)
+            first += top
+        return count
+
+    end = jax.lax.scan(name_one, before, (names, table))[0]
+    end = jnp.where(_complete(values, batch), end, NEVER).reshape((-1, *batch))
+    return end.max(0) if plus is jnp.maximum else jax.scipy.special.logsumexp(end, 0)
+
+
+def _one_more(count: Array, likelihood: Array, axis: int, plus: Callable[[Array, Array], Array]) -> Array:
+    """Move to one more of a name along its axis; beyond the largest ordinal asked for, numbers are all the same."""
+    ahead = jnp.moveaxis(count, axis, 0)
+    top = len(ahead) - 1
+    likelihood = likelihood.reshape(top, *(1,) * (count.ndim - likelihood.ndim), *likelihood.shape[1:])
+    moved = ahead[:top] + likelihood
+    last = plus(moved[top - 1 :], ahead[top:])
+    return jnp.moveaxis(jnp.concatenate([jnp.full_like(ahead[:1], NEVER), moved[: top - 1], last]), 0, axis)
+
+
+def _complete(values: Labelled, batch: tuple[int, ...]) -> Bool[np.ndarray, "..."]:
+    """Return at which counts a state has all the labels that were seen in it."""
+    asked = np.zeros((len(values.patterns), batch[0]), int)
+    for label, state in zip(values.labels, values.states, strict=True):
+        place = values.patterns.index((label.direction, label.kind))
+        asked[place, state] = max(asked[place, state], label.ordinal)
+    counts = np.indices([top + 1 for top in values.top])
+    lift = (slice(None),) + (None,) * (counts.ndim - 1)
+    enough = (counts[..., None] >= asked[(*lift, slice(None))]).all(0)
+    return enough.reshape(enough.shape + (1,) * (len(batch) - 1))
