@@ -1,5 +1,6 @@
 """All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from ident.errors import InputError, Problem
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, contradictory_repeats
 from ident.identify.fit import SUSPICIOUS
-from ident.identify.label_checks import LabelDoubt, label_doubts
+from ident.identify.label_checks import LabelDoubt, changing_labels, label_doubts
 from ident.identify.unknowns import Unknowns
 from ident.inference.consistency import Consistency, consistency
 from ident.inference.identifiability import Check, check
@@ -25,6 +26,7 @@ class CampaignCheck(Check):
         campaign: what was measured.
         consistency: the data among themselves; None where the model has no answer at the start.
         labels: measurements whose mode is not sure.
+        changing: at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
         repeats: pairs of rows that measured the same and contradict each other; refused unless values are trusted.
     """
 
@@ -32,6 +34,7 @@ class CampaignCheck(Check):
     campaign: Campaign
     consistency: Consistency | None
     labels: tuple[LabelDoubt, ...]
+    changing: Mapping[int, float]
     repeats: tuple[tuple[int, int], ...]
 
     @property
@@ -72,5 +75,6 @@ def check_campaign(
         campaign=campaign,
         consistency=agree,
         labels=label_doubts(arm, campaign),
+        changing=changing_labels(problem, seed=seed),
         repeats=tuple(contradictory_repeats(campaign)),
     )

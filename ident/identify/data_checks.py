@@ -7,12 +7,14 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, ModelError, Problem
 from ident.identify.conditions import BY_MODE
+from ident.identify.label_checks import labels_about
 from ident.identify.modal_analysis import modal_analysis
-from ident.inference.least_squares import evaluate
+from ident.identify.mode_assignment import FAR
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement
 
@@ -34,15 +36,15 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm) -> None:
     Raises:
         InputError: lists the values, each with its row.
     """
-    predicted = np.asarray(evaluate(problem).predicted)
+    predicted, missing = _by_labels(problem, campaign)
     doubts = [doubt for m in campaign for doubt in _beyond_limits(m, arm)]
     doubts += _contradictions(campaign)
-    for m, expected in zip(campaign, predicted, strict=True):
-        if m.mode and math.isnan(expected):
+    for i, (m, expected) in enumerate(zip(campaign, predicted, strict=True)):
+        if i in missing:
             doubts += _no_such_mode(m, arm)
+            continue
         ratio = m.value / expected if expected else math.nan
-        limit = PLAUSIBLE[m.kind]
-        if not 1 / limit < ratio < limit and math.isfinite(ratio):
+        if _is_far_off(m, expected):
             hint = "it looks like rad/s written as Hz: " if 0.8 < ratio / (2 * math.pi) < 1.25 else ""
             hint = hint if m.kind == "frequency" else ""
             remedy = f"{hint}check value and unit, or say that it is right (`trust_values`)"
@@ -50,6 +52,29 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm) -> None:
             doubts.append(Problem(m.where, got, f"about {expected:.4g}", remedy, "value"))
     if doubts:
         raise InputError(doubts)
+
+
+def _by_labels(problem: InverseProblem, campaign: Campaign) -> tuple[Float[np.ndarray, "D"], set[int]]:
+    """Return what the arm file predicts by the labels alone, and the rows whose label it never has.
+
+    Where a label's mode is none at the file's values, or far off, it may be another one for an arm nearby: then what is
+    predicted there counts, if it is plausible.
+    """
+    costs, about = labels_about(problem, 0)
+    predicted = about[0].copy()
+    odd = [i for i, m in enumerate(campaign) if m.mode and (costs[0, i] >= FAR or _is_far_off(m, predicted[i]))]
+    if not odd:
+        return predicted, set()
+    costs, about = labels_about(problem)
+    for i in odd:
+        fine = [x for x, cost in zip(about[:, i], costs[:, i], strict=True) if cost < FAR]
+        predicted[i] = next((x for x in fine if not _is_far_off(campaign.measurements[i], x)), predicted[i])
+    return predicted, {i for i in odd if (costs[:, i] >= FAR).all()}
+
+
+def _is_far_off(m: Measurement, expected: float) -> bool:
+    ratio, limit = m.value / expected if expected else math.nan, PLAUSIBLE[m.kind]
+    return not 1 / limit < ratio < limit and math.isfinite(ratio)
 
 
 def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:

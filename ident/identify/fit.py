@@ -8,6 +8,7 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values
+from ident.identify.label_checks import NEAR_DRAW
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import CrossPrediction, cross_predictions
 from ident.inference.fit import STARTS, Fit, fit
@@ -39,6 +40,16 @@ class CampaignFit(Fit):
         return any(np.abs(each.z).max() > SUSPICIOUS for each in self.cross_predictions)
 
     @property
+    def mislabelled(self) -> bool:
+        """Whether the modes that fit best are not those that labels and values make most probable."""
+        return not self.choice.settled
+
+    @property
+    def near_draws(self) -> tuple[int, ...]:
+        """Rows whose label is a near draw at the answer, or not the mode's own: it may be another mode's."""
+        return tuple(np.flatnonzero(np.asarray(self.choice.cost) > NEAR_DRAW).tolist())
+
+    @property
     def outliers(self) -> np.ndarray:
         """Which measurements lie more than three sigma from the fit."""
         return np.abs(self.residuals) > SUSPICIOUS
@@ -47,6 +58,7 @@ class CampaignFit(Fit):
     def doubts(self) -> tuple[str, ...]:
         """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
         reasons = {
+            "the labels contradict the modes that fit best": self.mislabelled,
             "the gradient does not vanish here, so this is not an optimum": not self.best.converged,
             "the kinds of measurement contradict each other (see below)": self.contradictory,
             f"{self.outliers.sum()} measurements lie more than 3 sigma from the fit": self.outliers.any(),

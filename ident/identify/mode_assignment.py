@@ -4,7 +4,7 @@ Design. The label of a value is data: somebody saw how the arm moved and named i
 
 1. A computed mode is called `vertical` with probability Phi((v - 1/2) / sd), v its share of vertical motion at the end
    point, `torsion` likewise by its share of strain energy; never with probability zero, so that every label has a mode
-   at every start. Modes of one frequency have no shapes of their own: `modes_about` turns them first.
+   at every start. Modes of one frequency have no shapes of their own, but any choice among them fits as well.
 2. The modes of a state are named independently, ascending; `vertical bending 2` is the second that bears the name. The
    weight of a pair of value and mode sums the probability over all ways to name the modes: a chain whose state is the
    number of each name so far (forward-backward recursion, Rabiner 1989). `label_weights` returns it.
@@ -35,9 +35,10 @@ import numpy as np
 from jax.scipy.special import log_ndtr
 from jaxtyping import Array, Bool, Float
 
-from ident.arm.labels import AMBIGUOUS, Label, torsion_share, vertical_share
+from ident.arm.labels import AMBIGUOUS, Label, fits, torsion_share, vertical_share
 from ident.arm.modes import Modes
 from ident.identify.conditions import Conditions
+from ident.inference.parameters import AnyArray
 from ident.inference.problem import Data
 
 NAMING_SD = AMBIGUOUS / 2
@@ -93,7 +94,7 @@ def labelled(conditions: Conditions) -> Labelled:
     return Labelled(labels, np.array(states, int), np.array(rows, int), frequency, patterns, top, np.array(places, int))
 
 
-def name_costs(modes: Modes, off: Float[Array, "*batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
+def name_costs(modes: Modes, off: Float[AnyArray, "*batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
     """Return -2 ln(probability) of each word for each mode, as far as the arm's numbers may be off."""
     sd = jnp.hypot(NAMING_SD, SHARES_MOVE * off)
     lean = {"vertical": (vertical_share(modes) - 0.5) / sd, "torsion": (torsion_share(modes) - 0.5) / sd}
@@ -109,8 +110,20 @@ def label_costs(values: Labelled, modes: Modes) -> Float[Array, "m R *batch"]:
     return jnp.stack([sum(cost[w][:, s] for w in ws) for ws, s in zip(words, values.states, strict=True)], 1)
 
 
+def said_costs(values: Labelled, modes: Modes, chosen: Float[Array, "m R *batch"]) -> Float[Array, "R *batch"]:
+    """Return what speaks against each label where it is put: -2 ln(probability of its words), and `FAR` for a number.
+
+    The number is wrong where not just so many modes up to there move as the label says rather than otherwise.
+    """
+    cost, rank = label_costs(values, modes), modes.frequency.ndim - 2
+    likely = jnp.stack([fits(label, modes)[:, s] for label, s in zip(values.labels, values.states, strict=True)], 1)
+    count = (jnp.cumsum(likely, 0) * chosen).sum(0)
+    ordinal = np.array([label.ordinal for label in values.labels]).reshape((-1,) + (1,) * rank)
+    return (cost * chosen).sum(0) + FAR * (count != ordinal)
+
+
 def most_probable(
-    values: Labelled, modes: Modes, data: Data | None, off: Float[Array, "*batch"] | float
+    values: Labelled, modes: Modes, data: Data | None, off: Float[AnyArray, "*batch"] | float
 ) -> Float[Array, "m R *batch"]:
     """Return one for the mode that each labelled value belongs to by the most probable naming, zero for the others.
 
@@ -126,7 +139,7 @@ def most_probable(
 
 
 def label_weights(
-    values: Labelled, modes: Modes, data: Data | None, off: Float[Array, "*batch"] | float
+    values: Labelled, modes: Modes, data: Data | None, off: Float[AnyArray, "*batch"] | float
 ) -> Float[Array, "m R *batch"]:
     """Return the probability that each labelled value belongs to each mode; arguments as in `most_probable`."""
     return _weights(values, modes, _misfits(values, modes, data, off), off, jnp.logaddexp)
@@ -143,7 +156,7 @@ def how_far_off(
     return jax.lax.stop_gradient(jnp.sqrt(squared.sum(0) / jnp.maximum(counts.sum(0), 1)))
 
 
-def _misfits(values: Labelled, modes: Modes, data: Data | None, off: Array | float) -> Float[Array, "m R *batch"]:
+def _misfits(values: Labelled, modes: Modes, data: Data | None, off: AnyArray | float) -> Float[Array, "m R *batch"]:
     """Return the squared misfit of each labelled frequency with each mode, in sigma; zero for a damping ratio."""
     near = modes.frequency[:, values.states]
     if data is None:
@@ -159,13 +172,13 @@ def _aligned(values: Labelled, data: Data, rank: int) -> tuple[Array, Array]:
     return measured, sigma
 
 
-def overlap(shapes: Float[Array, "n m R"], M: Float[Array, "n n R"], reference: Float[Array, "n R"]) -> Array:
+def overlap(shapes: Float[Array, "n m R"], M: Float[Array, "n n R"], reference: Float[AnyArray, "n R"]) -> Array:
     """Return the squared overlap (m, R) of each value's reference shape with each mode: (v' M u)^2."""
     return (shapes * (M * reference[None]).sum(1)[:, None]).sum(0) ** 2
 
 
 def _weights(
-    values: Labelled, modes: Modes, misfit: Array, off: Array | float, plus: Callable[[Array, Array], Array]
+    values: Labelled, modes: Modes, misfit: Array, off: AnyArray | float, plus: Callable[[Array, Array], Array]
 ) -> Array:
     """Return the derivative of ln(sum over all namings) by the logarithm of each pair's likelihood.
 
@@ -221,5 +234,5 @@ def _complete(values: Labelled, batch: tuple[int, ...]) -> Bool[np.ndarray, "...
         asked[place, state] = max(asked[place, state], label.ordinal)
     counts = np.indices([top + 1 for top in values.top])
     lift = (slice(None),) + (None,) * (counts.ndim - 1)
-    enough = (counts[..., None] >= asked[(*lift, slice(None))]).all(0)
+    enough: np.ndarray = np.all(counts[..., None] >= asked[(*lift, slice(None))], 0)
     return enough.reshape(enough.shape + (1,) * (len(batch) - 1))

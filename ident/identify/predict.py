@@ -23,7 +23,7 @@ from ident.arm.modes import (
     to_hertz,
 )
 from ident.identify.conditions import Conditions, Modal
-from ident.identify.mode_assignment import AT_FIRST, how_far_off, label_costs, labelled, most_probable, overlap
+from ident.identify.mode_assignment import AT_FIRST, how_far_off, labelled, most_probable, overlap, said_costs
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, Choosing, Data
 
@@ -84,7 +84,7 @@ class ArmModel(eqx.Module, Choosing):
         likeness = jnp.where(held.in_order, held.place, overlap(shapes, M, held.shape))
         same = (jnp.argmax(likeness, 0) == jnp.arange(len(likeness))[:, None]).astype(float)
         chosen = jax.lax.stop_gradient(jnp.where(held.fresh, wanted, same))
-        cost = jnp.zeros_like(data.sigma).at[values.rows].set((label_costs(values, modes) * chosen).sum(0))
+        cost = jnp.zeros_like(data.sigma).at[values.rows].set(said_costs(values, modes, chosen))
         off, no = how_far_off(values, modes, data, chosen), jnp.array(False)
         now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
@@ -159,6 +159,14 @@ def _frequencies(
 def _damping_ratios(chain: Chain, at: StaticEquilibrium) -> Float[Array, "m S *batch"]:
     s = damped_eigenvalues(linearize(chain, at))
     return -s.real / jnp.abs(s)
+
+
+def mode_choice(conditions: Conditions, modes: Modes) -> tuple[Float[Array, "m D *batch"], Float[Array, "m R *batch"]]:
+    """Return one for the mode that each frequency, and each damping ratio, belongs to by the labels alone."""
+    values = labelled(conditions)
+    count = sum(label is not None for label in conditions.frequency.labels)
+    chosen = most_probable(values, modes, None, 0.0) if values.labels else jnp.zeros((len(modes.frequency), 0))
+    return _with_unlabelled(conditions.frequency, chosen[:, :count]), chosen[:, count:]
 
 
 def _with_unlabelled(modal: Modal, chosen: Float[Array, "m R *batch"]) -> Float[Array, "m D *batch"]:

@@ -70,7 +70,9 @@ class ConstrainedFit:
     def start(self) -> Point:
         """Return the optimum."""
         theta = self.fit.best.theta
-        _, slope = _weighed(self.fit.problem, End(theta, 0.0, theta, self.fit.predicted, self.fit.jacobian))
+        _, slope = _weighed(
+            self.fit.problem, End(theta, 0.0, theta, self.fit.predicted, self.fit.jacobian, self.fit.choice)
+        )
         return Point(theta, 0.0, self.fit.best.converged, self._tangent(np.asarray(slope)))
 
     def at(self, theta: float, near: Sequence[Point]) -> Point | None:

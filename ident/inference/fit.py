@@ -19,6 +19,8 @@ PATIENCE = 6
 AGAIN = 3
 SPREAD = 1.0
 """Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
+TIE, DIGITS = 1e-6, 4
+"""Relative difference of two costs that is none; decimals of theta, and of a distance, by which ties are ordered."""
 SAME = 1e-3
 """Ends nearer to each other than this, in standard deviations of the data or of theta, are one optimum."""
 
@@ -33,6 +35,7 @@ class Optimum:
         cost: sum of squared residuals, data and prior.
         starts: number of starts that ended here.
         converged: whether the gradient vanishes here.
+        sd: (P,) standard deviation of each theta by data and prior about here.
     """
 
     values: Float[np.ndarray, "P"]
@@ -40,6 +43,7 @@ class Optimum:
     cost: float
     starts: int
     converged: bool
+    sd: Float[np.ndarray, "P"]
 
 
 @dataclass(frozen=True)
@@ -98,11 +102,31 @@ class Fit:
 
         return float(chdtrc(self.degrees_of_freedom, self.chi_squared))
 
+    @property
+    def rivals(self) -> tuple[Optimum, ...]:
+        """Further optima that the data do not rule out: of a cost within the 95 % limit of the best one's."""
+        limit = self.best.cost + half_width(0.95) ** 2
+        return tuple(optimum for optimum in self.optima[1:] if optimum.converged and optimum.cost < limit)
+
+    @property
+    def ties(self) -> int:
+        """Number of optima that fit exactly as well as the best one: then the answer is one of several."""
+        return sum(optimum.converged and is_tie(optimum.cost, self.best.cost) for optimum in self.optima[1:])
+
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
-        """Return intervals of the parameters [SI] by data and prior, normal in theta."""
-        half = half_width(level) * self.information.sd
-        ends = np.stack([self.best.theta - half, self.best.theta + half], 1)
-        return np.asarray(self.problem.parameters.values(ends))
+        """Return intervals of the parameters [SI] by data and prior, normal in theta.
+
+        An interval reaches over all optima that the data do not rule out: about each, as far as the cost rises to the
+        same height above the best one's.
+        """
+        height, ends = half_width(level) ** 2, []
+        for optimum in (self.best, *self.rivals):
+            above = optimum.cost - self.best.cost
+            if above < height:
+                half = np.sqrt(height - above) * optimum.sd
+                ends += [optimum.theta - half, optimum.theta + half]
+        reach = np.stack([np.min(ends, 0), np.max(ends, 0)], 1)
+        return np.asarray(self.problem.parameters.values(reach))
 
     @property
     def predicted_sd(self) -> Float[np.ndarray, "D"]:
@@ -149,7 +173,7 @@ def fit(
             break
     if not reached:
         raise ModelError(_no_optimum(evaluate(problem).predicted))
-    best = min(reached, key=_score)
+    best = next(end for end in reached if end.theta is optima[0].theta)
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
     known = information(scaled, _prior_sd(problem), problem.parameters.names)
     ended = sum(optimum.starts for optimum in optima)
@@ -167,7 +191,7 @@ def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
     """
     groups: list[list[End]] = []
     sigma, prior_sd = np.asarray(problem.sigma), _prior_sd(problem)
-    for end in sorted(ends, key=_score):
+    for end in _in_order(problem, ends):
         for group in groups:
             step = end.theta - group[0].theta
             apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])
@@ -179,15 +203,40 @@ def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
         else:
             groups.append([end])
     optima = [group for i, group in enumerate(groups) if i == 0 or any(end.converged for end in group)]
-    return tuple(
-        Optimum(
-            np.asarray(problem.parameters.values(group[0].theta)),
-            group[0].theta,
-            float(group[0].cost),
-            len(group),
-            any(end.converged for end in group),
-        )
-        for group in optima
+    return tuple(_optimum(problem, group) for group in optima)
+
+
+def _in_order(problem: InverseProblem, ends: list[End]) -> list[End]:
+    """Sort ends by cost; exact ties by the distance from the priors' centre, then by theta: the same on any machine.
+
+    Of a parameter without a prior the starting value is the centre.
+    """
+    parameters = problem.parameters
+    ranks: list[tuple[int, float, tuple[float, ...], int]] = []
+    centre = np.asarray(parameters.theta(parameters.column("centre")))
+    ends = sorted(ends, key=_score)
+    for i, end in enumerate(ends):
+        level = ranks[-1][0] if i and is_tie(ends[i - 1].score, end.score) else i
+        off = (end.theta - centre) / np.minimum(parameters.normal_sd, 1.0)
+        ranks.append((level, round(float(off @ off), DIGITS), tuple(np.round(end.theta, DIGITS)), i))
+    return [ends[rank[-1]] for rank in sorted(ranks)]
+
+
+def is_tie(a: float, b: float) -> bool:
+    """Tell whether two costs are the same but for rounding and where the searches stopped."""
+    return abs(a - b) < TIE * (1 + abs(a))
+
+
+def _optimum(problem: InverseProblem, group: list[End]) -> Optimum:
+    first = group[0]
+    scaled = first.jacobian / np.asarray(problem.sigma)[:, None]
+    return Optimum(
+        np.asarray(problem.parameters.values(first.theta)),
+        first.theta,
+        float(first.cost),
+        len(group),
+        any(end.converged for end in group),
+        information(scaled, _prior_sd(problem), problem.parameters.names).sd,
     )
 
 

@@ -15,17 +15,18 @@ from ident.cli import running; running.start()
 import jax, equinox as eqx
 from pathlib import Path
 from ident.description.file import read_arm; from ident.measure import read_campaign
-from ident.inference import fit as stage; from ident.identify.build_problem import build_problem
+from ident.inference import fit, least_squares; from ident.identify.build_problem import build_problem
 from ident.jit import SMALL_KERNELS
 t.append(time.perf_counter())
 problem = build_problem(read_arm("ARM").arm, read_campaign("CAMPAIGN"))
 start = problem.parameters.theta(problem.parameters.column("start"))
 t.append(time.perf_counter())
-lowered = eqx.filter_jit(stage.solve.__wrapped__, **SMALL_KERNELS).lower(problem, start)
+asked = problem, start, problem.unheld(), least_squares.UNTIL_ANEW
+lowered = eqx.filter_jit(least_squares.search.__wrapped__, **SMALL_KERNELS).lower(*asked)
 t.append(time.perf_counter())
 program = lowered.compile()
 t.append(time.perf_counter())
-jax.block_until_ready(program(problem, start))
+jax.block_until_ready(program(*asked))
 t.append(time.perf_counter())
 import ident.present.figures.fit
 t.append(time.perf_counter())

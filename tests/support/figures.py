@@ -59,9 +59,19 @@ def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
         lambda p: p, jnp.full(measurements, 0.03), jnp.asarray(sigma), unknowns, tuple(m.kind for m in campaign)
     )
     predicted = 0.03 + rng.normal(size=measurements) * 1e-4
-    optimum = Optimum(values, theta, 1.0, 3, True)
+    optimum = Optimum(values, theta, 1.0, 3, True, known.sd)
+    choice = Choice(None, True, np.zeros(len(predicted)))
     return CampaignFit(
-        problem, (optimum,), 0, predicted, jacobian, known, arm=lcd_arm(), campaign=campaign, cross_predictions=()
+        problem,
+        (optimum,),
+        0,
+        predicted,
+        jacobian,
+        known,
+        choice,
+        arm=lcd_arm(),
+        campaign=campaign,
+        cross_predictions=(),
     )
 
 

@@ -173,6 +173,11 @@ def _labels(check: CampaignCheck) -> Iterator[str]:
     yield "Mode labels, at the arm file's values" + ("" if check.labels else ": none is in doubt")
     for doubt in check.labels:
         yield f"  {_row(check, doubt.row)}: {'; '.join(_doubt(check, doubt))}"
+    if check.changing:
+        rows = [_number(check.campaign.measurements[i], i) for i in check.changing]
+        often = max(check.changing.values())
+        yield f"  Within the prior a label may change: at up to {often:.0%} of points drawn from it, those of rows"
+        yield f"  {', '.join(rows)} are near draws, or no mode's"
 
 
 def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:

@@ -83,6 +83,14 @@ def _measurements(fit: CampaignFit) -> Iterator[str]:
         numbers = f"{measured:10.4g} {model:10.4g} {measured - model:10.3g} {-z:8.2f}"
         row = m.where.rpartition(":")[2]
         yield f"  {row:>3s}  {describe(m):53s} {numbers}   [{unit}]{'  <--' if outlying else ''}"
+    yield from _labels(fit)
+
+
+def _labels(fit: CampaignFit) -> Iterator[str]:
+    for i in fit.near_draws:
+        m = fit.campaign.measurements[i]
+        row = m.where.rpartition(":")[2] or str(i + 1)
+        yield f"  row {row}: '{m.mode}' is a near draw at the answer, or not the mode's own name"
 
 
 def _information(fit: CampaignFit) -> Iterator[str]:
@@ -190,6 +198,10 @@ def _optima(fit: Fit) -> Iterator[str]:
         note = "" if optimum.converged else "  (not converged)"
         mark = "answer" if i == 0 else "other "
         yield f"  {mark}  cost {optimum.cost:10.4g}  starts {optimum.starts:3d}   {values}{note}"
-    rivals = [o for o in fit.optima[1:] if o.cost < fit.best.cost + 4]
+    rivals = len(fit.rivals)
+    if fit.ties:
+        yield f"  NOT UNIQUE: {fit.ties + 1} optima fit exactly as well: globally not identifiable. The answer is"
+        yield "  the one nearest to the priors' centre."
     if rivals:
-        yield f"  WARNING: so good a fit has rivals, {len(rivals)} in number; the data do not choose between them"
+        others = "another optimum" if rivals == 1 else f"{rivals} other optima"
+        yield f"  WARNING: the data do not rule out {others}; each interval reaches over all of them"
