@@ -102,7 +102,7 @@ def _choosing(problem: InverseProblem, start: Float[AnyArray, "P"]) -> End:
     """Search, beginning anew wherever another choice is more probable, until one stays so or `TURNS` are over."""
     held = problem.unheld()
     for _ in range(TURNS):
-        end, finished = search(problem, start, held, UNTIL_ANEW)
+        end, finished = search(problem, start, held, UNTIL_ANEW, WHOLE)
         if end.choice.settled or not np.isfinite(end.cost):
             return end if finished else _held(problem, end.theta, end.choice.held)
         start, held = end.theta, end.choice.held.anew()
@@ -113,7 +113,7 @@ def _held(problem: InverseProblem, start: Float[AnyArray, "P"], held: Any) -> En
     """Search with what is held; afresh after running out of steps, as long as that gains something."""
     before = np.inf
     for _ in range(TURNS):
-        end, finished = search(problem, start, held, TO_THE_END)
+        end, finished = search(problem, start, held, TO_THE_END, WHOLE)
         if finished or not before - end.cost > WORTH:
             break
         start, held, before = end.theta, end.choice.held, end.cost
@@ -126,7 +126,7 @@ def search(
     start: Float[AnyArray, "P"],
     held: Any,
     to_the_end: Bool[AnyArray, ""],
-    weight: Float[AnyArray, ""] = WHOLE,
+    weight: Float[AnyArray, ""],
 ) -> tuple[End, Array]:
     """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose anew.
 

@@ -21,7 +21,7 @@ t.append(time.perf_counter())
 problem = build_problem(read_arm("ARM").arm, read_campaign("CAMPAIGN"))
 start = problem.parameters.theta(problem.parameters.column("start"))
 t.append(time.perf_counter())
-asked = problem, start, problem.unheld(), least_squares.UNTIL_ANEW
+asked = problem, start, problem.unheld(), least_squares.UNTIL_ANEW, least_squares.WHOLE
 lowered = eqx.filter_jit(least_squares.search.__wrapped__, **SMALL_KERNELS).lower(*asked)
 t.append(time.perf_counter())
 program = lowered.compile()

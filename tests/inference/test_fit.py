@@ -4,6 +4,7 @@ import dataclasses
 import math
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -228,3 +229,47 @@ def test_a_label_of_no_mode_is_refused_with_its_row_and_the_modes_that_there_are
     with pytest.raises(InputError, match=r"c.csv:7, mode: got 'lateral torsion 9', .*vertical bending 1") as raised:
         fit_campaign(lcd_arm(), Campaign(measurements=(wrong,)), starts=1)
     assert len(raised.value.problems) == 1
+
+
+# rival optima
+
+
+def two_wells(sd=np.inf, towards=0.5):
+    """A model whose square is measured, so that x = 1 and x = -1 fit alike, but for a second value of that sd."""
+    return InverseProblem(
+        lambda p: jnp.stack([p["x"] ** 2, p["x"]]),
+        jnp.array([1.0, towards]),
+        jnp.array([0.01, sd]),
+        Parameters((Parameter(("x",), False, 0.4, 0.0),)),
+        ("square", "itself"),
+    )
+
+
+def test_an_interval_reaches_over_all_optima_that_the_data_do_not_rule_out():
+    """About x = -1, 0.5 above the best one, as far as the cost rises by 1.96^2 - 0.5 there."""
+    found = fit(two_wells(sd=2.0))
+    assert [round(float(optimum.values[0])) for optimum in found.optima] == [1, -1]
+    assert found.optima[1].cost - found.best.cost == pytest.approx(0.5, abs=1e-3)
+    assert len(found.rivals) == 1
+    assert found.ties == 0
+    low, high = found.interval()[0]
+    half = math.sqrt(1.959964**2 - 0.5) * 0.005
+    assert low == pytest.approx(-1 - half, abs=1e-4)
+    assert high == pytest.approx(1 + 1.96 * 0.005, abs=1e-4)
+
+
+def test_an_optimum_that_the_data_rule_out_widens_no_interval():
+    found = fit(two_wells(sd=0.3))
+    assert len(found.optima) == 2
+    assert found.rivals == ()
+    np.testing.assert_allclose(found.interval()[0], [1 - 0.0098, 1 + 0.0098], atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_exact_ties_are_ordered_by_a_rule_whatever_start_found_them_first(seed):
+    """Both are as far from the centre: the lesser one comes first."""
+    found = fit(two_wells(), seed=seed)
+    assert found.ties == 1
+    assert found.best.values[0] == pytest.approx(-1.0)
+    nearer = eqx.tree_at(lambda p: p.parameters.items[0].centre, two_wells(), np.array(0.2))
+    assert fit(nearer, seed=seed).best.values[0] == pytest.approx(1.0), "now the one nearer to the centre"
