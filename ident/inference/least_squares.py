@@ -86,10 +86,10 @@ def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | N
 def _like(problem: InverseProblem, start: Float[AnyArray, "P"], example: End) -> list[End]:
     """Search with the order that an example holds; where that is not the most probable choice, go on from there."""
     first = _held(problem, start, example.choice.held.ordered())
+    if np.isfinite(first.cost) and _is_steep(first):  # held apart where two want to change places
+        first = _held(problem, first.theta, first.choice.held.likened())
     if first.choice.settled or not np.isfinite(first.cost):
         return [first]
-    if _is_steep(first):  # held apart where two want to change places
-        first = _held(problem, first.theta, first.choice.held.likened())
     then = _choosing(problem, first.theta)
     return [first, then if then.choice.settled else _held(problem, then.theta, then.choice.held)]
 

@@ -13,7 +13,7 @@ from ident.identify.unknowns import stiffness_parameters
 from ident.inference.fit import Optimum, fit
 from ident.inference.information import information
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.problem import InverseProblem
+from ident.inference.problem import Choice, InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
 
 HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
