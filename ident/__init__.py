@@ -30,7 +30,8 @@ import difflib
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import IdentError, InputError, ModelError
+from ident.errors import ConvergenceError, IdentError, InputError, ModelError
+from ident.studies import STUDIES
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -53,7 +54,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_ERRORS = ("IdentError", "InputError", "ModelError")
+_ERRORS = ("ConvergenceError", "IdentError", "InputError", "ModelError")
 _PLACES = {
     "arm.arm": ("Arm",),
     "description.file": ("ArmFile", "read_arm"),
@@ -61,9 +62,7 @@ _PLACES = {
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
     "studies.load": ("load",),
 }
-_STUDIES: tuple[str, ...] = ("predict", "check", "fit", "profile", "sample", "plan")
-_STUDIES += ("resonance", "simulate", "spectrum", "sweep", "design", "diagnose")
-_PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in _STUDIES}
+_PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in STUDIES}
 _MODULES = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = sorted([*_ERRORS, *_MODULES])
 

@@ -1,10 +1,14 @@
 """Values as plain data and back: dataclasses, equinox modules, named tuples and arrays, to the last bit.
 
-A document holds each object once, by the name of its class. What comes back is built without running any code but
-that of the classes named, all of which are ident's own: a file from elsewhere can make no others.
+An object is written where it is first met, {"class": its name, field: value, ...}; one that is met again is marked
+there by a number, "as", and referred to by {"same": that number}. An array is {"numpy": nested lists}, or "jax", with
+its dtype unless that is float64; floats are written so that the same come back. A tuple is a list; what JSON has no
+word for says what it is: {"map": ...}, {"list": ...}, {"set": ...}, {"path": ...}, {"float": "inf"}.
+
+What comes back is built without running any code but that of the classes named, all of which are ident's own: a file
+from elsewhere can make no others.
 """
 
-import base64
 import importlib
 import math
 from collections.abc import Mapping
@@ -17,18 +21,19 @@ import numpy as np
 
 from ident.errors import IdentError
 
-KEPT_APART = 4096
-"""Bytes from which an array is kept apart from the document, where there is a place for it."""
+KEPT_APART = 512
+"""Numbers from which an array is kept apart from the document, where there is a place for it."""
 ROOMS = ("errors", "arm", "description", "measure", "inference", "identify", "vibrate", "assess", "studies")
 """Where the values lie that a file may hold."""
-SEQUENCES: dict[str, Any] = {"tuple": tuple, "set": frozenset}
+KINDS = "fiubcU"
+"""Kinds of numbers and text that an array may hold, as numpy has them."""
 
 
 class CodecError(IdentError):
     """A document is none of ours, or a value can't be written."""
 
 
-def encode(value: Any, arrays: dict[str, np.ndarray] | None = None) -> dict[str, Any]:
+def encode(value: Any, arrays: dict[str, np.ndarray] | None = None) -> Any:
     """Return a value as data that JSON knows.
 
     Args:
@@ -39,17 +44,21 @@ def encode(value: Any, arrays: dict[str, np.ndarray] | None = None) -> dict[str,
         CodecError: the value holds something else, such as a function.
     """
     writer = _Writer(arrays)
-    return {"value": writer.plain(value), "objects": writer.objects}
+    plain = writer.plain(value)
+    for _, document in writer.written.values():
+        if document["as"] is None:
+            del document["as"]
+    return plain
 
 
-def decode(document: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> Any:
+def decode(document: Any, arrays: Mapping[str, np.ndarray] | None = None) -> Any:
     """Return the value that `encode` has written.
 
     Raises:
         CodecError: the document is none of ours, or of a version of ident whose classes differ.
     """
     try:
-        return _Reader(document["objects"], arrays or {}).value(document["value"])
+        return _Reader(arrays or {}).value(document)
     except CodecError:
         raise
     except Exception as error:  # whatever else a document from elsewhere may do
@@ -58,105 +67,137 @@ def decode(document: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None 
 
 class _Writer:
     def __init__(self, arrays: dict[str, np.ndarray] | None):
-        self.objects: list[dict[str, Any] | None] = []
-        self.arrays, self.places, self.alive = arrays, dict[int, int](), list[Any]()
+        self.arrays, self.shared = arrays, 0
+        self.written: dict[int, tuple[Any, dict[str, Any]]] = {}  # with the objects: an identity is one while it lives
 
     def plain(self, value: Any) -> Any:
         if value is None or type(value) in (bool, int, str):
             return value
         if type(value) is float:
             return value if math.isfinite(value) else {"float": repr(value)}
-        if isinstance(value, list):
+        if type(value) is tuple:
             return [self.plain(item) for item in value]
+        if isinstance(value, list):
+            return {"list": [self.plain(item) for item in value]}
+        if type(value) is frozenset:
+            return {"set": [self.plain(item) for item in value]}
         if isinstance(value, Mapping):
-            return {"map": [[self.plain(key), self.plain(item)] for key, item in value.items()]}
+            return {"map": self.mapping(value)}
         if isinstance(value, PurePath):
             return {"path": str(value)}
         if isinstance(value, slice):
             return {"slice": [self.plain(part) for part in (value.start, value.stop, value.step)]}
-        for name, kind in SEQUENCES.items():
-            if type(value) is kind:
-                return {name: [self.plain(item) for item in value]}
         if isinstance(value, Enum):
             return {"enum": _name(type(value)), "member": value.name}
         if hasattr(value, "dtype") and hasattr(value, "shape"):
             return self.array(value)
         return self.thing(value)
 
+    def mapping(self, value: Mapping[Any, Any]) -> Any:
+        if all(type(key) is str for key in value):
+            return {key: self.plain(item) for key, item in value.items()}
+        return [[self.plain(key), self.plain(item)] for key, item in value.items()]
+
     def array(self, value: Any) -> dict[str, Any]:
         array = np.asarray(value)
-        if array.dtype.hasobject:
-            raise CodecError("an array of objects")
         kind = "scalar" if isinstance(value, np.generic) else "numpy" if isinstance(value, np.ndarray) else "jax"
-        if self.arrays is not None and array.nbytes > KEPT_APART and array.dtype.kind in "fiub":
+        if array.dtype.kind not in KINDS:
+            raise CodecError(f"an array of {array.dtype}")
+        if self.arrays is not None and array.size > KEPT_APART and array.dtype.kind in "fiub":
             name = f"a{len(self.arrays)}"
             self.arrays[name] = array
-            return {kind: name}
-        little = array.astype(array.dtype.newbyteorder("<"))
-        data = base64.b64encode(little.tobytes()).decode("ascii")
-        return {kind: data, "dtype": little.dtype.str, "shape": list(array.shape)}
+            return {kind: {"apart": name}}
+        document = {kind: _nested(array)}
+        if array.dtype != np.float64:
+            document["dtype"] = array.dtype.newbyteorder("=").str
+        return document | ({} if array.size else {"shape": list(array.shape)})
 
     def thing(self, value: Any) -> dict[str, Any]:
         """Write an object once, however often it is held."""
-        if id(value) not in self.places:
-            names = _field_names(type(value))
-            if names is None or not type(value).__module__.startswith("ident."):
-                raise CodecError(f"{value!r:.60} can't be kept in a file")
-            place = self.places[id(value)] = len(self.objects)
-            self.objects.append(None)
-            self.alive.append(value)  # an identity is one as long as its object lives
-            written = {name: self.plain(getattr(value, name)) for name in names}
-            self.objects[place] = {"class": _name(type(value)), "fields": written}
-        return {"object": self.places[id(value)]}
+        if id(value) in self.written:
+            document = self.written[id(value)][1]
+            if document["as"] is None:
+                self.shared += 1
+                document["as"] = self.shared
+            return {"same": document["as"]}
+        names = _field_names(type(value))
+        if names is None or not type(value).__module__.startswith("ident."):
+            raise CodecError(f"{value!r:.60} can't be kept in a file")
+        document = {"class": _name(type(value)), "as": None}
+        self.written[id(value)] = value, document
+        document |= {name: self.plain(getattr(value, name)) for name in names}
+        return document
 
 
 class _Reader:
-    def __init__(self, objects: list[Any], arrays: Mapping[str, np.ndarray]):
-        self.objects, self.arrays, self.read = objects, arrays, dict[int, Any]()
+    def __init__(self, arrays: Mapping[str, np.ndarray]):
+        self.arrays, self.shared = arrays, dict[int, Any]()
 
     def value(self, plain: Any) -> Any:
         if isinstance(plain, list):
-            return [self.value(item) for item in plain]
+            return tuple(self.value(item) for item in plain)
         if not isinstance(plain, dict):
             return plain
-        kind = next(iter(plain))
-        content = plain[kind]
-        if kind in SEQUENCES:
-            return SEQUENCES[kind](self.value(item) for item in content)
-        if kind in ("numpy", "jax", "scalar"):
-            return self.array(kind, plain)
+        if "class" in plain:
+            return self.thing(plain)
         readers: dict[str, Any] = {
+            "same": lambda number: self.shared[number],
             "float": float,
-            "map": lambda pairs: {self.value(key): self.value(item) for key, item in pairs},
+            "list": lambda items: [self.value(item) for item in items],
+            "set": lambda items: frozenset(map(self.value, items)),
+            "map": self.mapping,
             "path": Path,
             "slice": lambda parts: slice(*map(self.value, parts)),
             "enum": lambda name: _class(name)[plain["member"]],
-            "object": self.thing,
+            "numpy": lambda content: self.array(content, plain),
+            "scalar": lambda content: self.array(content, plain)[()],
+            "jax": lambda content: _jax(self.array(content, plain)),
         }
-        return readers[kind](content)
+        kind = next(name for name in plain if name in readers)
+        return readers[kind](plain[kind])
 
-    def array(self, kind: str, plain: dict[str, Any]) -> Any:
-        if "dtype" in plain:
-            flat = np.frombuffer(base64.b64decode(plain[kind]), np.dtype(plain["dtype"]))
-            array = flat.reshape(plain["shape"]).astype(flat.dtype.newbyteorder("="))
-        else:
-            array = np.asarray(self.arrays[plain[kind]])
-        if kind == "jax":
-            import jax.numpy as jnp
+    def mapping(self, content: Any) -> dict[Any, Any]:
+        pairs = content.items() if isinstance(content, dict) else [(self.value(key), item) for key, item in content]
+        return {key: self.value(item) for key, item in pairs}
 
-            return jnp.asarray(array)
-        return array[()] if kind == "scalar" else array
+    def array(self, content: Any, plain: Mapping[str, Any]) -> np.ndarray:
+        if isinstance(content, dict):
+            return np.asarray(self.arrays[content["apart"]])
+        dtype = np.dtype(plain.get("dtype", "f8"))
+        if dtype.kind not in KINDS:
+            raise CodecError(f"an array of {dtype}")
+        parts = dtype.kind == "c"
+        array = np.array(content, f"f{dtype.itemsize // 2}" if parts else dtype)
+        array = array.reshape(*plain["shape"], *([2] if parts else [])) if "shape" in plain else array
+        return array.view(dtype)[..., 0] if parts else array
 
-    def thing(self, place: int) -> Any:
-        if place not in self.read:
-            document = self.objects[place]
-            kind, written = _class(document["class"]), document["fields"]
-            names = _field_names(kind)
-            if names is None or set(names) != set(written):
-                raise CodecError(f"{document['class']} of another version of ident")
-            values = {name: self.value(item) for name, item in written.items()}
-            self.read[place] = kind(**values) if issubclass(kind, tuple) else _restored(kind, values)
-        return self.read[place]
+    def thing(self, plain: dict[str, Any]) -> Any:
+        kind, written = _class(plain["class"]), plain.keys() - {"class", "as"}
+        names = _field_names(kind)
+        if names is None or set(names) != written:
+            raise CodecError(f"{plain['class']} of another version of ident")
+        values = {name: self.value(plain[name]) for name in plain if name in written}
+        value = kind(**values) if issubclass(kind, tuple) else _restored(kind, values)
+        if "as" in plain:
+            self.shared[plain["as"]] = value
+        return value
+
+
+def _nested(array: np.ndarray) -> Any:
+    """Return an array as nested lists: complex numbers as pairs, what is not finite as text."""
+    if array.dtype.kind == "c":
+        array = np.stack([array.real, array.imag], -1)
+    if array.dtype.kind != "f" or np.isfinite(array).all():
+        return array.tolist()
+    finite, items = np.isfinite(array), array.astype(object)
+    items[~finite] = array[~finite].astype(str)
+    return items.tolist()
+
+
+def _jax(array: np.ndarray) -> Any:
+    import jax.numpy as jnp
+
+    return jnp.asarray(array)
 
 
 def _restored(kind: type, values: Mapping[str, Any]) -> Any:

@@ -42,3 +42,7 @@ class InputError(IdentError):
 
 class ModelError(IdentError):
     """The model has no answer for these values, for example because the arm collapses."""
+
+
+class ConvergenceError(ModelError):
+    """A computation ended short of its own criterion: no optimum was reached, or a tolerance was not met."""

@@ -71,6 +71,11 @@ class Store:
         arrays[TREE] = np.frombuffer(tree, np.uint8)
         replace_file(self.folder / f"{name}{END}", lambda out: np.savez(out, **arrays))
 
+    def remove(self, name: str) -> None:
+        """Remove an item, if it is there."""
+        if self.folder is not None:
+            (self.folder / f"{name}{END}").unlink(missing_ok=True)
+
     @staticmethod
     def discard(folder: Path) -> None:
         """Remove the items of a folder that a run has claimed, and the folder if nothing else is in it."""

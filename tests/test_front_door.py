@@ -59,7 +59,7 @@ def test_what_is_no_name_is_refused():
 
 
 def test_type_checkers_see_the_names_of_the_door():
-    errors = {"IdentError", "InputError", "ModelError"}
+    errors = {"ConvergenceError", "IdentError", "InputError", "ModelError"}
     assert {*names_for_type_checkers(), *errors} == set(ident.__all__)
     assert set(ident.__all__) <= set(dir(ident))
 

@@ -83,7 +83,7 @@ def test_present_computes_nothing():
 
 def test_the_check_sees_imports():
     assert "ident.errors" in set(imports(PACKAGE / "arm" / "arm.py"))
-    fit = PACKAGE / "studies" / "fit.py"
-    assert "matplotlib.figure" in set(imports(fit)) - set(run(fit))
-    assert "ident.present.figures.fit" in set(run(fit)), "within a function"
+    design = PACKAGE / "studies" / "design.py"
+    assert "matplotlib.figure" in set(imports(design)) - set(run(design))
+    assert "ident.present.figures.design" in set(run(design)), "within a function"
     assert len(modules()) > 20

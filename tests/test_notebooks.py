@@ -17,7 +17,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[1] / "notebooks"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
-LIMIT = 280
+LIMIT = 560
 """Seconds that a notebook may take where nothing has been compiled yet."""
 PICTURE = "05_the_remedy.ipynb", "remedy.png"
 """The notebook whose last figure is the README's, and where that lies."""

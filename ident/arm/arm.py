@@ -4,6 +4,7 @@ All numbers are SI (m, kg, s, rad, N). In the zero posture (every pin at zero, n
 are parallel to the base frame: z up, x along the unfolded arm, y to the left.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -15,11 +16,16 @@ from ident.arm.drive import Belt, Drive, Stroke
 from ident.arm.drive_check import check_drives
 from ident.arm.fields import STIFFNESS, fields_of
 from ident.arm.parts import Body, Joint, Payload, Point
+from ident.arm.workspace import ANYWHERE, Workspace
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean
 
 GRAVITY = (0.0, 0.0, -9.80665)
 """Standard gravity [m/s^2] in the base frame (CGPM 1901)."""
+
+
+def _floats(value: Any) -> Array:
+    return jnp.asarray(value, float)
 
 
 class Arm(eqx.Module):
@@ -34,32 +40,18 @@ class Arm(eqx.Module):
         drives: harmonic drives, which static deflection and modes do not ask for.
         belts: belts between their pulleys.
         stroke: the straight motion of the hand, if it has one.
+        workspace: where it may be held, besides the joint limits.
     """
 
     name: str = eqx.field(static=True)
-    joints: tuple[Joint, ...]
-    points: tuple[Point, ...]
-    payloads: tuple[Payload, ...]
-    gravity: Float[Array, "3"]
-    drives: tuple[Drive, ...]
-    belts: tuple[Belt, ...]
-    stroke: Stroke | None
-
-    def __init__(
-        self,
-        name: str,
-        joints: tuple[Joint, ...],
-        points: tuple[Point, ...] = (),
-        payloads: tuple[Payload, ...] = (),
-        gravity: Any = GRAVITY,
-        drives: tuple[Drive, ...] = (),
-        belts: tuple[Belt, ...] = (),
-        stroke: Stroke | None = None,
-    ):
-        self.name = name
-        self.joints, self.points, self.payloads = tuple(joints), tuple(points), tuple(payloads)
-        self.gravity = jnp.asarray(gravity, float)
-        self.drives, self.belts, self.stroke = tuple(drives), tuple(belts), stroke
+    joints: tuple[Joint, ...] = eqx.field(converter=tuple)
+    points: tuple[Point, ...] = eqx.field(converter=tuple, default=())
+    payloads: tuple[Payload, ...] = eqx.field(converter=tuple, default=())
+    gravity: Float[Array, "3"] = eqx.field(converter=_floats, default=GRAVITY)
+    drives: tuple[Drive, ...] = eqx.field(converter=tuple, default=())
+    belts: tuple[Belt, ...] = eqx.field(converter=tuple, default=())
+    stroke: Stroke | None = None
+    workspace: Workspace = eqx.field(static=True, default=ANYWHERE)
 
     def __check_init__(self) -> None:
         names = [part.name for part in self.parts()]
@@ -67,6 +59,7 @@ class Arm(eqx.Module):
         if twice:
             raise InputError(Problem(self.name, f"{twice[0]} twice", "unique names", "rename one of them"))
         check_drives(self)
+        self._check_workspace()
 
     @property
     def driven(self) -> tuple[Joint, ...]:
@@ -157,6 +150,23 @@ class Arm(eqx.Module):
             value = getattr(part, field)
             numbers[path] = value[component] if component else value
         return numbers
+
+    def _check_workspace(self) -> None:
+        count, where = len(self.driven), self.workspace
+        if where.line is not None and where.postures:
+            raise InputError(Problem("workspace", "line and postures", "one of them", "drop one", "postures"))
+        given = [("line", where.line)] if where.line is not None else [("postures", each) for each in where.postures]
+        for column, angles in given:
+            if len(angles) != count:
+                got, expected = f"{len(angles)} numbers", f"{count}, one for each driven joint"
+                raise InputError(Problem("workspace", got, expected, "give one for each joint", column))
+        for posture in where.postures:
+            for joint, angle in zip(self.driven, posture, strict=True):
+                low, high = map(math.degrees, joint.limits)
+                if not low <= math.degrees(angle) <= high:
+                    got = f"{joint.name} at {math.degrees(angle):.4g} deg"
+                    expected, remedy = f"{low:.4g} to {high:.4g} deg, its limits", "correct the posture or the limits"
+                    raise InputError(Problem("workspace", got, expected, remedy, "postures"))
 
     def _places(self) -> Iterator[tuple[str, Any, str, tuple[int, ...]]]:
         for part in self.parts():

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -53,6 +54,11 @@ class Basis:
     def draws(self) -> Mapping[str, Float[np.ndarray, "D"]]:
         """Draws [SI] of the numbers that were not set, by path; none without a posterior."""
         return self.posterior.without(self.changed) if self.posterior else {}
+
+    @property
+    def sources(self) -> dict[str, Any]:
+        """What came from files, each with `path` and `sha256`, by name; None for what was not given."""
+        return {"arm": self.arm_file, "fit": self.fit, "posterior": self.posterior, "path": self.log}
 
     @property
     def point(self) -> str:

@@ -139,10 +139,10 @@ class Diagnosis:
 
 def assess_resonance(task: Task) -> ResonanceAssessment:
     """Follow the natural frequencies along the motion, and compare them with what the pulleys excite."""
-    if not task.arm.drives:
+    if not task.basis.arm.drives:
         return ResonanceAssessment()
-    followed = branches(task.arm.replace(dict(task.band_draws)), task.motion, loads=task.loads)
-    excited = excitation(task.arm, task.motion)
+    followed = branches(task.basis.arm.replace(dict(task.band_draws)), task.basis.motion, loads=task.basis.loads)
+    excited = excitation(task.basis.arm, task.basis.motion)
     return ResonanceAssessment(followed, excited, resonance_crossings(followed, excited))
 
 

@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ident.arm.fields import SPEED
-from ident.assess.task import CONFIDENT, Draws, Task
+from ident.assess.task import CONFIDENT, Task
 from ident.assess.vibration import exact_response
 from ident.vibrate.redesign.binomial import BinomialEstimate, binomial_estimate
 from ident.vibrate.redesign.constraints import Requirements
+from ident.vibrate.redesign.evaluator import Draws
 from ident.vibrate.redesign.search import Effort, Search
 from ident.vibrate.redesign.sweep import Axis, axis, sweep
 from ident.vibrate.redesign.variable import Variable
@@ -137,7 +138,7 @@ def _rank(remedy: Remedy) -> tuple[bool, int, float]:
 
 def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
     """Try values of one number: return the least change that meets the limit, else that of the least amplitude."""
-    changes = np.linspace(*variable.span(task.arm), task.effort.values)[:, None]
+    changes = np.linspace(*variable.span(task.basis.arm), task.effort.values)[:, None]
     amplitude = task.evaluator(variable).amplitudes(changes)[:, :, 0].max(0)
     size = np.abs(changes[:, 0]) / np.abs(changes).max()
     good = np.flatnonzero(amplitude <= task.limit)
@@ -174,9 +175,9 @@ def _remedy(
     return Remedy(
         kind,
         values,
-        {path: float(task.arm.get(path)) for path in values},
-        task.percent,
-        task.percent,
+        {path: float(task.basis.arm.get(path)) for path in values},
+        task.basis.percent,
+        task.basis.percent,
         amplitudes[:, 0],
         binomial_estimate(amplitudes[:, 1:].max(0) <= task.limit),
         float(end_state.frequency[0]),
@@ -187,8 +188,8 @@ def _remedy(
 
 def _slower_or_faster(task: Task) -> Remedy:
     """Return the speed nearest to the present one that meets the limit, else that of the least amplitude."""
-    percents = task.percent * np.asarray(task.effort.speeds)
-    speeds = axis(task.arm, [SPEED], percents[percents <= max(FULL, task.percent)], task.percent)
+    percents = task.basis.percent * np.asarray(task.effort.speeds)
+    speeds = axis(task.basis.arm, [SPEED], percents[percents <= max(FULL, task.basis.percent)], task.basis.percent)
     amplitude, keeps = _at_speeds(task, speeds, task.speed_draws)
     best = _best_speed(speeds, amplitude.max(0), keeps.mean(1) >= CONFIDENT, task.limit)
     _, keeps = _at_speeds(task, replace(speeds, values=speeds.values[best : best + 1]), task.assessment_draws)
@@ -198,7 +199,7 @@ def _slower_or_faster(task: Task) -> Remedy:
         {},
         {},
         float(speeds.values[best]),
-        task.percent,
+        task.basis.percent,
         amplitude[:, best],
         binomial_estimate(keeps),
         float(end_state.frequency[0]),
@@ -242,13 +243,13 @@ def verify_in_turn(
 
 def verify_remedy(task: Task, remedy: Remedy, progress: Progress = iter) -> Verification:
     """Simulate a remedy exactly, and with draws that it was not chosen by."""
-    ratio = remedy.percent / task.percent
-    motion = task.motion.at_speed(100 * ratio)
-    response = exact_response(task.arm.replace(remedy.values), motion, task.loads)
+    ratio = remedy.percent / task.basis.percent
+    motion = task.basis.motion.at_speed(100 * ratio)
+    response = exact_response(task.basis.arm.replace(remedy.values), motion, task.basis.loads)
     variables = tuple(Variable((path,), value, value) for path, value in remedy.values.items())
     evaluator = task.evaluator(*variables, draws=task.fresh_draws)
     evaluator = replace(evaluator, motion=motion, step=task.step / max(ratio, 1.0))
-    changes = np.array([float(variable.change(task.arm, variable.low)) for variable in variables])
+    changes = np.array([float(variable.change(task.basis.arm, variable.low)) for variable in variables])
     amplitudes = evaluator.amplitudes(changes[None], progress)[:, 0, 1:]
     keeps = binomial_estimate(amplitudes.max(0) <= task.limit)
     return Verification(np.asarray(peak(response.vibration)), keeps, task.limit)

@@ -102,11 +102,6 @@ class Simulation:
         torsion = (moment * axis).sum(0)
         return np.linalg.norm(moment - axis * torsion, axis=0), torsion
 
-    @property
-    def arrived(self) -> bool:
-        """Whether the response comes as far as the arrival."""
-        return bool(self.time[-1] >= self.response.motion.arrival - 1e-9)
-
 
 def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Join lines that lie on one another under one name."""

@@ -103,11 +103,7 @@ class Spectra:
 
 
 def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: float | None) -> tuple[Trace, Pulleys]:
-    """Return what of a trace, and of the pulleys beside it, lies between two times [s].
-
-    Raises:
-        InputError: fewer than two samples do.
-    """
+    """Return what of a trace, and of the pulleys beside it, lies between two times [s]."""
     time = trace.time
     low = 0 if start is None else int(np.searchsorted(time, start - 1e-9))
     high = len(time) if end is None else int(np.searchsorted(time, end + 1e-9))
@@ -120,11 +116,7 @@ def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: f
 
 
 def common_directions(traces: Mapping[str, Trace], wanted: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the directions asked for, which all traces must have; by default all that they have in common.
-
-    Raises:
-        InputError: they have none in common, or not one that is asked for.
-    """
+    """Return the directions asked for, which all traces must have; by default all that they have in common."""
     common = [d for d in next(iter(traces.values())).values if all(d in trace.values for trace in traces.values())]
     for direction in wanted or ():
         if direction not in common:
@@ -149,11 +141,7 @@ def comparable(traces: Mapping[str, Trace]) -> tuple[dict[str, Trace], str]:
 def amplitude_spectra(
     traces: Mapping[str, Trace], directions: Sequence[str], *, window: str, segments: int
 ) -> dict[str, Spectrum]:
-    """Return the spectrum of each trace, a column for each direction.
-
-    Raises:
-        InputError: see `amplitude_spectrum`.
-    """
+    """Return the spectrum of each trace, a column for each direction."""
     return {
         name: amplitude_spectrum(trace.time, _columns(trace, directions), window=window, segments=segments)
         for name, trace in traces.items()
@@ -163,11 +151,7 @@ def amplitude_spectra(
 def spectrograms(
     trace: Trace, directions: Sequence[str], *, window: str, seconds: float | None
 ) -> dict[str, Spectrogram]:
-    """Return the spectrogram of a trace in each direction.
-
-    Raises:
-        InputError: see `spectrogram`.
-    """
+    """Return the spectrogram of a trace in each direction."""
     segment = seconds or min(LONGEST, float(trace.time[-1] - trace.time[0]) / LEAST_SEGMENTS)
     return {
         direction: spectrogram(trace.time, trace.values[direction], window=window, segment_seconds=segment)
@@ -178,11 +162,7 @@ def spectrograms(
 def order_tracks(
     trace: Trace, directions: Sequence[str], pulleys: Pulleys, orders: Sequence[float], revolutions: int
 ) -> dict[str, OrderTrack]:
-    """Return the orders of each pulley whose angle is known.
-
-    Raises:
-        InputError: see `order_tracking`.
-    """
+    """Return the orders of each pulley whose angle is known."""
     values = _columns(trace, directions)
     return {
         name: order_tracking(trace.time, values, pulley.angle, orders=orders, revolutions=revolutions)

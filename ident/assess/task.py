@@ -1,18 +1,13 @@
 """What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
-from ident.arm.arm import Arm
-from ident.arm.chain import Loads
 from ident.assess.basis import Basis
 from ident.assess.effort import Effort
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.evaluator import Draws, Evaluator
 from ident.vibrate.redesign.variable import Variable
 
 STIFFER = 2.0
@@ -23,8 +18,6 @@ CONFIDENT = 0.95
 """Probability of keeping the limit that is asked for."""
 RATE = 250.0
 """Samples a second."""
-
-Draws = Mapping[str, Float[np.ndarray, "D"]]
 
 
 @dataclass(frozen=True)
@@ -40,26 +33,6 @@ class Task:
     basis: Basis
     limit: float
     effort: Effort = field(default_factory=Effort)
-
-    @property
-    def arm(self) -> Arm:
-        """The arm as it is, with the medians of the draws."""
-        return self.basis.arm
-
-    @property
-    def motion(self) -> Motion:
-        """What the motors are told."""
-        return self.basis.motion
-
-    @property
-    def percent(self) -> float:
-        """Speed of the motion [%]."""
-        return self.basis.percent
-
-    @property
-    def loads(self) -> Loads:
-        """The load case."""
-        return self.basis.loads
 
     @property
     def assessment_draws(self) -> Draws:
@@ -84,7 +57,7 @@ class Task:
     @cached_property
     def torsion(self) -> tuple[Variable, ...]:
         """The torsional stiffnesses."""
-        present = {f"{joint.name}.k_tors": float(joint.k_tors) for joint in self.arm.joints}
+        present = {f"{joint.name}.k_tors": float(joint.k_tors) for joint in self.basis.arm.joints}
         soft = {path: k for path, k in present.items() if 0 < k < np.inf}
         return tuple(Variable((path,), k / STIFFER, k * STIFFER) for path, k in soft.items())
 
@@ -92,7 +65,7 @@ class Task:
     def centres(self) -> tuple[Variable, ...]:
         """The mass centres of the last joint's bodies along the arm, as far as their shapes are known."""
         extents, centres = self.basis.arm_file.extents, []
-        for body in self.arm.joints[-1].link:
+        for body in self.basis.arm.joints[-1].link:
             if body.name in extents:
                 low, high = extents[body.name][:, 0]
                 present, reach = float(body.com[0]), MOVED * (high - low)
@@ -103,17 +76,17 @@ class Task:
     @cached_property
     def step(self) -> float:
         """Time step [s] for the stiffest arm that is tried; one for all, so that they share their programs."""
-        stiffest = Evaluator(self.arm, self.motion, (*self.torsion, *self.centres), loads=self.loads)
+        stiffest = Evaluator(self.basis.arm, self.basis.motion, (*self.torsion, *self.centres), loads=self.basis.loads)
         return stiffest.step_for(stiffest.bounds)
 
     def evaluator(self, *variables: Variable, draws: Draws | None = None) -> Evaluator:
         """Return what is simulated again and again; all of a task are one program."""
         return Evaluator(
-            self.arm,
-            self.motion,
+            self.basis.arm,
+            self.basis.motion,
             variables,
             draws=draws or {},
-            loads=self.loads,
+            loads=self.basis.loads,
             rate=RATE,
             step=self.step,
         )

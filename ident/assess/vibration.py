@@ -56,7 +56,7 @@ class VibrationAssessment:
 
 def assess_vibration(task: Task, progress: Progress = iter) -> VibrationAssessment:
     """Simulate the motion exactly, and for the draws by the fast method."""
-    response = exact_response(task.arm, task.motion, task.loads)
+    response = exact_response(task.basis.arm, task.basis.motion, task.basis.loads)
     amplitudes = task.evaluator(draws=task.assessment_draws).amplitudes(np.zeros((1, 0)), progress)[:, 0]
     own, draws = amplitudes[:, 0], amplitudes[:, 1:]
     return VibrationAssessment(response, own, draws, binomial_estimate(draws.max(0) <= task.limit), task.limit)

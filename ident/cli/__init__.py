@@ -1,25 +1,17 @@
-"""The command line: reads, calls, writes. Exit code 2 for bad input, 1 when the model has no answer."""
+"""The command line: reads, calls, writes.
+
+Exit status: 0 done, whatever the data say; 1 the model has no answer; 2 bad input; 3 a computation missed its own
+criterion, or with `--strict` a verdict speaks against the data; 130 stopped by Ctrl-C.
+"""
 
 import sys
 
 import typer
 
-from ident.cli import (  # noqa: F401  (each hangs its command on the app)
-    check,
-    design,
-    diagnose,
-    fit,
-    plan,
-    predict,
-    profile,
-    resonance,
-    sample,
-    simulate,
-    spectrum,
-    sweep,
-)
+from ident.cli import commands  # noqa: F401  (hangs them on the app)
 from ident.cli.app import app
-from ident.errors import IdentError, InputError
+from ident.cli.command import SHORT
+from ident.errors import ConvergenceError, IdentError, InputError
 
 
 def main() -> None:
@@ -28,6 +20,8 @@ def main() -> None:
         app()
     except InputError as error:
         _stop(error, 2)
+    except ConvergenceError as error:
+        _stop(error, SHORT)
     except IdentError as error:
         _stop(error, 1)
 

@@ -1,32 +1,49 @@
-"""A command made of a study: its flags follow from the study's options, its complaints name them."""
+"""A command made of a study: its flags follow from the study's inputs and options, its complaints name them."""
 
 import inspect
 from collections.abc import Callable
 from dataclasses import Field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 
+from ident.cli import running
 from ident.cli.app import app
-from ident.cli.running import start
 from ident.errors import InputError
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result
 
-OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
-NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
-ArmArgument = Annotated[Path, typer.Argument(help="arm description, a TOML file (data/README.md)")]
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
 ArmOption = Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the campaign")]
 PathOption = Annotated[
     Path | None,
     typer.Option(help="joint path to follow instead of the stroke: CSV with time [s], joint1 [deg], ..."),
 ]
-FitOption = Annotated[Path | None, typer.Option(help="result file of ident fit, whose values the arm takes over")]
-PosteriorOption = Annotated[
-    Path | None, typer.Option(help="posterior of ident sample (.nc): bands of 5 to 95 % by its draws")
+OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
+NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
+StrictOption = Annotated[
+    bool, typer.Option("--strict", help="exit with status 3 where the data contradict each other, or the model")
 ]
+SHORT = 3
+"""Exit status where a computation missed its own criterion, or, if asked for, a verdict speaks against the data."""
+
+
+def flag(help: str, *names: str) -> Any:
+    """Return a flag, in typer's words, that names a file or none."""
+    return Annotated[Path | None, typer.Option(*names, help=help)]
+
+
+INPUTS: dict[str, Any] = {
+    "arm": Annotated[Path, typer.Argument(help="arm description, a TOML file (data/README.md)")],
+    "campaign": CampaignArgument,
+    "path": PathOption,
+    "fit": flag("result file of ident fit, whose values the arm takes over"),
+    "posterior": flag("posterior of ident sample (.nc): bands of 5 to 95 % by its draws"),
+    "trace": flag("measured vibration to compare with: CSV with time [s], x [mm] or x [m/s^2], ..."),
+    "against": flag("another trace, drawn over the first, as a measured one"),
+}
+"""What studies take besides options, by its name there."""
 
 
 def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -46,7 +63,7 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
             inputs = {p.name: values[p.name] for p in own}
             try:
                 options = _options(kind, values)
-                start()
+                running.start()
                 function(**inputs, options=options)
             except InputError as error:
                 raise InputError(renamed(kind, problem) for problem in error.problems) from None
@@ -61,6 +78,58 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
     return hang
 
 
+def offer(
+    study: Callable[..., Any],
+    text: str,
+    *,
+    files: bool = True,
+    judged: bool = False,
+    then: Callable[[Any], None] = lambda result: None,
+    **words: Any,
+) -> None:
+    """Hang a study on the program: its inputs and options become arguments and flags.
+
+    Args:
+        study: what is called; it gives the command its name.
+        text: help of the command.
+        files: whether files are written, besides the report that is printed.
+        judged: whether there is a flag by which a verdict against the data counts as a failure.
+        then: does what is left to do with the result.
+        words: inputs that are told otherwise than in `INPUTS`, in typer's words.
+    """
+    names = inspect.signature(study).parameters
+    kind = get_args(names["options"].annotation)[0]
+    main = "campaign" if "campaign" in names else next(iter(names))
+    words = INPUTS | ({"arm": ArmOption} if main == "campaign" else {}) | words
+
+    def run(
+        options: Options, out: Path = Path("out"), no_figure: bool = True, strict: bool = False, **inputs: Any
+    ) -> None:
+        if main == "campaign":
+            inputs["campaign"], inputs["arm"] = running.read(inputs["campaign"], inputs["arm"])
+        shown = {"progress": running.progress} if "progress" in names else {}
+        result = study(**inputs, options=options, **shown)
+        if files:
+            finish(result, out, no_figure)
+        else:
+            typer.echo(result.report(), nl=False)
+        then(result)
+        leave(result, strict=strict)
+
+    def parameter(name: str, annotation: Any, default: Any = None) -> inspect.Parameter:
+        default = inspect.Parameter.empty if name == main else default
+        return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+    of_files = [parameter("out", OutOption, Path("out")), parameter("no_figure", NoFigureOption, False)]
+    inputs = [parameter(name, words[name]) for name in names if name in words]
+    severe = [parameter("strict", StrictOption, False)] if judged else []
+    more = [*(of_files if files else []), *severe]
+    every = [*inputs, parameter("options", kind), *more]
+    run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+    run.__name__, run.__doc__ = study.__name__, text
+    command(kind)(run)
+
+
 def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
     typer.echo(result.report())
@@ -69,6 +138,17 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
     if not no_figure:
         for path in result.save_figures(out):
             typer.echo(f"wrote {path}")
+
+
+def leave(result: Result, *, strict: bool) -> None:
+    """End with a status that scripts can read; why, the report has said.
+
+    Args:
+        result: what was computed.
+        strict: whether a verdict against the data counts as well as a computation that ended short.
+    """
+    if result.short or (strict and result.doubtful):
+        raise typer.Exit(SHORT)
 
 
 def _parameter(each: Field[Any], spec: Spec) -> inspect.Parameter:

@@ -59,20 +59,12 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:
-    """Return the arm that a TOML text describes; `where` names the text in errors.
-
-    Raises:
-        InputError: the text is no such description; every problem is listed.
-    """
+    """Return the arm that a TOML text describes; `where` names the text in errors."""
     return parse_document(text, where).arm()
 
 
 def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
-    """Return the checked document; `where` names the text in errors.
-
-    Raises:
-        InputError: the text is no such description; every problem is listed.
-    """
+    """Return the checked document; `where` names the text in errors."""
     source = Source(where, text, _toml(text, where))
     problems = list(source.name_problems())
     try:
@@ -125,9 +117,6 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
         values: numbers in SI by path: as in `Arm.paths()`, and `link1.shape.size.x`, `shaft2.shape.radius`.
         origin: the origin of these numbers from now on; a vector has one origin for all its components.
         where: names the text in errors.
-
-    Raises:
-        InputError: a path names no number that is written in the text, or the updated text is not valid.
     """
     parse_document(text, where)
     document = tomlkit.parse(text)

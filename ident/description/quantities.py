@@ -168,6 +168,15 @@ class Shares(Sourced):
         return np.asarray(self.value)
 
 
+class Postures(Quantity[Annotated[str, _checked_unit("rad", "deg")], list[list[Number]]]):
+    """Joint angles of several postures."""
+
+    @property
+    def number(self) -> Any:
+        """The angles of each [rad]."""
+        return tuple(tuple(map(float, si(angles, self.unit))) for angles in self.value)
+
+
 class NonZero(Sourced):
     """A ratio, without unit."""
 

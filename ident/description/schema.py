@@ -10,6 +10,7 @@ from ident.arm.arm import GRAVITY, Arm
 from ident.arm.drive import Belt, Drive, Stroke
 from ident.arm.fields import names_of
 from ident.arm.parts import Body, Joint, Payload, Point, check_inertia
+from ident.arm.workspace import Workspace
 from ident.description.quantities import (
     Acceleration,
     Angle,
@@ -32,6 +33,7 @@ from ident.description.quantities import (
     Name,
     NonZero,
     Position,
+    Postures,
     Radius,
     Shares,
     SpanStiffness,
@@ -181,6 +183,22 @@ class StrokeTable(Table):
         return Stroke(self.direction.number, **_given(self, names_of("Stroke")))
 
 
+class WorkspaceTable(Table):
+    """Where the arm may be held; the meaning of each key is that of `Workspace`'s attribute."""
+
+    line: Shares | None = None
+    postures: Postures | None = None
+    lowest: Height | None = None
+
+    def workspace(self) -> Workspace:
+        """Return the workspace as a value."""
+        return Workspace(
+            tuple(map(float, self.line.number)) if self.line else None,
+            self.postures.number if self.postures else (),
+            float(self.lowest.number) if self.lowest else -np.inf,
+        )
+
+
 def _given(table: Table, fields: tuple[str, ...]) -> dict[str, Any]:
     return {field: quantity.number for field in fields if (quantity := getattr(table, field)) is not None}
 
@@ -198,6 +216,7 @@ class ArmDocument(Table):
     drive: list[DriveTable] = Field(default_factory=list)
     belt: list[BeltTable] = Field(default_factory=list)
     stroke: StrokeTable | None = None
+    workspace: WorkspaceTable = Field(default_factory=WorkspaceTable)
 
     def arm(self) -> Arm:
         """Return the arm as a value, in SI units."""
@@ -210,6 +229,7 @@ class ArmDocument(Table):
             tuple(drive.drive() for drive in self.drive),
             tuple(belt.belt() for belt in self.belt),
             self.stroke.stroke() if self.stroke else None,
+            self.workspace.workspace(),
         )
 
     def extents(self) -> dict[str, Any]:

@@ -154,7 +154,8 @@ def distinct_predictions(
     fine = first.at(postures=stable, points=np.asarray(first.stable[stable].all(0)))
     before = (postures[stable, None] == measured[None]).all(-1).any(1)
     # where none was measured those of little turning stand for others, to the left rather than the right
-    turning = np.abs(postures[stable]).sum(1) - 1e-6 * postures[stable].sum(1)
+    left = postures[stable].sum(1) + 0.01 * postures[stable, 0]
+    turning = np.abs(postures[stable]).sum(1) - 1e-6 * left
     leader = equivalent_postures(fine, np.where(before, -1.0 / (1.0 + turning), turning))
     leaders = np.unique(leader)
     place = np.full(len(postures), -1)

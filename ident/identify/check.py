@@ -1,6 +1,6 @@
 """All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +9,10 @@ from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, contradictory_repeats
-from ident.identify.fit import SUSPICIOUS
 from ident.identify.label_checks import LabelDoubt, changing_labels, label_doubts
 from ident.identify.unknowns import Unknowns
 from ident.inference.consistency import Consistency, consistency
+from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
 from ident.inference.identifiability import Check, check
 from ident.measure import Campaign
 
@@ -25,14 +25,16 @@ class CampaignCheck(Check):
         arm: with the numbers of its file.
         campaign: what was measured.
         consistency: the data among themselves; None where the model has no answer at the start.
+        cross_predictions: each kind of measurement against the others, by fits from a few starts.
         labels: measurements whose mode is not sure.
         changing: at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
-        repeats: pairs of rows that measured the same and contradict each other; refused unless values are trusted.
+        repeats: pairs of rows that measured the same and contradict each other; refused unless one is trusted.
     """
 
     arm: Arm
     campaign: Campaign
     consistency: Consistency | None
+    cross_predictions: tuple[CrossPrediction, ...]
     labels: tuple[LabelDoubt, ...]
     changing: Mapping[int, float]
     repeats: tuple[tuple[int, int], ...]
@@ -40,12 +42,11 @@ class CampaignCheck(Check):
     @property
     def contradictory(self) -> bool:
         """Whether one kind of measurement contradicts the others."""
-        compared = self.consistency.cross_predictions if self.consistency else ()
-        return any(np.abs(each.z).max() > SUSPICIOUS for each in compared)
+        return bool(contradicting(self.cross_predictions))
 
 
 def check_campaign(
-    arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None, *, seed: int = 0, trust_values: bool = False
+    arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None, *, seed: int = 0, trusted: Collection[str] = ()
 ) -> CampaignCheck:
     """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
 
@@ -54,26 +55,27 @@ def check_campaign(
         campaign: the measurements.
         unknowns: what is unknown, and its priors.
         seed: of the further points that are tried.
-        trust_values: take values that the arm file makes implausible, and repeats that contradict each other.
+        trusted: rows whose values are right though implausible, or contradict a repeat, see `check_values`.
 
     Raises:
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
             repeats; a campaign that says nothing of any unknown.
     """
     problem = build_problem(arm, campaign, unknowns)
-    if not trust_values:
-        check_values(problem, campaign, arm)
+    check_values(problem, campaign, arm, trusted)
     checked = check(problem, seed=seed)
     if checked.blind:
         got = "no measurement that depends on any of the unknowns"
         remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
         raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
-    agree = consistency(build_problem(arm, campaign, (unknowns or Unknowns()).with_prior))
+    compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
+    start = np.asarray(compared.parameters.theta(compared.parameters.column("start")))
     return CampaignCheck(
         **vars(checked),
         arm=arm,
         campaign=campaign,
-        consistency=agree,
+        consistency=consistency(compared),
+        cross_predictions=cross_predictions(compared, [start], seed=seed)[0],
         labels=label_doubts(arm, campaign),
         changing=changing_labels(problem, seed=seed),
         repeats=tuple(contradictory_repeats(campaign)),

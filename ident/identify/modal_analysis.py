@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
@@ -98,10 +98,10 @@ def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT
         angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
         raise InputError(Problem("", f"({angles}) deg", "finite angles", "correct the posture", "posture"))
     posture = tuple(map(float, posture))
-    solution = _solve(arm, jax.device_put(np.array([posture]).T), bind_loads(arm, [load]))
+    solution = jax.tree.map(lambda x: x[..., 0], modal_solution(arm, posture, load))
     if not np.isfinite(solution.modes.frequency).all():
         raise ModelError(_collapse(arm, posture, load))
-    lowest, ratio = _lowest(solution.modes, modes), -solution.s.real / jnp.abs(solution.s)
+    lowest = _lowest(solution.modes, modes)
     return ModalAnalysis(
         arm=arm,
         posture=posture,
@@ -109,7 +109,7 @@ def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT
         modes=jax.device_get(lowest),
         labels=tuple(mode_labels(lowest)),
         ambiguous=np.asarray(solution.ambiguous[:modes]),
-        damping_ratio=np.asarray(ratio[:modes]),
+        damping_ratio=np.asarray(solution.ratio[:modes]),
         deflection={point.name: np.asarray(solution.moved[:, i]) for i, point in enumerate(arm.points)},
         equilibrium=np.asarray(solution.phi),
     )
@@ -129,22 +129,40 @@ def _outline(
     return line(phi), moved
 
 
-class _Solution(eqx.Module):
-    phi: Float[Array, "3 N"]
+class ModalSolution(eqx.Module):
+    """All modes of an arm, or of a batch of arms, at a posture; NaN where there is no stable equilibrium.
+
+    Attributes:
+        phi: (3, N, B) [rad] the bushings' rotation vectors under the load.
+        modes: all of them, ascending.
+        ambiguous: (n, B) whether a mode is named by a near draw.
+        ratio: (n, B) [-] damping ratios.
+        moved: (3, P, B) [m] static deflection of the named points in the base frame.
+        M: (n, n, B) [kg m^2] mass matrix.
+    """
+
+    phi: Float[Array, "3 N B"]
     modes: Modes
-    ambiguous: Bool[Array, "n"]
-    s: Complex[Array, "n"]
-    moved: Float[Array, "3 P"]
+    ambiguous: Bool[Array, "n B"]
+    ratio: Float[Array, "n B"]
+    moved: Float[Array, "3 P B"]
+    M: Float[Array, "n n B"]
+
+
+def modal_solution(arm: Arm, posture: tuple[float, ...], load: Load) -> ModalSolution:
+    """Return all modes of an arm, or of a batch of arms, held at a posture (driven,) [rad] under a load."""
+    return _solve(arm, jax.device_put(np.array([posture], float).T), bind_loads(arm, [load]))
 
 
 @jit
-def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> _Solution:
+def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> ModalSolution:
     """Compute everything in one compiled function, whatever the number of modes."""
     chain = at_posture(arm, posture, loads)
     at = static_equilibrium(chain)
-    shapes, s = modes_about(chain, at), damped_eigenvalues(linearize(chain, at))
-    parts = at.phi, shapes, is_ambiguous(shapes), s, deflection(chain, at.phi)
-    return _Solution(*jax.tree.map(lambda x: x[..., 0], parts))
+    shapes, linear = modes_about(chain, at), linearize(chain, at)
+    s = damped_eigenvalues(linear)
+    ratio = -s.real / jnp.abs(s)
+    return ModalSolution(at.phi, shapes, is_ambiguous(shapes), ratio, deflection(chain, at.phi), linear.M)
 
 
 def _lowest(modes: Modes, count: int) -> Modes:

@@ -25,8 +25,7 @@ References:
     Allemang, "The modal assurance criterion: twenty years of use and abuse", Sound and Vibration, 2003.
 """
 
-from collections.abc import Callable
-from functools import reduce
+import math
 from typing import NamedTuple
 
 import jax
@@ -49,8 +48,8 @@ FAR = 9.0
 """Most that one value may say for or against a mode, as a squared number of sigma."""
 AT_FIRST = 0.3
 """By how much the frequencies of a start may be off, as a fraction: a factor of e in stiffness makes 0.5 at most."""
-NEVER = -1e12
-"""Logarithm of the probability of what cannot be; finite, so that its derivative is."""
+NEVER = 1e12
+"""Cost of what cannot be."""
 
 NAMES = tuple((direction, kind) for direction in ("vertical", "lateral") for kind in ("bending", "torsion"))
 
@@ -133,16 +132,12 @@ def most_probable(
         data: what was measured.
         off: by how much the frequencies are off, as a fraction; see `how_far_off`.
     """
-    weight = _weights(values, modes, _misfits(values, modes, data, off), off, jnp.maximum)
-    best = jnp.argmax(weight, 0) == jnp.arange(len(weight)).reshape((-1,) + (1,) * (weight.ndim - 1))
-    return jnp.where(jnp.isfinite(weight).all(0), best, False).astype(float)
-
-
-def label_weights(
-    values: Labelled, modes: Modes, data: Data | None, off: Float[AnyArray, "*batch"] | float
-) -> Float[Array, "m R *batch"]:
-    """Return the probability that each labelled value belongs to each mode; arguments as in `most_probable`."""
-    return _weights(values, modes, _misfits(values, modes, data, off), off, jnp.logaddexp)
+    modes, data, off = jax.lax.stop_gradient((modes, data, off))
+    cost = name_costs(modes, off)
+    names = jnp.stack([cost[direction] + cost[kind] for direction, kind in NAMES], 1)
+    against = jnp.zeros((len(names), sum(values.top) + 1, *names.shape[2:]))
+    against = against.at[:, values.places, values.states].add(_misfits(values, modes, data, off))
+    return _best_naming(values, names, against)[:, values.places, values.states]
 
 
 def how_far_off(
@@ -177,62 +172,64 @@ def overlap(shapes: Float[Array, "n m R"], M: Float[Array, "n n R"], reference: 
     return (shapes * (M * reference[None]).sum(1)[:, None]).sum(0) ** 2
 
 
-def _weights(
-    values: Labelled, modes: Modes, misfit: Array, off: AnyArray | float, plus: Callable[[Array, Array], Array]
-) -> Array:
-    """Return the derivative of ln(sum over all namings) by the logarithm of each pair's likelihood.
+def _best_naming(values: Labelled, names: Float[Array, "m 4 *batch"], against: Float[Array, "m T *batch"]) -> Array:
+    """Return one where a mode has the label of a place by the naming of least cost, zero for the others (m, T, *batch).
 
-    With a sum this is the probability of the pair, with a maximum in its place one where the best naming has it.
+    The least cost of naming all modes from one on depends on the number of each name before it, and so is found from
+    the last mode to the first one (Viterbi); the way back gives the names.
     """
-    modes, misfit = jax.lax.stop_gradient((modes, misfit))
-    cost = name_costs(modes, off)
-    table = jnp.zeros((len(modes.frequency), sum(values.top), *modes.frequency.shape[1:]))
-    table = table.at[:, values.places, values.states].add(-0.5 * misfit)
-    names = jnp.stack([-0.5 * (cost[direction] + cost[kind]) for direction, kind in NAMES], 1)
-    pairs = jax.grad(lambda each: _log_sum(values, names, each, plus).sum())(table)
-    return pairs[:, values.places, values.states]
+    follow, given = _steps(values)
+    shape, rank = names.shape[2:], names.ndim - 2
+    to_go = jnp.where(_complete(values, shape[0]).reshape((-1, shape[0]) + (1,) * (rank - 1)), 0.0, NEVER)
+
+    def name_one(to_go: Array, mode: tuple[Array, Array]) -> tuple[Array, Array]:
+        cost = mode[0][None] + mode[1][given].sum(2) + to_go[follow]
+        return cost.min(1), jnp.argmin(cost, 1)
+
+    _, name = jax.lax.scan(name_one, jnp.broadcast_to(to_go, (len(follow), *shape)), (names, against), reverse=True)
+
+    def walk(before: Array, name: Array) -> tuple[Array, Array]:
+        own = jnp.take_along_axis(name, before[None], 0)[0]
+        return jnp.asarray(follow)[before, own], jnp.asarray(given)[before, own]
+
+    _, places = jax.lax.scan(walk, jnp.zeros(shape, int), name)
+    numbers = np.arange(against.shape[1]).reshape((-1,) + (1,) * rank)
+    return (jnp.moveaxis(places, -1, 1)[:, :, None] == numbers).any(1).astype(float)
 
 
-def _log_sum(values: Labelled, names: Array, table: Array, plus: Callable[[Array, Array], Array]) -> Array:
-    """Sum the likelihood over all namings that have the labels of each state; returns its logarithm (S, *batch)."""
-    batch = names.shape[2:]
-    counts = tuple(top + 1 for top in values.top)
-    before = jnp.full((*counts, *batch), NEVER).at[(0,) * len(counts)].set(0.0)
+def _steps(values: Labelled) -> tuple[np.ndarray, np.ndarray]:
+    """Return, for each number of names before a mode and each name of it, these numbers after it (C, 4).
 
-    def name_one(before: Array, mode: tuple[Array, Array]) -> tuple[Array, None]:
-        after = [_named(values, before + mode[0][i], mode[1], name) for i, name in enumerate(NAMES)]
-        return reduce(plus, after), None
-
-    def _named(values: Labelled, count: Array, likelihood: Array, name: tuple[str, str]) -> Array:
-        first = 0
-        for axis, (pattern, top) in enumerate(zip(values.patterns, values.top, strict=True)):
-            if all(word in (None, own) for word, own in zip(pattern, name, strict=True)):
-                count = _one_more(count, likelihood[first : first + top], axis, plus)
-            first += top
-        return count
-
-    end = jax.lax.scan(name_one, before, (names, table))[0]
-    end = jnp.where(_complete(values, batch), end, NEVER).reshape((-1, *batch))
-    return end.max(0) if plus is jnp.maximum else jax.scipy.special.logsumexp(end, 0)
-
-
-def _one_more(count: Array, likelihood: Array, axis: int, plus: Callable[[Array, Array], Array]) -> Array:
-    """Move to one more of a name along its axis; beyond the largest ordinal asked for, numbers are all the same."""
-    ahead = jnp.moveaxis(count, axis, 0)
-    top = len(ahead) - 1
-    likelihood = likelihood.reshape(top, *(1,) * (count.ndim - likelihood.ndim), *likelihood.shape[1:])
-    moved = ahead[:top] + likelihood
-    last = plus(moved[top - 1 :], ahead[top:])
-    return jnp.moveaxis(jnp.concatenate([jnp.full_like(ahead[:1], NEVER), moved[: top - 1], last]), 0, axis)
+    And the places of the labels that it then has (C, 4, n), one that is none's where there are fewer. Beyond the
+    largest ordinal that is asked for, numbers are all the same.
+    """
+    sizes = [top + 1 for top in values.top]
+    first = np.concatenate([[0], np.cumsum(values.top)])
+    nothing = int(first[-1])
+    borne = [[axis for axis, pattern in enumerate(values.patterns) if _bears(name, pattern)] for name in NAMES]
+    follow = np.zeros((math.prod(sizes), len(NAMES)), int)
+    given = np.full((*follow.shape, max(map(len, borne))), nothing)
+    for before, count in enumerate(np.ndindex(*sizes)):
+        for i, axes in enumerate(borne):
+            after = np.array(count)
+            for slot, axis in enumerate(axes):
+                if count[axis] < values.top[axis]:
+                    given[before, i, slot] = first[axis] + count[axis]
+                    after[axis] += 1
+            follow[before, i] = np.ravel_multi_index(tuple(after), sizes)
+    return follow, given
 
 
-def _complete(values: Labelled, batch: tuple[int, ...]) -> Bool[np.ndarray, "..."]:
-    """Return at which counts a state has all the labels that were seen in it."""
-    asked = np.zeros((len(values.patterns), batch[0]), int)
+def _bears(name: tuple[str, str], pattern: tuple[str | None, str | None]) -> bool:
+    return all(word in (None, own) for word, own in zip(pattern, name, strict=True))
+
+
+def _complete(values: Labelled, states: int) -> Bool[np.ndarray, "C S"]:
+    """Return at which numbers of names a state has all the labels that were seen in it."""
+    asked = np.zeros((len(values.patterns), states), int)
     for label, state in zip(values.labels, values.states, strict=True):
         place = values.patterns.index((label.direction, label.kind))
         asked[place, state] = max(asked[place, state], label.ordinal)
-    counts = np.indices([top + 1 for top in values.top])
-    lift = (slice(None),) + (None,) * (counts.ndim - 1)
-    enough: np.ndarray = np.all(counts[..., None] >= asked[(*lift, slice(None))], 0)
-    return enough.reshape(enough.shape + (1,) * (len(batch) - 1))
+    counts = np.indices([top + 1 for top in values.top]).reshape(len(values.top), -1)
+    enough: np.ndarray = np.all(counts[:, :, None] >= asked[:, None], 0)
+    return enough

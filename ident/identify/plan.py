@@ -104,10 +104,10 @@ class CampaignPlan:
         grid: the postures.
         predictions: what they would show, those that show the same once.
         measured: (V,) which of the predictions' postures the campaign has been in.
-        criterion: `d`, `a` or the parameter that experiments are chosen for.
         gain: (C,) gain of each as the next experiment, by the criterion.
         nats: (C,) its information gain.
         steps: the batch, in the order of choice.
+        settings: what was asked for.
     """
 
     arm: Arm
@@ -119,15 +119,27 @@ class CampaignPlan:
     grid: Grid
     predictions: CandidatePredictions
     measured: Bool[np.ndarray, "V"]
-    criterion: str
     gain: Float[np.ndarray, "C"]
     nats: Float[np.ndarray, "C"]
     steps: tuple[Step, ...]
+    settings: PlanSettings
 
     @property
     def name(self) -> str:
         """The campaign's name, or else the arm's."""
         return self.fit.campaign.name if self.fit else self.arm.name
+
+    @property
+    def criterion(self) -> str:
+        """`d`, `a` or the parameter that experiments are chosen for."""
+        return self.settings.criterion
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """The parameters whose standard deviation is above the target at the end of the batch; none without target."""
+        last = self.sd[-1]
+        wide = (last > self.settings.target) & (self.settings.target > 0)
+        return tuple(name for name, is_wide in zip(self.parameters.names, wide, strict=True) if is_wide)
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
@@ -265,7 +277,7 @@ def plan_campaign(
         grid=Grid(postures, place[: len(postures)], sampled),
         predictions=predictions,
         measured=measured,
-        criterion=settings.criterion,
+        settings=settings,
         gain=gains(known, candidates, gain),
         nats=gains(known, candidates, information_gain),
         steps=greedy(known, candidates, settings.count, gain, target=settings.target),

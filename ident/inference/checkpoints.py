@@ -1,4 +1,4 @@
-"""Chains on disk as they grow: one item of a store a block."""
+"""Chains as they grow, in memory and on disk: of bounded size, and gone on with to the bit."""
 
 import hashlib
 from collections.abc import Mapping
@@ -13,43 +13,128 @@ from jaxtyping import Float, Int, UInt
 from ident.inference.posterior import Posterior
 from ident.store import Store
 
+LAST = "last"
+"""Name of the checkpoint's item; those of the draws have numbers."""
+
 
 @dataclass(frozen=True)
-class Block:
-    """A stretch of all chains, and the random generators' states at its end; the walkers' places are its last draws.
+class Walkers:
+    """All walkers at one moment, with what is needed to move them on.
 
     Attributes:
-        theta: (steps, ensembles, walkers, P) draws.
-        log_density: (steps, ensembles, walkers) log posterior.
-        accepted: (1, ensembles) accepted moves.
-        keys: (ensembles, 624) states of the Mersenne twisters.
-        positions: (ensembles, 2) their places, and whether a normal deviate is in store.
-        deviates: (ensembles,) that deviate.
+        theta: (N, Q) where they are, one ensemble after the other.
+        known: (N, columns) what `densities` says of these points.
+        key: (624,) state of the Mersenne twister.
+        position: (2,) its place, and whether a normal deviate is in store.
+        deviate: that deviate.
+        share: of the moves that are independent proposals.
     """
 
-    theta: Float[np.ndarray, "steps ensembles walkers P"]
-    log_density: Float[np.ndarray, "steps ensembles walkers"]
-    accepted: Int[np.ndarray, "1 ensembles"]
-    keys: UInt[np.ndarray, "ensembles 624"]
-    positions: Int[np.ndarray, "ensembles 2"]
-    deviates: Float[np.ndarray, "ensembles"]
+    theta: Float[np.ndarray, "N Q"]
+    known: Float[np.ndarray, "N columns"]
+    key: UInt[np.ndarray, "624"]
+    position: Int[np.ndarray, "2"]
+    deviate: float
+    share: float
 
 
-def read_blocks(store: Store) -> list[Block]:
-    """Return the blocks that are there, in order, up to the first that is missing or damaged."""
-    blocks: list[Block] = []
-    while isinstance(block := store.read(_name(len(blocks))), Block):
-        blocks.append(block)
-    return blocks
+@dataclass(frozen=True)
+class Draws:
+    """A stretch of all chains.
 
-
-def write_block(store: Store, number: int, block: Block) -> None:
-    """Keep a block.
-
-    Raises:
-        InputError: it can't be written; the blocks before are untouched.
+    Attributes:
+        theta: (n, ensembles, walkers, P)
+        log_density: (n, ensembles, walkers) log posterior.
     """
-    store.write(_name(number), block)
+
+    theta: Float[np.ndarray, "n ensembles walkers P"]
+    log_density: Float[np.ndarray, "n ensembles walkers"]
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The end of all chains so far.
+
+    Attributes:
+        steps: taken.
+        thin: steps from one draw that is kept to the next.
+        first, end: numbers of the first item of draws, and behind the last.
+        accepted: (ensembles,) moves.
+        check_at: steps at which the chains are diagnosed next.
+        walkers: where they are.
+    """
+
+    steps: int
+    thin: int
+    first: int
+    end: int
+    accepted: Int[np.ndarray, "ensembles"]
+    check_at: int
+    walkers: Walkers
+
+
+class Chains:
+    """All draws that are kept: every step until there are too many, then every second one, every fourth, and so on."""
+
+    def __init__(self, store: Store, most: int):
+        """Take up what the store has, if that is whole; else begin anew.
+
+        Args:
+            store: where the draws go.
+            most: draws, of all walkers together, above which every second step is dropped.
+        """
+        self.store, self.most = store, most
+        self.parts: list[Draws] = []
+        self.last: Checkpoint | None = None
+        last = store.read(LAST)
+        if isinstance(last, Checkpoint):
+            parts = [store.read(_name(i)) for i in range(last.first, last.end)]
+            if all(isinstance(part, Draws) for part in parts):
+                self.parts, self.last = parts, last
+
+    @property
+    def steps(self) -> int:
+        """Steps taken so far."""
+        return self.last.steps if self.last else 0
+
+    @property
+    def thin(self) -> int:
+        """Steps from one draw that is kept to the next."""
+        return self.last.thin if self.last else 1
+
+    def whole(self) -> Draws:
+        """Return all draws that are kept."""
+        if len(self.parts) == 1:
+            return self.parts[0]
+        names = "theta", "log_density"
+        return Draws(*(np.concatenate([getattr(part, name) for part in self.parts]) for name in names))
+
+    def add(self, block: Draws, accepted: Int[np.ndarray, "ensembles"], walkers: Walkers, check_at: int) -> None:
+        """Add a block of draws at every `thin`-th step, and the walkers at its end.
+
+        Draws are written first and the checkpoint that names them last: killed at any moment, a run goes on from the
+        checkpoint before.
+
+        Raises:
+            InputError: it can't be written; what was there is untouched.
+        """
+        steps, thin = self.steps, self.thin
+        first, end = (self.last.first, self.last.end) if self.last else (0, 0)
+        accepted = accepted + (self.last.accepted if self.last else 0)
+        self.parts.append(_every(block, (-steps - 1) % thin, thin))
+        if sum(part.log_density.size for part in self.parts) > self.most:
+            self.parts, thin, first = [_every(self.whole(), 1, 2)], 2 * thin, end
+        self.store.write(_name(end), self.parts[-1])
+        before = self.last.first if self.last else 0
+        count = len(block.theta)
+        self.last = Checkpoint(steps + count, thin, first, end + 1, accepted, check_at, walkers)
+        self.store.write(LAST, self.last)
+        for number in range(before, first):
+            self.store.remove(_name(number))
+
+
+def _every(draws: Draws, first: int, step: int) -> Draws:
+    return Draws(draws.theta[first::step], draws.log_density[first::step])
 
 
 def identity(posterior: Posterior, settings: Mapping[str, object]) -> dict[str, str]:
@@ -66,4 +151,4 @@ def identity(posterior: Posterior, settings: Mapping[str, object]) -> dict[str, 
 
 
 def _name(number: int) -> str:
-    return f"block{number:05d}"
+    return f"draws{number:05d}"

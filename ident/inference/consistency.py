@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import chdtrc
 
-from ident.inference.cross_prediction import CrossPrediction
+from ident.inference.cross_prediction import moment_sd
 from ident.inference.information import RANK_TOLERANCE
 from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
@@ -27,13 +27,11 @@ class Consistency:
         chi_squared: least sum of squares that any parameters reach, data and prior.
         degrees_of_freedom: number of values and priors less the number of directions they see together.
         bend: largest error of the straight line in sigma, where all data together lead; NaN where the model ends.
-        cross_predictions: each kind of measurement, predicted from the others, where they fix it.
     """
 
     chi_squared: float
     degrees_of_freedom: int
     bend: float
-    cross_predictions: tuple[CrossPrediction, ...]
 
     @property
     def p_value(self) -> float:
@@ -48,8 +46,7 @@ def consistency(problem: InverseProblem) -> Consistency | None:
     Values that depend on positive parameters only are linearised as powers of them, ln(value) in ln(parameter), as
     frequencies and deflections nearly are; other values, and those whose sign is not sure, as they stand. One step
     leads to the parameters that the data ask for. There the model is evaluated once, and every sigma is widened by
-    what the straight line was off, so that a bad start makes the test weaker, not wrong. There is no second step:
-    what a full fit to the other kinds says (`cross_predictions`) may differ, and decides.
+    what the straight line was off, so that a bad start makes the test weaker, not wrong. There is no second step.
 
     Returns:
         None where the model has no answer at the start.
@@ -57,10 +54,8 @@ def consistency(problem: InverseProblem) -> Consistency | None:
     line = _line(problem)
     if not all(np.isfinite(part).all() for part in (line.value, line.slope)):
         return None
-    answer, bend = _widened(problem, line, np.ones(len(line.value), bool))
-    kinds = sorted({k for k, s in zip(problem.kinds, line.sigma, strict=True) if np.isfinite(s)})
-    predicted = [_cross_prediction(problem, line, kind) for kind in kinds] if len(kinds) > 1 else []
-    return Consistency(answer.chi_squared, answer.degrees_of_freedom, bend, tuple(t for t in predicted if t))
+    answer, bend = _widened(problem, line)
+    return Consistency(answer.chi_squared, answer.degrees_of_freedom, bend)
 
 
 class _Line(NamedTuple):
@@ -72,17 +67,13 @@ class _Line(NamedTuple):
     sigma: Float[np.ndarray, "D"]
     power: Bool[np.ndarray, "D"]
     slope: Float[np.ndarray, "D P"]
-    prior: tuple[Float[np.ndarray, "P"], Float[np.ndarray, "P"]]
+    centre: Float[np.ndarray, "P"]
+    widths: Float[np.ndarray, "P"]
 
     def moved(self, values: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
         """Return how far values lie from the start."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(self.power, np.log(values / self.value), values - self.value)
-
-    def back(self, moved: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
-        """Return the values of a move."""
-        with np.errstate(over="ignore"):
-            return np.where(self.power, self.value * np.exp(np.where(self.power, moved, 0.0)), self.value + moved)
 
     def scale(self, values: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
         """Return the value of one unit of move there."""
@@ -90,19 +81,11 @@ class _Line(NamedTuple):
 
 
 class _Answer(NamedTuple):
-    """The normal distribution of the step, and what it leaves unexplained."""
+    """The step that the data ask for, and what it leaves unexplained."""
 
     step: Float[np.ndarray, "P"]
-    spread: Float[np.ndarray, "D"]
-    root: Float[np.ndarray, "R P"]
-    open: Float[np.ndarray, "N P"]
     chi_squared: float
     degrees_of_freedom: int
-
-    def sd(self, rows: Float[np.ndarray, "D P"]) -> Float[np.ndarray, "D"]:
-        """Return the standard deviation of rows @ step; infinite where nothing is known of it."""
-        touched = np.linalg.norm(rows @ self.open.T, axis=1) > 1e-6 * np.linalg.norm(rows, axis=1)
-        return np.where(touched, np.inf, np.linalg.norm(rows @ self.root.T, axis=1))
 
 
 def _line(problem: InverseProblem) -> _Line:
@@ -114,42 +97,25 @@ def _line(problem: InverseProblem) -> _Line:
     power = of_positive & (value * measured > 0) & ~coarse
     slope = J / np.where(power, value, 1.0)[:, None]
     start, centre = (np.asarray(known.theta(known.column(name))) for name in ("start", "centre"))
-    prior = (start - centre) / known.normal_sd, 1 / known.normal_sd
-    return _Line(start, value, measured, sigma, power, slope, prior)
+    return _Line(start, value, measured, sigma, power, slope, centre, moment_sd(known))
 
 
-def _widened(problem: InverseProblem, line: _Line, fitted: np.ndarray) -> tuple[_Answer, float]:
-    """Return the answer of the fitted values, sigmas widened by the error of the line, and that error in sigma."""
+def _widened(problem: InverseProblem, line: _Line) -> tuple[_Answer, float]:
+    """Return the answer of all values, sigmas widened by the error of the line, and that error in sigma."""
     spread = line.sigma / line.scale(line.measured)
-    first = _answer(line, fitted, spread)
+    first = _answer(line, spread)
     there = np.asarray(evaluate(problem, jnp.asarray(line.start + first.step)).predicted)
     error = np.abs(line.moved(there) - line.slope @ first.step)
-    return _answer(line, fitted, np.hypot(spread, np.nan_to_num(error, nan=np.inf))), float((error / spread).max())
+    return _answer(line, np.hypot(spread, np.nan_to_num(error, nan=np.inf))), float((error / spread).max())
 
 
-def _answer(line: _Line, fitted: np.ndarray, spread: Float[np.ndarray, "D"]) -> _Answer:
-    weight = np.where(fitted, 1 / spread, 0.0)
-    residual, prior_slope = line.prior
+def _answer(line: _Line, spread: Float[np.ndarray, "D"]) -> _Answer:
+    weight, prior_slope = 1 / spread, 1 / line.widths
+    residual = (line.start - line.centre) * prior_slope
     A = np.vstack([line.slope * weight[:, None], np.diag(prior_slope)])
     b = np.concatenate([line.moved(line.measured) * weight, -residual])
     U, s, Vt = np.linalg.svd(np.vstack([A, np.zeros((A.shape[1], A.shape[1]))]), full_matrices=False)
     seen = s > RANK_TOLERANCE * max(s[0], 1e-300)
-    root = Vt[seen] / s[seen, None]
-    step = root.T @ (U[: len(A), seen].T @ b)
+    step = (Vt[seen] / s[seen, None]).T @ (U[: len(A), seen].T @ b)
     freedom = int((weight > 0).sum() + (prior_slope > 0).sum() - seen.sum())
-    return _Answer(step, spread, root, Vt[~seen], float(((b - A @ step) ** 2).sum()), freedom)
-
-
-def _cross_prediction(problem: InverseProblem, line: _Line, kind: str) -> CrossPrediction | None:
-    """Predict one kind from the others; None where they leave its values open, or the model ends there."""
-    own = (np.array(problem.kinds) == kind) & np.isfinite(line.sigma)
-    answer, _ = _widened(problem, line, np.array(problem.kinds) != kind)
-    predicted = line.back(line.slope @ answer.step)
-    noise = answer.spread * line.scale(line.measured)
-    sd = np.hypot(noise, answer.sd(line.slope) * line.scale(predicted))
-    rows = np.flatnonzero(own & np.isfinite(sd))
-    return (
-        CrossPrediction(kind, tuple(map(int, rows)), line.measured[rows], predicted[rows], sd[rows])
-        if len(rows)
-        else None
-    )
+    return _Answer(step, float(((b - A @ step) ** 2).sum()), freedom)

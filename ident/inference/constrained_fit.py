@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
+from ident.inference.convergence import SHORT, step_length
 from ident.inference.fit import Fit
 from ident.inference.information import RANK_TOLERANCE
-from ident.inference.least_squares import STATIONARY, End, solve
-from ident.inference.parameters import Parameter, Parameters
+from ident.inference.least_squares import End, solve
+from ident.inference.parameters import AnyArray, Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.jit import jit
 
@@ -31,7 +31,7 @@ class Point(NamedTuple):
     Attributes:
         theta: (P,) all parameters.
         delta_chi_squared: cost above the optimum's, data and priors.
-        converged: whether the other parameters' gradient vanishes.
+        converged: whether the other parameters' next step is negligible.
         tangent: (P,) estimated d(theta) / d(theta of the held one) along the profile.
     """
 
@@ -114,11 +114,11 @@ class ConstrainedFit:
         """Weigh where a search ended by the problem's own priors."""
         if not np.isfinite(end.cost):
             return None
-        theta, gradient = np.asarray(end.theta), np.asarray(end.gradient)
+        theta = np.asarray(end.theta)
         residuals, slope = (np.asarray(x) for x in _weighed(self.fit.problem, end))
         cost = float(residuals @ residuals)
         others = np.arange(len(theta)) != self.index
-        converged = _has_converged(residuals, slope[:, others], gradient[others])
+        converged = step_length(residuals, slope[:, others]) < SHORT
         return Point(theta, cost - self.fit.best.cost, converged, self._tangent(slope))
 
     def _tangent(self, slope: np.ndarray) -> np.ndarray:
@@ -138,15 +138,5 @@ def _best(points: Sequence[Point]) -> Point:
 
 
 @jit
-def _weighed(problem: InverseProblem, end: End) -> tuple[Array, Array]:
+def _weighed(problem: InverseProblem, end: End) -> tuple[AnyArray, AnyArray]:
     return problem.weigh(end.predicted, end.jacobian, end.theta)
-
-
-def _has_converged(residuals: np.ndarray, slope: np.ndarray, gradient: np.ndarray) -> bool:
-    """Tell whether a search has ended: the gradient vanishes, or a further step would gain next to nothing."""
-    if np.abs(gradient).max(initial=0.0) < STATIONARY * (1 + residuals @ residuals):
-        return True
-    if not np.isfinite(slope).all():
-        return False
-    step = np.linalg.lstsq(slope, residuals, rcond=RANK_TOLERANCE)[0]
-    return bool(np.sum((slope @ step) ** 2) < GAIN)

@@ -1,48 +1,262 @@
-"""Each kind of data predicted from all others: do they contradict each other?"""
+"""Do the kinds of data contradict each other? Each one against all others, with the prior among these."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from ident.inference.fit import fit
+from ident.inference.convergence import SHORT, step_length, weighed
+from ident.inference.information import RANK_TOLERANCE
+from ident.inference.least_squares import End, evaluate, solve
+from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
+from ident.inference.verdicts import rare, standard_deviations
+
+FEW = 6
+"""Values of a kind up to which each is compared by itself."""
+STARTS = 2
+"""Starts drawn at random for each minimum, beside the optima that are known and the parameters' starting values."""
+WIDE = 10.0
+"""How many times wider the priors are when a kind is fitted alone: it then says what it can, and no absurdity."""
+WIDER = 2.0
+"""Factor on the priors' widths by which a contradiction is tried for its dependence on them."""
+SPREAD = 1.0
+"""Largest standard deviation in theta of those."""
+SAME = 1e-6
+"""Difference of costs, relative to one plus the cost, that is none."""
+NOTHING = 1e-3
+"""Degrees of freedom below which a kind says nothing that the others could contradict."""
 
 
 @dataclass(frozen=True)
 class CrossPrediction:
-    """What the other kinds of data say about one kind.
+    """What the other kinds of data, and the prior, say about one kind.
 
     Attributes:
         kind: the kind that was left out of the fit.
         rows: (n,) places of its values in the campaign.
         measured: (n,) [SI]
-        predicted: (n,) [SI] by a fit to all other kinds.
-        sd: (n,) [SI] standard deviation of measured - predicted, by sigma, data and prior.
+        predicted: (n,) [SI] where all other kinds are fitted best.
+        z: (n,) [sd] by how much each value alone is off what the others allow; None where nothing contradicts, or where
+            there are more than `FEW`.
+        statistic: by how much more the minimum of all is than those of the others and of this kind by itself.
+        scale, degrees_of_freedom: statistic / scale has a chi-squared distribution if all is right.
+        wider: the same p-value with priors twice as wide; NaN where nothing contradicts.
     """
 
     kind: str
     rows: tuple[int, ...]
     measured: Float[np.ndarray, "n"]
     predicted: Float[np.ndarray, "n"]
-    sd: Float[np.ndarray, "n"]
+    z: Float[np.ndarray, "n"] | None
+    statistic: float
+    scale: float
+    degrees_of_freedom: float
+    wider: float = math.nan
 
     @property
-    def z(self) -> Float[np.ndarray, "n"]:
-        """Difference between measured and predicted in standard deviations."""
-        return (self.measured - self.predicted) / self.sd
+    def p_value(self) -> float:
+        """Chance of a larger statistic if model, sigmas and priors are right."""
+        from scipy.special import chdtrc  # takes a tenth of a second, which fits to one kind of data can spare
+
+        return float(chdtrc(self.degrees_of_freedom, self.statistic / self.scale))
+
+    @property
+    def sd(self) -> float:
+        """The same as standard deviations of a single normal value."""
+        return standard_deviations(self.p_value)
 
 
-def cross_predictions(problem: InverseProblem, *, starts: int = 4) -> tuple[CrossPrediction, ...]:
-    """Predict each kind of measurement from the others, and compare; empty when there is one kind only."""
-    kinds = sorted(set(problem.kinds))
-    return tuple(_cross_prediction(problem, kind, starts) for kind in kinds) if len(kinds) > 1 else ()
+def contradicting(predictions: Sequence[CrossPrediction]) -> tuple[CrossPrediction, ...]:
+    """Return the kinds that contradict the others, corrected for the number of kinds."""
+    found = rare([each.p_value for each in predictions])
+    return tuple(each for each, contradicts in zip(predictions, found, strict=True) if contradicts)
 
 
-def _cross_prediction(problem: InverseProblem, kind: str, starts: int) -> CrossPrediction:
-    others = fit(problem.without(kind), starts=starts)
-    rows = tuple(i for i, k in enumerate(problem.kinds) if k == kind)
-    index = np.array(rows)
-    measured, sigma = np.asarray(problem.measured)[index], np.asarray(problem.sigma)[index]
-    sd = np.hypot(sigma, others.predicted_sd[index])
-    return CrossPrediction(kind, rows, measured, others.predicted[index], sd)
+def cross_predictions(
+    problem: InverseProblem, known: Sequence[Float[np.ndarray, "P"]], *, seed: int = 0
+) -> tuple[tuple[CrossPrediction, ...], Float[np.ndarray, "P"]]:
+    """Test each kind of measurement against the others, and the prior among these.
+
+    With M the minimum of chi-squared and prior, and of k alone with priors so wide (`WIDE`) that they hardly count,
+
+        T = M(all) - M(all but k) - M(k alone).
+
+    That is the parameter goodness of fit (Maltoni, Schwetz, "Testing the statistical compatibility of independent data
+    sets", Phys. Rev. D 68, 033020, 2003, eq. 9), here with the prior among the others. Where all is linear and truths
+    come from the prior, T is a quadratic form of normal numbers, whose mean and variance give a scaled chi-squared
+    (Satterthwaite 1946). With no prior at all that is chi-squared on rank(k) + rank(others) - rank(all) degrees of
+    freedom. A flat prior counts as the normal one of the same mean and variance: T keeps its mean, and its tail is
+    shorter, so that there are rather too few alarms.
+
+    Args:
+        problem: model, data and unknowns.
+        known: where to begin: the fit's optima, the best one first.
+        seed: of the further starts.
+
+    Returns:
+        One comparison for each kind that the others tell something of, none where there is one kind only; and where
+        the cost of all data is least: `known[0]`, or a better optimum that was met on the way.
+    """
+    kinds = sorted({k for k, s in zip(problem.kinds, np.asarray(problem.sigma), strict=True) if np.isfinite(s)})
+    if len(kinds) < 2:
+        return (), known[0]
+    widths = moment_sd(problem.parameters)
+    start = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
+    noise = np.random.default_rng(seed).standard_normal((STARTS, len(start)))
+    starts = [known[0], start, *known[1:2], *(start + noise * np.minimum(widths, SPREAD))]
+    minima = _search(problem, widths, kinds, starts)
+    if minima is None:
+        return (), known[0]
+    found = [_compared(problem, widths, kind, minima) for kind in minima.parts]
+    found = [each for each in found if each.degrees_of_freedom]
+    least = minima.every.theta if minima.better else known[0]
+    if not contradicting(found):
+        return tuple(found), least
+    found = [_by_value(problem, widths, each, minima) for each in found]
+    return _with_wider(problem, widths, found, [least, start]), least
+
+
+def moment_sd(parameters: Parameters) -> Float[np.ndarray, "P"]:
+    """Return the priors' own standard deviations in theta; infinite without a prior."""
+    s, f = (np.asarray(parameters.column(name)) for name in ("prior_sd", "flat"))
+    s_or_0, flank = np.where(np.isfinite(s), s, 0.0), math.sqrt(math.pi / 2)
+    second = f**3 / 3 + f**2 * s_or_0 * flank + 2 * f * s_or_0**2 + s_or_0**3 * flank
+    return np.sqrt(np.where(np.isfinite(s), second / np.where(np.isfinite(s), f + s_or_0 * flank, 1.0), np.inf))
+
+
+def quadratic_form(
+    jacobian: Float[np.ndarray, "D P"], widths: Float[np.ndarray, "P"], own: Bool[np.ndarray, "D"]
+) -> tuple[float, float]:
+    """Return scale and degrees of freedom of the chi-squared that T follows in the linear approximation.
+
+    T = e' Q e, where e are the errors of all values and of the priors' centres, each in its standard deviation.
+
+    Args:
+        jacobian: d(predicted / sigma)/d(theta).
+        widths: the priors' standard deviations, infinite for none.
+        own: which values are of the kind.
+    """
+    priors = np.diag(1 / widths)[np.isfinite(widths)]
+    both, prior = np.vstack([jacobian, priors]), np.ones(len(priors), bool)
+    Q = _left_over(both)
+    for taking, width in ((np.append(~own, prior), 1.0), (np.append(own, prior), WIDE)):
+        narrow = np.append(np.ones(len(jacobian)), np.full(len(priors), 1 / width))[taking]
+        Q[np.ix_(taking, taking)] -= narrow[:, None] * _left_over(both[taking] * narrow[:, None]) * narrow
+    mean, variance = np.trace(Q), (Q**2).sum()
+    return (variance / mean, mean**2 / variance) if mean > NOTHING else (1.0, 0.0)
+
+
+def _left_over(A: Float[np.ndarray, "n P"]) -> Float[np.ndarray, "n n"]:
+    """Return the projection onto what no step explains."""
+    U, s, _ = np.linalg.svd(A, full_matrices=False)
+    U = U[:, s > RANK_TOLERANCE * max(s[0], 1e-300)]
+    return np.eye(len(A)) - U @ U.T
+
+
+class _Minima(NamedTuple):
+    """Least costs: of all data, by kind of the others and of its own, and whether the first is better than known."""
+
+    every: End
+    parts: dict[str, tuple[End, End]]
+    better: bool
+
+
+def _search(
+    problem: InverseProblem, widths: Float[np.ndarray, "P"], kinds: Sequence[str], starts: Sequence[np.ndarray]
+) -> _Minima | None:
+    """Search all minima for priors of these widths; the first start is the best that is known for all data."""
+    place = np.array(problem.kinds)
+    normal, wide = _with_widths(problem, widths), _with_widths(problem, WIDE * widths)
+    first = _ended(normal, starts[0]) or _minimum(normal, starts[:1])
+    if first is None:
+        return None
+    problems = {kind: (_fitted(normal, place != kind), _fitted(wide, place == kind)) for kind in kinds}
+    ends = {kind: (_minimum(others, starts), _minimum(own, starts[:2])) for kind, (others, own) in problems.items()}
+    parts = {kind: (others, own) for kind, (others, own) in ends.items() if others and own}
+    every = _minimum(normal, [others.theta for others, _ in parts.values()], first) or first
+    better = bool(every.cost < first.cost - SAME * (1 + first.cost))
+    if better:  # what is less for all data leads to no more for a part of them
+        for kind, (others, own) in parts.items():
+            again = [
+                _minimum(part, [every.theta], end) for part, end in zip(problems[kind], (others, own), strict=True)
+            ]
+            parts[kind] = again[0] or others, again[1] or own
+    return _Minima(every, parts, better)
+
+
+def _compared(problem: InverseProblem, widths: Float[np.ndarray, "P"], kind: str, minima: _Minima) -> CrossPrediction:
+    """Compare one kind with the others."""
+    (others, alone), every = minima.parts[kind], minima.every
+    sigma = np.asarray(problem.sigma)
+    own = (np.array(problem.kinds) == kind) & np.isfinite(sigma)
+    rows, measured = np.flatnonzero(own), np.asarray(problem.measured)
+    scale, freedom = quadratic_form(every.jacobian / sigma[:, None], widths, own)
+    statistic = max(float(every.cost - others.cost - alone.cost), 0.0)
+    predicted = others.predicted[rows]
+    return CrossPrediction(kind, tuple(rows.tolist()), measured[rows], predicted, None, statistic, scale, freedom)
+
+
+def _by_value(
+    problem: InverseProblem, widths: Float[np.ndarray, "P"], cross: CrossPrediction, minima: _Minima
+) -> CrossPrediction:
+    """Say by how much each value of a small kind is off: the signed root of what it adds to the others' minimum.
+
+    In the linear approximation that is (measured - predicted) / sd of this difference; it follows the model.
+    """
+    if len(cross.rows) > FEW:
+        return cross
+    others, _ = minima.parts[cross.kind]
+    normal, left = _with_widths(problem, widths), np.array(problem.kinds) != cross.kind
+    single = minima.every if len(cross.rows) == 1 else None
+    ends = [single or _minimum(_fitted(normal, left | (np.arange(len(left)) == i)), [others.theta]) for i in cross.rows]
+    added = [max(float(end.cost - others.cost), 0.0) if end else 0.0 for end in ends]
+    return replace(cross, z=np.sign(cross.measured - cross.predicted) * np.sqrt(added))
+
+
+def _with_wider(
+    problem: InverseProblem,
+    widths: Float[np.ndarray, "P"],
+    found: Sequence[CrossPrediction],
+    starts: Sequence[np.ndarray],
+) -> tuple[CrossPrediction, ...]:
+    """Add to a contradiction what would be left of it with wider priors."""
+    kinds, wider = [each.kind for each in found], WIDER * widths
+    minima = _search(problem, wider, kinds, starts)
+    if minima is None:
+        return tuple(found)
+    again = {kind: _compared(problem, wider, kind, minima).p_value for kind in minima.parts}
+    return tuple(replace(each, wider=again.get(each.kind, math.nan)) for each in found)
+
+
+def _ended(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> End | None:
+    """Return a point as the end of a search, without one; None where it is no optimum."""
+    end = jax.device_get(evaluate(problem, theta))
+    residuals, slope = weighed(problem, end)
+    return end._replace(cost=residuals @ residuals) if step_length(residuals, slope) < SHORT else None
+
+
+def _minimum(problem: InverseProblem, starts: Sequence[Float[np.ndarray, "P"]], known: End | None = None) -> End | None:
+    """Return the best of several searches, or what is known; None where the model has no answer at any start."""
+    ends = [solve(problem, start) for start in starts]
+    finite = [jax.device_get(end) for end in ends if np.isfinite(end.cost)]
+    return min([*finite, known] if known else finite, key=lambda end: float(end.cost), default=None)
+
+
+def _fitted(problem: InverseProblem, rows: Bool[np.ndarray, "D"]) -> InverseProblem:
+    """Return the problem in which only these values are fitted: the same program, whatever the rows."""
+    return eqx.tree_at(lambda p: p.sigma, problem, jax.device_put(np.where(rows, np.asarray(problem.sigma), np.inf)))
+
+
+def _with_widths(problem: InverseProblem, widths: Float[np.ndarray, "P"]) -> InverseProblem:
+    """Return the problem with normal priors of these widths."""
+    items = tuple(
+        Parameter(item.paths, item.positive, item.start, item.centre, width, item.scale)
+        for item, width in zip(problem.parameters.items, widths, strict=True)
+    )
+    return replace(problem, parameters=Parameters(items))

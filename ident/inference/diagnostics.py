@@ -58,8 +58,12 @@ class Diagnosis:
         return max(0, math.ceil(needed - counted))
 
 
-def diagnose(theta: Float[np.ndarray, "steps ensembles walkers P"]) -> Diagnosis:
+def diagnose(theta: Float[np.ndarray, "n ensembles walkers P"], apart: int = 1) -> Diagnosis:
     """Diagnose ensembles that should have found the same distribution.
+
+    Args:
+        theta: their draws.
+        apart: steps from one draw to the next.
 
     References:
         Goodman, Weare, "Ensemble samplers with affine invariance", 2010 (autocorrelation time over an ensemble).
@@ -68,19 +72,19 @@ def diagnose(theta: Float[np.ndarray, "steps ensembles walkers P"]) -> Diagnosis
     """
     import arviz  # takes a second to import
 
-    steps, ensembles, _, count = theta.shape
-    by_walker = theta.reshape(steps, -1, count)
+    length, ensembles, _, count = theta.shape
+    by_walker = theta.reshape(length, -1, count)
     with np.errstate(invalid="ignore"):  # a walker that never moved has no autocorrelation: as long as the chain
         tau = np.atleast_1d(emcee.autocorr.integrated_time(by_walker, tol=0, quiet=True))
-    tau = np.where(np.isfinite(tau), np.maximum(tau, 1.0), steps)
-    burn_in = min(math.ceil(BURN_IN * tau.max()), steps // 2)
+    tau = np.where(np.isfinite(tau), np.maximum(tau, 1.0), length)
+    burn_in = min(math.ceil(BURN_IN * tau.max()), length // 2)
     thin = max(1, int(tau.min() / 5))
     chains = by_walker[burn_in::thin].transpose(2, 1, 0)
     in_time = theta[burn_in::thin].transpose(3, 1, 0, 2).reshape(count, ensembles, -1)
     return Diagnosis(
-        steps,
-        burn_in,
-        tau,
+        length * apart,
+        burn_in * apart,
+        tau * apart,
         np.array([arviz.ess(x, method="bulk") for x in chains]),
         np.array([arviz.ess(x, method="tail") for x in chains]),
         np.array([arviz.rhat(x) for x in in_time]),

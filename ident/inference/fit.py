@@ -1,16 +1,20 @@
 """Fit parameters to a campaign: least squares from several starts, and how far the answer can be trusted."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from ident.errors import ModelError
-from ident.inference.information import RANK_TOLERANCE, Information, half_width, information
+from ident.errors import ConvergenceError, ModelError
+from ident.inference.convergence import convergence
+from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
+from ident.inference.information import Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
+from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd
 from ident.inference.problem import Choice, InverseProblem
+from ident.inference.verdicts import IMPROBABLE, farthest, outlying
 
 STARTS = 16
 """Starts tried at least, the given one among them."""
@@ -19,31 +23,6 @@ PATIENCE = 6
 AGAIN = 3
 SPREAD = 1.0
 """Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
-TIE, DIGITS = 1e-6, 4
-"""Relative difference of two costs that is none; decimals of theta, and of a distance, by which ties are ordered."""
-SAME = 1e-3
-"""Ends nearer to each other than this, in standard deviations of the data or of theta, are one optimum."""
-
-
-@dataclass(frozen=True)
-class Optimum:
-    """Where one or several starts ended.
-
-    Attributes:
-        values: (P,) parameters [SI].
-        theta: (P,) the same, unconstrained.
-        cost: sum of squared residuals, data and prior.
-        starts: number of starts that ended here.
-        converged: whether the gradient vanishes here.
-        sd: (P,) standard deviation of each theta by data and prior about here.
-    """
-
-    values: Float[np.ndarray, "P"]
-    theta: Float[np.ndarray, "P"]
-    cost: float
-    starts: int
-    converged: bool
-    sd: Float[np.ndarray, "P"]
 
 
 @dataclass(frozen=True)
@@ -58,6 +37,7 @@ class Fit:
         jacobian: (D, P) d(predicted)/d(theta) there.
         information: what data and prior tell there.
         choice: what the model takes the values for there.
+        cross_predictions: each kind of measurement against the others.
     """
 
     problem: InverseProblem
@@ -67,6 +47,7 @@ class Fit:
     jacobian: Float[np.ndarray, "D P"]
     information: Information
     choice: Choice
+    cross_predictions: tuple[CrossPrediction, ...] = ()
 
     @property
     def best(self) -> Optimum:
@@ -103,6 +84,50 @@ class Fit:
         return float(chdtrc(self.degrees_of_freedom, self.chi_squared))
 
     @property
+    def improbable(self) -> bool:
+        """Whether so large a chi-squared is improbable if model and sigmas are right."""
+        return self.p_value < IMPROBABLE
+
+    @property
+    def contradictory(self) -> bool:
+        """Whether one kind of measurement contradicts the others."""
+        return bool(contradicting(self.cross_predictions))
+
+    @property
+    def outliers(self) -> Bool[np.ndarray, "D"]:
+        """Which measurements lie too far from the fit for so many."""
+        fitted = np.isfinite(np.asarray(self.problem.sigma))
+        found = np.zeros(len(fitted), bool)
+        found[fitted] = outlying(self.residuals[fitted])
+        return found
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
+        count, fitted = self.outliers.sum(), int(np.isfinite(np.asarray(self.problem.sigma)).sum())
+        reasons = {
+            "the search has not ended here, so this is not an optimum": not self.best.converged,
+            "the kinds of measurement contradict each other (see below)": self.contradictory,
+            f"{count} of {fitted} measurements lie too far from the fit (beyond {farthest(fitted):.1f} sigma)": count
+            > 0,
+            f"so large a chi-squared has a chance of {self.p_value:.1g}": self.improbable,
+        }
+        return tuple(doubt for doubt, holds in reasons.items() if holds)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is odd about this fit, though it forbids no interval."""
+        if not self.p_value > 1 - IMPROBABLE:
+            return ()
+        small = f"so small a chi-squared has a chance of {1 - self.p_value:.1g}"
+        return (f"{small}: are the sigmas too large, or rows copied?",)
+
+    @property
+    def supported(self) -> Bool[np.ndarray, "P"]:
+        """Which parameters an interval may be quoted for: none where the fit itself is in doubt."""
+        return self.information.supported & (not self.doubts)
+
+    @property
     def rivals(self) -> tuple[Optimum, ...]:
         """Further optima that the data do not rule out: of a cost within the 95 % limit of the best one's."""
         limit = self.best.cost + half_width(0.95) ** 2
@@ -119,14 +144,14 @@ class Fit:
         An interval reaches over all optima that the data do not rule out: about each, as far as the cost rises to the
         same height above the best one's.
         """
-        height, ends = half_width(level) ** 2, []
-        for optimum in (self.best, *self.rivals):
-            above = optimum.cost - self.best.cost
-            if above < height:
-                half = np.sqrt(height - above) * optimum.sd
-                ends += [optimum.theta - half, optimum.theta + half]
-        reach = np.stack([np.min(ends, 0), np.max(ends, 0)], 1)
-        return np.asarray(self.problem.parameters.values(reach))
+        height = half_width(level) ** 2
+        halves = [
+            (each.theta, np.sqrt(height - above) * each.sd)
+            for each in (self.best, *self.rivals)
+            if (above := each.cost - self.best.cost) < height
+        ]
+        low, high = (np.array([theta + sign * half for theta, half in halves]) for sign in (-1, 1))
+        return np.asarray(self.problem.parameters.values(np.stack([low.min(0), high.max(0)], 1)))
 
     @property
     def predicted_sd(self) -> Float[np.ndarray, "D"]:
@@ -145,7 +170,8 @@ def fit(
     """Fit the parameters by Levenberg-Marquardt from several starts.
 
     After `starts` of them the search goes on, up to `PATIENCE` times as many, until `AGAIN` starts have ended in the
-    best optimum: an optimum that was met once only may not be the best one.
+    best optimum: an optimum that was met once only may not be the best one. Nor may one whose chi-squared is
+    improbable, so that the search goes on there as well, before data are blamed.
 
     Args:
         problem: model, data and unknowns.
@@ -155,108 +181,53 @@ def fit(
         progress: wraps the numbers of the starts, to show a bar.
 
     Raises:
-        ModelError: no start reaches an optimum; says whether the model has an answer at the first one.
+        ConvergenceError: no start reaches an optimum.
+        ModelError: none does, and the model has no answer at the first one.
     """
     first = problem.parameters.theta(problem.parameters.column("start"))
     noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
     noise[0] = 0
-    reached: list[End] = []
+    reached: list[Ended] = []
     optima: tuple[Optimum, ...] = ()
     tried = 0
     for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
-        example = min(reached, key=_score, default=None)
+        example = in_order(problem, reached)[0][0] if reached else None
         end = solve(problem, first + noise[tried - 1], example)
         if np.isfinite(end.cost):
-            reached.append(jax.tree.map(np.asarray, end))
-            optima = _distinct(problem, reached)
-        if tried >= starts and optima and optima[0].starts >= AGAIN:
+            reached.append(_measured(problem, end))
+            optima = distinct(problem, reached)
+        if tried >= starts and optima and optima[0].starts >= AGAIN and not _answer(problem, reached).improbable:
             break
     if not reached:
-        raise ModelError(_no_optimum(evaluate(problem).predicted))
-    best = next(end for end in reached if end.theta is optima[0].theta)
+        raise _no_optimum(evaluate(problem).predicted)
+    agreement, least = cross_predictions(problem, [optimum.theta for optimum in optima], seed=seed)
+    if least is not optima[0].theta:
+        tried += 1
+        reached.append(_measured(problem, solve(problem, least)))
+        optima = distinct(problem, reached)
+    failed = tried - sum(optimum.starts for optimum in optima)
+    return replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
+
+
+def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:
+    """Return the fit of the best end, without the optima."""
+    best, _ = in_order(problem, reached)[0]
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
-    known = information(scaled, _prior_sd(problem), problem.parameters.names)
-    ended = sum(optimum.starts for optimum in optima)
-    return Fit(problem, optima, tried - ended, best.predicted, best.jacobian, known, best.choice)
+    known = information(scaled, normal_prior_sd(problem), problem.parameters.names)
+    return Fit(problem, (), 0, best.predicted, best.jacobian, known, best.choice)
 
 
-def _score(end: End) -> float:
-    return end.score
+def _measured(problem: InverseProblem, end: End) -> Ended:
+    """Return where a search ended, and how."""
+    end = jax.device_get(end)
+    return end, convergence(problem, end)
 
 
-def _distinct(problem: InverseProblem, ends: list[End]) -> tuple[Optimum, ...]:
-    """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long and curved.
-
-    Ends with a gradient are dropped, unless the best one has it.
-    """
-    groups: list[list[End]] = []
-    sigma, prior_sd = np.asarray(problem.sigma), _prior_sd(problem)
-    for end in _in_order(problem, ends):
-        for group in groups:
-            step = end.theta - group[0].theta
-            apart = np.concatenate([group[0].jacobian @ step / sigma, step / prior_sd])
-            near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
-            level = abs(end.cost - group[0].cost) < SAME * SAME * (1 + end.cost)
-            if near or (level and _is_valley(group[0].jacobian / sigma[:, None], prior_sd)):
-                group.append(end)
-                break
-        else:
-            groups.append([end])
-    optima = [group for i, group in enumerate(groups) if i == 0 or any(end.converged for end in group)]
-    return tuple(_optimum(problem, group) for group in optima)
-
-
-def _in_order(problem: InverseProblem, ends: list[End]) -> list[End]:
-    """Sort ends by cost; exact ties by the distance from the priors' centre, then by theta: the same on any machine.
-
-    Of a parameter without a prior the starting value is the centre.
-    """
-    parameters = problem.parameters
-    ranks: list[tuple[int, float, tuple[float, ...], int]] = []
-    centre = np.asarray(parameters.theta(parameters.column("centre")))
-    ends = sorted(ends, key=_score)
-    for i, end in enumerate(ends):
-        level = ranks[-1][0] if i and is_tie(ends[i - 1].score, end.score) else i
-        off = (end.theta - centre) / np.minimum(parameters.normal_sd, 1.0)
-        ranks.append((level, round(float(off @ off), DIGITS), tuple(np.round(end.theta, DIGITS)), i))
-    return [ends[rank[-1]] for rank in sorted(ranks)]
-
-
-def is_tie(a: float, b: float) -> bool:
-    """Tell whether two costs are the same but for rounding and where the searches stopped."""
-    return abs(a - b) < TIE * (1 + abs(a))
-
-
-def _optimum(problem: InverseProblem, group: list[End]) -> Optimum:
-    first = group[0]
-    scaled = first.jacobian / np.asarray(problem.sigma)[:, None]
-    return Optimum(
-        np.asarray(problem.parameters.values(first.theta)),
-        first.theta,
-        float(first.cost),
-        len(group),
-        any(end.converged for end in group),
-        information(scaled, _prior_sd(problem), problem.parameters.names).sd,
-    )
-
-
-def _prior_sd(problem: InverseProblem) -> np.ndarray:
-    """Return the priors' standard deviations in theta; infinite for flat ones, whose edges are one-sided."""
-    parameters = problem.parameters
-    return np.where(np.asarray(parameters.column("flat")) > 0, np.inf, np.asarray(parameters.column("prior_sd")))
-
-
-def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:
-    """Tell whether data and prior together leave a direction open."""
-    s = np.linalg.svd(np.vstack([scaled, np.diag(1 / prior_sd)]), compute_uv=False)
-    return bool(s[-1] < RANK_TOLERANCE * s[0])
-
-
-def _no_optimum(predicted: Array) -> str:
+def _no_optimum(predicted: Array) -> ModelError:
     missing = int(np.isnan(np.asarray(predicted)).sum())
     if not missing:
-        return "no start reached an optimum; give other starting values or a prior"
-    return (
+        return ConvergenceError("no start reached an optimum; give other starting values or a prior")
+    return ModelError(
         f"the model has no answer for {missing} of {len(predicted)} values at the start: the arm has no stable"
         " equilibrium there, or no mode of that label; raise the starting stiffness or check the labels"
     )

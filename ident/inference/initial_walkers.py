@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import ModelError
-from ident.inference.fit import Optimum
 from ident.inference.least_squares import solve
+from ident.inference.optima import Optimum
 from ident.inference.posterior import Posterior, evaluate
 from ident.inference.problem import InverseProblem
 

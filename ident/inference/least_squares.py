@@ -25,8 +25,6 @@ TURNS = 6
 """Searches in a row at most, each with another choice of what the values belong to, or more steps."""
 TOLERANCE = 1e-10
 """Relative and absolute change of theta and of the residuals at which a search ends."""
-STATIONARY = 1e-6
-"""Gradient of the cost, relative to one plus the cost, below which a point is an optimum."""
 
 
 class End(NamedTuple):
@@ -38,11 +36,6 @@ class End(NamedTuple):
     predicted: Any
     jacobian: Any
     choice: Choice
-
-    @property
-    def converged(self) -> bool:
-        """Whether the gradient vanishes."""
-        return bool(np.abs(self.gradient).max() < STATIONARY * (1 + self.cost))
 
     @property
     def score(self) -> float:

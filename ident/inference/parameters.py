@@ -71,7 +71,7 @@ class Parameters(eqx.Module):
     def column(self, field: str) -> Float[AnyArray, "P"]:
         """Return one field of all parameters."""
         values = [getattr(item, field) for item in self.items]
-        return _library(*values).stack(values)
+        return library(*values).stack(values)
 
     @property
     def positive(self) -> np.ndarray:
@@ -81,18 +81,18 @@ class Parameters(eqx.Module):
     def theta(self, values: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
         """Return the unconstrained coordinates of physical values."""
         positive, scale = self._aligned(values)
-        xp = _library(values, scale)
+        xp = library(values, scale)
         with np.errstate(divide="ignore", invalid="ignore"):  # as in jax: a value that can't be has no theta
             return xp.where(positive, xp.log(xp.where(positive, values, 1.0)), values / scale)
 
     def values(self, theta: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "P *batch"]:
         """Return the physical values of unconstrained coordinates."""
         positive, scale = self._aligned(theta)
-        xp = _library(theta, scale)
+        xp = library(theta, scale)
         with np.errstate(over="ignore"):
             return xp.where(positive, xp.exp(xp.where(positive, theta, 0.0)), theta * scale)
 
-    def prior_residuals(self, theta: Float[Array, "P *batch"]) -> tuple[Array, Array]:
+    def prior_residuals(self, theta: Float[AnyArray, "P *batch"]) -> tuple[AnyArray, AnyArray]:
         """Return the priors' residuals and their slopes by theta, `(P, *batch)` both.
 
         Half the sum of squares is the negative logarithm of the prior density, up to a constant. A slope is the
@@ -100,8 +100,9 @@ class Parameters(eqx.Module):
         """
         centre, sd, flat = self._prior(theta.ndim)
         off = theta - centre
-        beyond = jnp.sign(off) * jnp.maximum(jnp.abs(off) - flat, 0.0)
-        return beyond / sd, jnp.where(jnp.abs(off) >= flat, 1 / sd, 0.0)
+        xp = library(off)
+        beyond = xp.sign(off) * xp.maximum(xp.abs(off) - flat, 0.0)
+        return beyond / sd, xp.where(xp.abs(off) >= flat, 1 / sd, 0.0)
 
     def log_prior(self, theta: Float[Array, "P *batch"]) -> Float[Array, "*batch"]:
         """Return the logarithm of the prior density of theta; parameters without a prior count nothing."""
@@ -143,6 +144,6 @@ class Parameters(eqx.Module):
         return centre, sd, flat
 
 
-def _library(*arrays: Any) -> Any:
+def library(*arrays: Any) -> Any:
     """Return NumPy where all is NumPy's, for there each operation of jax would be a program of its own; else jax."""
     return np if all(isinstance(x, np.ndarray) for x in arrays) else jnp

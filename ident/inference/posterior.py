@@ -1,8 +1,8 @@
 """The posterior density of the unknowns, and how uncertain the noise itself is."""
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -18,6 +18,7 @@ from ident.text import did_you_mean
 
 PREFIX = "noise."
 """What the names of noise scales begin with; a kind of measurement follows."""
+At = TypeVar("At", covariant=True)
 NOISE_SD = 1.0
 """Width of the log-normal prior of a noise scale about 1: 95 % within a factor of 7."""
 
@@ -97,13 +98,36 @@ def posterior(problem: InverseProblem, noise: Sequence[str] = ()) -> Posterior:
     return jax.tree.map(lambda x: jax.device_put(x) if eqx.is_array(x) else x, whole)  # once, not at each evaluation
 
 
-_evaluate = jit(Posterior.evaluate)
+@runtime_checkable
+class Density(Protocol[At]):
+    """What can be evaluated at a batch of points: a posterior, or one without some of its unknowns."""
+
+    def evaluate(self, theta: Float[Array, "P batch"]) -> At:
+        """Return a named tuple of arrays whose last axis is the batch."""
 
 
-def evaluate(posterior: Posterior, points: Float[np.ndarray, "n P"], batch: int) -> Evaluated:
-    """Evaluate the posterior at many points, compiled once for this size of batch."""
+def evaluate(
+    density: Density[At], points: Float[np.ndarray, "n P"], batch: int, run: Callable[..., Iterable[Any]] = map
+) -> At:
+    """Evaluate a posterior at many points, compiled once for this size of batch.
+
+    Args:
+        density: the posterior.
+        points: where.
+        batch: points that are evaluated together.
+        run: evaluates the batches; `map`, or a pool's for several at the same time.
+    """
     missing = -len(points) % batch
     padded = np.concatenate([points, np.repeat(points[-1:], missing, 0)]).T
-    parts = [_evaluate(posterior, jnp.asarray(padded[:, i : i + batch])) for i in range(0, padded.shape[1], batch)]
-    whole = (np.concatenate([np.asarray(p) for p in same], -1)[..., : len(points)] for same in zip(*parts, strict=True))
-    return Evaluated(*whole)
+
+    def part(first: int) -> Any:
+        return jax.tree.map(np.asarray, _evaluate(density, jnp.asarray(padded[:, first : first + batch])))
+
+    parts = list(run(part, range(0, padded.shape[1], batch)))
+    whole: At = jax.tree.map(lambda *same: np.concatenate(same, -1)[..., : len(points)], *parts)
+    return whole
+
+
+@jit
+def _evaluate(density: Density[At], points: Float[Array, "P batch"]) -> At:
+    return density.evaluate(points)

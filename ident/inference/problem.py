@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.inference.parameters import Parameters
+from ident.errors import InputError, Problem
+from ident.inference.parameters import AnyArray, Parameters, library
 
 
 class Data(NamedTuple):
@@ -73,6 +74,24 @@ class InverseProblem(eqx.Module):
     parameters: Parameters
     kinds: tuple[str, ...] = eqx.field(static=True)
 
+    def __check_init__(self) -> None:
+        """Refuse values and sigmas that can't be, which a search would only meet as a model without an answer.
+
+        Raises:
+            InputError: a measured value that is not finite, or a sigma that is not above zero.
+        """
+        if isinstance(self.measured, jax.core.Tracer) or isinstance(self.sigma, jax.core.Tracer):
+            return
+        measured, sigma = np.asarray(self.measured, float), np.asarray(self.sigma, float)
+        remedy = "leave that value out"
+        problems = [
+            _wrong("measured", i, x, "a finite number", remedy) for i, x in enumerate(measured) if not np.isfinite(x)
+        ]
+        remedy = "give its standard deviation, infinite for a value that is only to be predicted"
+        problems += [_wrong("sigma", i, x, "a number > 0", remedy) for i, x in enumerate(sigma) if not x > 0]
+        if problems:
+            raise InputError(problems)
+
     def predict(self, theta: Float[Array, "P *batch"]) -> Float[Array, "D *batch"]:
         """Predict all values at theta, by the most probable choice where the model has one."""
         parameters = self.parameters.by_path(self.parameters.values(theta))
@@ -94,18 +113,24 @@ class InverseProblem(eqx.Module):
         return Data(self.measured, self.sigma)
 
     def weigh(
-        self, predicted: Float[Array, "D"], jacobian: Float[Array, "D P"], theta: Float[Array, "P"]
-    ) -> tuple[Float[Array, "D+P"], Float[Array, "D+P P"]]:
+        self, predicted: Float[AnyArray, "D"], jacobian: Float[AnyArray, "D P"], theta: Float[AnyArray, "P"]
+    ) -> tuple[Float[AnyArray, "D+P"], Float[AnyArray, "D+P P"]]:
         """Return residuals and their Jacobian by theta.
 
         The residuals are (predicted - measured) / sigma, then those of the priors, so half their sum of squares is
         the negative logarithm of the posterior density, up to a constant.
         """
         prior, slope = self.parameters.prior_residuals(theta)
-        residuals = jnp.concatenate([(predicted - self.measured) / self.sigma, prior])
-        return residuals, jnp.concatenate([jacobian / self.sigma[:, None], jnp.diag(slope)])
+        xp = library(predicted, jacobian, theta)
+        measured, sigma = (np.asarray(x) if xp is np else x for x in (self.measured, self.sigma))
+        residuals = xp.concatenate([(predicted - measured) / sigma, prior])
+        return residuals, xp.concatenate([jacobian / sigma[:, None], xp.diag(slope)])
 
     def without(self, kind: str) -> "InverseProblem":
         """Return the problem in which values of one kind are predicted but not fitted."""
         sigma = np.where(np.array(self.kinds) == kind, np.inf, np.asarray(self.sigma))
         return eqx.tree_at(lambda p: p.sigma, self, jax.device_put(sigma))
+
+
+def _wrong(name: str, place: int, value: float, expected: str, remedy: str) -> Problem:
+    return Problem(f"value {place + 1}", f"{value:g}", expected, remedy, f"`{name}`")

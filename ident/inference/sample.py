@@ -11,16 +11,17 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem
-from ident.inference.checkpoints import Block, identity, read_blocks, write_block
+from ident.inference.checkpoints import Chains, identity
 from ident.inference.diagnostics import Diagnosis, diagnose
-from ident.inference.ensembles import BLOCK, SPLITS, Ensemble, block_of, first_states, states_after
+from ident.inference.ensembles import BLOCK, SPLITS, Ensembles, batch_size
 from ident.inference.fit import Fit
 from ident.inference.information import information
+from ident.inference.marginal import Marginal
 from ident.inference.posterior import Posterior
 from ident.store import Store
 
-FIRST_CHECK = 500
-"""Steps after which the chains are diagnosed for the first time; then when they should do, or are a quarter longer."""
+FIRST_CHECK = 100
+"""Steps after which the chains are diagnosed first; then when they should do, or are half as long again."""
 LEAST_ENSEMBLES = 4
 EXCLUDED = 5.0
 """Standard deviations from a prior at which the data and it cannot both be right."""
@@ -36,12 +37,15 @@ class Settings:
 
     Attributes:
         ensembles: independent ensembles about each optimum; at least four, so that R-hat means something.
-        walkers: in each ensemble; None for four times the number of unknowns, or twelve times where the data leave
-            directions open or weakly known, as posteriors are thin and curved then.
+        walkers: in each ensemble; None for four times the number of unknowns that are sampled, or eight times where the
+            data leave directions open or weakly known, as posteriors are thin and curved then.
         target_ess: bulk effective sample size at which to stop, for each unknown.
         max_steps: steps at which to stop in any case.
         seed: of everything.
-        threads: ensembles that move at the same time; more than one only for a model that calls no LAPACK.
+        threads: parts of a step that are evaluated at the same time, two at most; more than one only for a model that
+            calls no LAPACK.
+        most_draws: draws, of all walkers together, above which only every second step is kept, then every fourth, and
+            so on: neither memory nor checkpoints grow without end.
     """
 
     ensembles: int = 4
@@ -50,6 +54,7 @@ class Settings:
     max_steps: int = 20000
     seed: int = 0
     threads: int = 1
+    most_draws: int = 1_000_000
 
 
 DEFAULT = Settings()
@@ -63,8 +68,9 @@ class Sample:
         posterior: what was sampled.
         fit: where the ensembles started; the optima by which `basin` counts.
         settings: how it was sampled.
-        theta: (steps, ensembles, walkers, P) all draws.
-        log_density: (steps, ensembles, walkers) log posterior.
+        theta: (n, ensembles, walkers, P) all draws that are kept.
+        log_density: (n, ensembles, walkers) log posterior.
+        thin: steps from one draw to the next.
         basin: (ensembles,) optimum about which each ensemble is; the better one of two without a barrier between.
         started: (ensembles,) optimum about which each ensemble started.
         acceptance: (ensembles,) share of accepted moves.
@@ -74,8 +80,9 @@ class Sample:
     posterior: Posterior
     fit: Fit
     settings: Settings
-    theta: Float[np.ndarray, "steps ensembles walkers P"]
-    log_density: Float[np.ndarray, "steps ensembles walkers"]
+    theta: Float[np.ndarray, "n ensembles walkers P"]
+    log_density: Float[np.ndarray, "n ensembles walkers"]
+    thin: int
     basin: tuple[int, ...]
     started: tuple[int, ...]
     acceptance: Float[np.ndarray, "ensembles"]
@@ -84,7 +91,7 @@ class Sample:
     @property
     def batch(self) -> int:
         """Points that the posterior is compiled for."""
-        return self.theta.shape[2] // SPLITS
+        return batch_size(*self.theta.shape[1:3])
 
     @property
     def basins(self) -> tuple[int, ...]:
@@ -93,8 +100,8 @@ class Sample:
 
     @property
     def burn_in(self) -> int:
-        """Steps that are not counted."""
-        return max(d.burn_in for d in self.diagnosis)
+        """Draws of each walker that are not counted."""
+        return max(d.burn_in for d in self.diagnosis) // self.thin
 
     def draws(self, basin: int = 0) -> Float[np.ndarray, "n P"]:
         """Return the draws of theta about one optimum, burn-in left out."""
@@ -114,8 +121,9 @@ def sample(
     """Sample a posterior until its effective sample size is reached; go on where an earlier run was stopped.
 
     Each optimum of the fit that matters gets ensembles of its own, as an ensemble does not cross between separated
-    ones. A chain depends on model, data, priors, optima, walkers and seed alone: interrupted and resumed it is the
-    same to the bit, and a higher target only makes it longer.
+    ones. Discrepancy factors are integrated out, and drawn given the rest. A chain depends on model, data, priors,
+    optima, walkers and seed alone: interrupted and resumed it is the same to the bit, and a higher target only makes it
+    longer.
 
     Args:
         fit: of the posterior's problem; the ensembles start about its optima.
@@ -130,64 +138,86 @@ def sample(
             checkpoints of another run.
         ModelError: the model has no answer about an optimum.
     """
-    walkers = _walkers(fit, posterior, settings)
+    target = Marginal(posterior)
+    settings = replace(settings, walkers=_walkers(fit, target, settings))
     _check_bounded(fit, posterior)
-    settings = replace(settings, walkers=walkers)
     # with noise that is known up to a factor only, so are the costs
     reach = math.inf if posterior.noise.items else fit.best.cost + RIVAL
     optima = [i for i, optimum in enumerate(fit.optima) if optimum.cost < reach]
     started = [optimum for optimum in optima for _ in range(settings.ensembles)]
     store = Store(folder, {**(provenance or {}), **identity(posterior, _chain_settings(settings, len(optima)))})
-    blocks, about = read_blocks(store), [fit.optima[optimum] for optimum in started]
-    ensembles = [Ensemble(posterior, walkers) for _ in started]
-    check_at = FIRST_CHECK
+    chains = Chains(store, settings.most_draws)
     with ThreadPoolExecutor(settings.threads) as pool:
-        for i in progress(range(settings.max_steps // BLOCK)):
-            if i >= len(blocks):
-                states = states_after(blocks[-1]) if blocks else first_states(posterior, about, walkers, settings.seed)
-                blocks.append(block_of(list(pool.map(Ensemble.advance, ensembles, states))))
-                write_block(store, i, blocks[-1])
-            steps = (i + 1) * BLOCK
-            if steps >= check_at:
-                chains = blocks[: i + 1]
-                missing = max(d.more_steps(settings.target_ess) for d in _diagnose(chains, _joined(chains, started)))
-                if not missing:
-                    break
-                check_at = steps + min(missing, steps // 4)
-    return _sample(fit, posterior, settings, blocks[: i + 1], started)
+        about = [fit.optima[optimum] for optimum in started]
+        ensembles = Ensembles(target, about, settings.walkers or 0, settings.seed, pool)
+        _draw(ensembles, chains, started, settings, progress)
+    return _sample(fit, posterior, settings, chains, started)
 
 
-def _sample(
-    fit: Fit, posterior: Posterior, settings: Settings, blocks: Sequence[Block], started: Sequence[int]
-) -> Sample:
-    theta, log = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("theta", "log_density"))
-    accepted = np.concatenate([block.accepted for block in blocks]).sum(0) / (len(theta) * theta.shape[2])
-    basin = _joined(blocks, started)
-    diagnosis = _diagnose(blocks, basin)
-    return Sample(posterior, fit, settings, theta, log, tuple(basin), tuple(started), accepted, diagnosis)
+def _draw(
+    ensembles: Ensembles,
+    chains: Chains,
+    started: Sequence[int],
+    settings: Settings,
+    progress: Callable[[Iterable[int]], Iterable[int]],
+) -> None:
+    """Go on with chains until they will do."""
+    check_at = chains.last.check_at if chains.last else FIRST_CHECK
+    for block in progress(range(settings.max_steps // BLOCK)):
+        steps = (block + 1) * BLOCK
+        if steps < chains.steps:
+            continue
+        if steps > chains.steps:
+            walkers = chains.last.walkers if chains.last else ensembles.begin()
+            chains.add(*ensembles.advance(walkers, block), check_at)
+        if steps >= check_at:
+            missing = max(d.more_steps(settings.target_ess) for d in _diagnose(chains, _joined(chains, started)))
+            if not missing:
+                break
+            check_at = steps + min(missing, steps // 2)
 
 
-def _joined(blocks: Sequence[Block], started: Sequence[int]) -> list[int]:
+def _sample(fit: Fit, posterior: Posterior, settings: Settings, chains: Chains, started: Sequence[int]) -> Sample:
+    basin, draws, last = _joined(chains, started), chains.whole(), chains.last
+    accepted = last.accepted / (last.steps * draws.theta.shape[2]) if last else np.zeros(len(started))
+    diagnosis = _diagnose(chains, basin)
+    return Sample(
+        posterior,
+        fit,
+        settings,
+        draws.theta,
+        draws.log_density,
+        chains.thin,
+        tuple(basin),
+        tuple(started),
+        accepted,
+        diagnosis,
+    )
+
+
+def _joined(chains: Chains, started: Sequence[int]) -> list[int]:
     """Count optima as one whose ensembles have found the same distribution: no barrier lies between them."""
     basins, joined = list(dict.fromkeys(started)), list(started)
     for i, later in enumerate(basins):
         for earlier in basins[:i]:
             both = [earlier if b == later else b for b in joined]
-            if later in joined and earlier in joined and _diagnose(blocks, both, only=earlier)[0].rhat.max() < JOINED:
+            if later in joined and earlier in joined and _diagnose(chains, both, only=earlier)[0].rhat.max() < JOINED:
                 joined = both
     return joined
 
 
-def _diagnose(blocks: Sequence[Block], basins: Sequence[int], only: int | None = None) -> tuple[Diagnosis, ...]:
-    theta, basin = np.concatenate([block.theta for block in blocks]), np.array(basins)
-    return tuple(diagnose(theta[:, basin == b]) for b in (dict.fromkeys(basins) if only is None else [only]))
+def _diagnose(chains: Chains, basins: Sequence[int], only: int | None = None) -> tuple[Diagnosis, ...]:
+    theta, basin = chains.whole().theta, np.array(basins)
+    return tuple(
+        diagnose(theta[:, basin == b], chains.thin) for b in (dict.fromkeys(basins) if only is None else [only])
+    )
 
 
-def _walkers(fit: Fit, posterior: Posterior, settings: Settings) -> int:
+def _walkers(fit: Fit, target: Marginal, settings: Settings) -> int:
     """Return the number of walkers of settings that can work."""
-    count = len(posterior.parameters.items)
+    count = len(target.parameters.items)
     curved = not all(direction.seen and not direction.weak for direction in fit.information.directions)
-    walkers = settings.walkers or (12 if curved else 4) * count
+    walkers = settings.walkers or (8 if curved else 4) * count
     if walkers < 2 * count or walkers % SPLITS:
         expected, remedy = f"an even number, at least {2 * count} for {count} unknowns", "correct `walkers`"
         raise InputError(Problem("", f"{walkers} walkers", expected, remedy))
@@ -224,5 +254,6 @@ def _chain_settings(settings: Settings, optima: int) -> dict[str, int | None]:
         "number of optima": optima,
         "number of ensembles": settings.ensembles,
         "number of walkers": settings.walkers,
+        "bound on draws": settings.most_draws,
         "seed": settings.seed,
     }

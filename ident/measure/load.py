@@ -33,11 +33,7 @@ _HUNG = re.compile(
 
 
 def unit_vector(vector: Iterable[float]) -> Vector:
-    """Scale a vector to unit length; a unit vector is left as it is.
-
-    Raises:
-        InputError: the vector has no direction, or not three finite components.
-    """
+    """Scale a vector to unit length; a unit vector is left as it is."""
     components = tuple(float(component) for component in vector)
     length = math.hypot(*components)
     if len(components) != 3 or not 0 < length < math.inf:
@@ -52,9 +48,6 @@ def parse_direction(text: str, decimal: str = ".") -> Vector:
 
     Returns:
         (3,) unit vector.
-
-    Raises:
-        InputError: the text is no direction.
     """
     axis = AXES.get(text.lower().removeprefix("+"))
     parts = text.split()

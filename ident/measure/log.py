@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from ident.errors import InputError, Problem
 from ident.measure.series import TIME, Series, missing_column, parse_series
-from ident.measure.table import Findings
-from ident.text import read_bytes
+from ident.measure.table import Findings, read_table
 
 FEWEST_ROWS = 4
 """Fewest rows of a log."""
@@ -55,15 +54,11 @@ def read_log(path: str | Path, joints: Sequence[str]) -> Log:
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    return parse_log(read_bytes(path, "a readable CSV file"), path, joints)
+    return parse_log(read_table(path), path, joints)
 
 
 def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:
-    """Read a log from the bytes of a CSV file; `path` names it in messages.
-
-    Raises:
-        InputError: something is wrong; every problem is listed.
-    """
+    """Read a log from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
     series = parse_series(data, path, dict.fromkeys(joints, ("angle",)), FEWEST_ROWS, findings)
     findings += [problem for joint in joints for problem in _joint_problems(series, joint)]

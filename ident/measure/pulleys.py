@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from ident.errors import InputError
 from ident.measure.series import parse_series
-from ident.measure.table import Findings
+from ident.measure.table import Findings, read_table
 from ident.measure.trace import FEWEST_ROWS, Trace
-from ident.text import NAME, read_bytes
+from ident.text import NAME
 
 FIELDS = {"frequency": "frequency", "angle": "angle"}
 """Columns of a pulley, `drive1.frequency [Hz]` and `drive1.angle [rad]`, and the quantity of each."""
@@ -42,16 +42,13 @@ def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
 
     Returns:
         The pulleys, in the order of the file.
-
-    Raises:
-        InputError: something in these columns is wrong; every problem is listed.
     """
     there = [match for match in map(_COLUMN.fullmatch, trace.ignored) if match]
     if not there:
         return {}
     findings = Findings()
     wanted = {match["name"]: (FIELDS[match["field"]],) for match in there}
-    series = parse_series(read_bytes(path, "a readable CSV file"), path, wanted, FEWEST_ROWS, findings)
+    series = parse_series(read_table(path), path, wanted, FEWEST_ROWS, findings)
     if findings:
         raise InputError(findings)
     return {

@@ -18,9 +18,9 @@ from ident.measure.campaign import (
 )
 from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
 from ident.measure.load import Load, parse_direction
-from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter
+from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, read_table, sniff_delimiter
 from ident.measure.text import parse_fraction, parse_number
-from ident.text import decode, nearest, one_line, quoted, read_bytes
+from ident.text import decode, nearest, one_line, quoted
 from ident.units import si_factor
 
 P = ParamSpec("P")
@@ -39,15 +39,11 @@ def read_campaign(path: str | Path) -> Campaign:
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    return parse_campaign(read_bytes(path, "a readable CSV file"), path)
+    return parse_campaign(read_table(path), path)
 
 
 def parse_campaign(data: bytes, path: str | Path) -> Campaign:
-    """Read a campaign from the bytes of a CSV file; `path` names it in messages.
-
-    Raises:
-        InputError: something is wrong; every problem is listed.
-    """
+    """Read a campaign from the bytes of a CSV file; `path` names it in messages."""
     file, findings = one_line(str(path)), Findings()
     text = decode(data, file)
     delimiter = sniff_delimiter(text, is_column)

@@ -88,9 +88,6 @@ def parse_series(
 
     Returns:
         What could be read.
-
-    Raises:
-        InputError: there is no table at all.
     """
     file = one_line(str(path))
     text = decode(data, file)

@@ -7,15 +7,25 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
+from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from ident.errors import InputError, Problem
+from ident.text import one_line, read_bytes
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 DELIMITERS = ",;\t"
 """Column delimiters that are recognised."""
+
+FOREIGN = {
+    **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), "a spreadsheet"),
+    **dict.fromkeys((".uff", ".unv", ".uf", ".bunv"), "a universal file (UFF)"),
+    **dict.fromkeys((".mat", ".h5", ".hdf5", ".nc", ".tdms", ".wav", ".npz", ".npy"), "a binary file of samples"),
+    **dict.fromkeys((".json", ".toml", ".html", ".pdf", ".png"), "no table"),
+}
+"""What a file is by its ending, if that is no table."""
 
 _DECIMAL_MARK = re.compile(r"(?<![\w.,])[+-]?[0-9]*([.,])[0-9]")
 
@@ -33,6 +43,18 @@ class Findings(list[Problem]):
         except InputError as error:
             self.extend(replace(p, where=where, column=column or p.column) for p in error.problems)
             return None
+
+
+def read_table(path: str | Path) -> bytes:
+    """Return the bytes of a CSV file.
+
+    Raises:
+        InputError: there is no such file, it cannot be read, or its ending says that it is another kind of file.
+    """
+    if kind := FOREIGN.get(Path(path).suffix.lower()):
+        remedy = "export it as CSV; data/README.md shows the columns"
+        raise InputError(Problem(one_line(str(path)), kind, "a table as CSV", remedy))
+    return read_bytes(path, "a readable CSV file")
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:

@@ -24,9 +24,6 @@ def parse_number(text: str, decimal: str = ".") -> float:
 
     Returns:
         The number.
-
-    Raises:
-        InputError: the text is no plain finite number with this decimal mark.
     """
     if not re.fullmatch(NUMBER, text.replace(",", ".") if decimal == "," else text) or (decimal == "," and "." in text):
         raise InputError(_not_a_number(text, decimal))
@@ -37,11 +34,7 @@ def parse_number(text: str, decimal: str = ".") -> float:
 
 
 def parse_fraction(text: str, decimal: str = ".") -> float:
-    """Read a fraction between 0 and 1, exclusive: `0.005` or `0.5%`.
-
-    Raises:
-        InputError: the text is no such fraction.
-    """
+    """Read a fraction between 0 and 1, exclusive: `0.005` or `0.5%`."""
     percent = text.endswith("%")
     fraction = parse_number(text.removesuffix("%").rstrip(), decimal) / (100 if percent else 1)
     if not 0 < fraction < 1:

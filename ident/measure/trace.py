@@ -9,8 +9,7 @@ from jaxtyping import Float
 
 from ident.errors import InputError, Problem
 from ident.measure.series import EXAMPLES, TIME, Series, parse_series
-from ident.measure.table import Findings
-from ident.text import read_bytes
+from ident.measure.table import Findings, read_table
 
 DIRECTIONS = ("x", "y", "z")
 """Names of the columns: axes of the base frame."""
@@ -65,15 +64,11 @@ def read_trace(path: str | Path) -> Trace:
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    return parse_trace(read_bytes(path, "a readable CSV file"), path)
+    return parse_trace(read_table(path), path)
 
 
 def parse_trace(data: bytes, path: str | Path) -> Trace:
-    """Read a trace from the bytes of a CSV file; `path` names it in messages.
-
-    Raises:
-        InputError: something is wrong; every problem is listed.
-    """
+    """Read a trace from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
     series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, FEWEST_ROWS, findings)
     findings += [*_kind_problems(series), *_sampling_problems(series)]

@@ -34,9 +34,6 @@ def write_campaign(
         path: the file; an existing one is replaced.
         header_comments: comment lines for the head of the file, such as the origin of the numbers.
         relative_sigma: whether standard deviations are written as fractions of the value, where they are any.
-
-    Raises:
-        InputError: the campaign is empty or holds duplicates, or the file can't be written.
     """
     comments = [f"# {line}".rstrip() for comment in header_comments for line in comment.splitlines()]
     text = "\n".join([*comments, format_campaign(campaign, relative_sigma=relative_sigma)])

@@ -1,1 +1,7 @@
-"""One file a capability: its options, its result, and the function that `ident` offers under the same name."""
+"""What ident can do: one file a study, with its options, its result and its function."""
+
+STUDIES = (
+    *("predict", "check", "fit", "profile", "sample", "plan"),
+    *("resonance", "simulate", "spectrum", "sweep", "design", "diagnose"),
+)
+"""The studies in the order of use; the format of a result file names its study, as in `ident-fit/3`."""

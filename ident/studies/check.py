@@ -9,6 +9,8 @@ from ident.studies.result import Result
 from ident.studies.shared import ProblemOptions, as_campaign, as_file
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.check import CampaignCheck
@@ -24,6 +26,9 @@ class CheckOptions(ProblemOptions):
 class CheckResult(Result):
     """What a campaign can tell about an arm.
 
+    Its table has a row for each parameter: verdict, and the standard deviation of theta by the data alone, at the arm's
+    values and the largest of all points; theta is ln(value) for a stiffness.
+
     Attributes:
         arm: the arm as its file has it.
         check: verdicts, directions, the part of each measurement, doubts on labels and data.
@@ -34,12 +39,10 @@ class CheckResult(Result):
     check: "CampaignCheck"
     options: CheckOptions = field(default_factory=CheckOptions)
 
-    form, suffix = "ident-check/1", ".json"
-
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return f"{self.check.campaign.name}.check"
+    form = "ident-check/2"
+    subject = "check.campaign.name"
+    shown = ("check",)
+    summary = ("contradictory",)
 
     @property
     def verdicts(self) -> Mapping[str, str]:
@@ -51,27 +54,17 @@ class CheckResult(Result):
         """Whether one kind of measurement contradicts the others."""
         return self.check.contradictory
 
-    def report(self) -> str:
-        """Return the text that `ident check` prints."""
-        from ident.present.text.check import check_report
+    @property
+    def doubtful(self) -> bool:
+        """Whether the data contradict each other."""
+        return self.contradictory
 
-        return check_report(self.check)
+    def figures(self) -> "dict[str, Figure]":
+        """Return none."""
+        return {}
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each parameter: verdict, and the standard deviation of theta by the data alone.
-
-        Theta is ln(value) for a stiffness; the deviations are those at the arm's values and the largest of all points.
-        """
-        from ident.present.files.check import verdict_rows
-
-        return verdict_rows(self.check)
-
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.check import check_document
-        from ident.present.files.document import write_result
-
-        write_result(check_document(self.form, self.check, self.arm, self.options.recorded()), self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.check.campaign}
 
 
 def check(
@@ -94,6 +87,6 @@ def check(
 
     options, arm_file, campaign = CheckOptions.of(options), as_file(arm), as_campaign(campaign)
     checked = check_campaign(
-        arm_file.arm, campaign, options.unknowns, seed=options.seed, trust_values=options.trust_values
+        arm_file.arm, campaign, options.unknowns, seed=options.seed, trusted=tuple(map(str, options.trust_values))
     )
     return CheckResult(arm_file, checked, options)

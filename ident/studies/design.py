@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import ranges
-from ident.studies.motion import HeldMotionOptions, basis_of, drawn_groups
+from ident.studies.motion import AmplitudeOptions, basis_of, drawn_groups
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_file
-from ident.studies.sweep import MEASURES
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,7 +35,7 @@ OF_THE_SEARCH = ("change", "limit", "min_frequency", "max_deflection", "max_chan
 
 
 @dataclass(frozen=True, kw_only=True)
-class DesignOptions(HeldMotionOptions):
+class DesignOptions(AmplitudeOptions):
     """Options of `ident.design`: what may be changed, what must be kept, over which motion, and how to search."""
 
     dwell: float = option(1.0, "time [s] that the arm is held at the end")
@@ -49,7 +48,6 @@ class DesignOptions(HeldMotionOptions):
         repeated=True,
         read=ranges.ranges,
     )
-    limit: float | None = option(None, "amplitude [mm] that should not be exceeded", above=0.0)
     min_frequency: float | None = option(
         None, "first natural frequency [Hz] to keep at both ends of the motion", above=0.0
     )
@@ -57,15 +55,12 @@ class DesignOptions(HeldMotionOptions):
     max_change: float | None = option(
         None, "largest change norm: 1 is one number of weight 1 at its farther bound", above=0.0
     )
-    measure: str = option("peak", "peak or rms over the motion, or residual: peak after arrival", choices=MEASURES)
     sensitivities: bool = option(False, "only the table of sensitivities")
     starts: int = option(3, "starts of the search", low=1)
     no_curve: bool = option(False, "no trade-off of amplitude and change")
     draws: int = option(16, "draws of the posterior for the search", low=1)
     fresh: int = option(1000, "other draws, by which the design is verified", low=0)
     seed: int = option(0, "seed of all that is drawn at random", low=0)
-    elastic_belts: bool = option(False, "belts stretch")
-    rate: float = option(500.0, "samples a second", above=0.0)
 
     def problems(self) -> list[Problem]:
         """Refuse ranges that are none, and options of a search where there is none."""
@@ -98,7 +93,9 @@ class DesignResult(Result):
     text: str
     options: DesignOptions
 
-    form, suffix = "ident-design/2", ".json"
+    form = "ident-design/3"
+    shown = ("study",)
+    summary = ("present", "best")
 
     @property
     def name(self) -> str:
@@ -150,16 +147,18 @@ class DesignResult(Result):
         design = self.study.design
         return design_rows(self.study, design) if design else sensitivity_rows(self.study.sensitivities)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.design import design_document, write_arm
-        from ident.present.files.document import write_result
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.present.files.design import write_arm
 
-        write_result(design_document(self.study, self.options.recorded()), self.fields(), path)
+        written = super()._write(path, head)
         if not self.text:
-            return (path,)
+            return written
         arm_file, arm = self.study.basis.arm_file, self._beside(path, ".toml")
         write_arm(self.text, f"by ident design from {arm_file.path}, sha256 {arm_file.sha256}", arm)
-        return path, arm
+        return (*written, arm)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return self.study.basis.sources
 
 
 def design(
@@ -203,7 +202,7 @@ def design(
     evaluator = replace(evaluator, step=evaluator.step_for(evaluator.bounds))  # one for all: they share programs
     best = design(
         evaluator,
-        limit=None if options.limit is None else options.limit / 1e3,
+        limit=options.limit_si,
         required=options.required,
         extents=arm_file.extents,
         starts=options.starts,
@@ -219,31 +218,17 @@ def design(
 
 
 def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":
-    from ident.vibrate.redesign.evaluator import Evaluator
     from ident.vibrate.redesign.ranges import Range, variable_of
 
     def variable(interval: Range) -> "Variable":
         return variable_of(basis.arm, interval, basis.arm_file.extents)
 
     variables = () if options.sensitivities else tuple(ranges.each("change", options.change, basis.arm, variable))
-    return Evaluator(
-        basis.arm,
-        basis.motion,
-        variables,
-        options.measure,
-        basis.draws,
-        loads=basis.loads,
-        elastic_belts=options.elastic_belts,
-        rate=options.rate,
-    )
+    return options.evaluator(basis, variables)
 
 
 def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:
-    """Return the text of the arm file; empty without one.
-
-    Raises:
-        InputError: a number to change follows from others there, as an inertia from a shape, or is left out.
-    """
+    """Return the text of the arm file; empty without one."""
     from ident.description.file import update_file
     from ident.text import decode, one_line, read_bytes
 

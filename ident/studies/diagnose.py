@@ -1,5 +1,6 @@
 """Find out whether an arm vibrates too far, and which change meets the limit: from a campaign to advice."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -41,6 +42,8 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 class DiagnoseResult(Result):
     """A diagnosis of an arm.
 
+    Its table has a row for each remedy, the best first [SI]; none where none is needed.
+
     Attributes:
         diagnosis: the value of each stage, and the verdict that follows from them.
         options: what was asked for.
@@ -49,7 +52,9 @@ class DiagnoseResult(Result):
     diagnosis: "Diagnosis"
     options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
 
-    form, suffix = "ident-diagnose/3", ".nc"
+    form, suffix = "ident-diagnose/4", ".nc"
+    shown = ("diagnosis",)
+    summary = ("verdict", "advice")
 
     @property
     def name(self) -> str:
@@ -73,50 +78,42 @@ class DiagnoseResult(Result):
 
         return verdict_words(self.diagnosis)
 
-    def report(self) -> str:
-        """Return the text that `ident diagnose` prints: all stages, and the verdict."""
-        from ident.present.text.diagnose import diagnose_report
-
-        return diagnose_report(self.diagnosis)
-
     def figures(self) -> "dict[str, Figure]":
         """Return the figures of the page, by the stages' names."""
         from ident.present.figures.diagnose import diagnose_figures
 
         return diagnose_figures(self.diagnosis)
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each remedy, the best first [SI]; none where none is needed."""
-        from ident.present.files.diagnose import remedy_rows
-
-        return remedy_rows(self.diagnosis)
-
     def html(self) -> str:
         """Return the page: verdict, stages with tables and figures, inputs, assumptions; it opens without a network."""
         from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import render
 
-        return render(diagnose_page(self.diagnosis, self._provenance()))
+        return render(diagnose_page(self.diagnosis, self._head()))
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.diagnose import diagnose_document, write_posterior
-        from ident.present.files.document import write_json
-        from ident.present.files.netcdf import write_netcdf_result
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.present.files.diagnose import write_posterior
         from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import write_page
 
-        head, page, document = self._provenance(), self._beside(path, ".html"), self._beside(path, ".json")
+        page, document = self._beside(path, ".html"), self._beside(path, ".json")
         write_page(diagnose_page(self.diagnosis, head), page)
-        write_json(diagnose_document(self.diagnosis, head), document)
-        posterior = partial(write_posterior, self.diagnosis, head)
-        write_netcdf_result(form=self.form, fields=self.fields(), path=path, write=posterior)
+        self._write_json(document, head, self._write_netcdf(path, partial(write_posterior, self.diagnosis, head)))
         return page, document, path
 
-    def _provenance(self) -> dict[str, Any]:
-        from ident.present.files.document import provenance
+    @property
+    def short(self) -> bool:
+        """Whether the posterior's chains are too short."""
+        return self.diagnosis.identification.short
 
-        campaign = self.diagnosis.identification.sampled.fitted.campaign
-        return provenance(self.form, self.diagnosis.task.basis.arm_file, campaign, self.options.recorded())
+    @property
+    def doubtful(self) -> bool:
+        """Whether the fit that the diagnosis rests on is in doubt."""
+        return bool(self.diagnosis.identification.sampled.fitted.doubts)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        basis, campaign = self.diagnosis.task.basis, self.diagnosis.identification.sampled.fitted.campaign
+        return {"arm": basis.arm_file, "campaign": campaign, "path": basis.log}
 
 
 def diagnose(

@@ -3,11 +3,12 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from threading import Thread
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from ident.studies.background import in_background
 from ident.studies.fit import FitOptions
 from ident.studies.motion import basis_of
 from ident.studies.options import specs
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ident.studies.diagnose import DiagnoseOptions
     from ident.vibrate.redesign.sensitivity import Sensitivities
 
+T = TypeVar("T")
 OnStage = Callable[["StageReport"], None]
 CHAINS = "chains"
 """Folder of the sampler's chains within that of the stages."""
@@ -105,7 +107,24 @@ def _begun(stage: str, diagnosis: "Diagnosis", store: "Store") -> dict[str, Call
     if stage != "stiffness" or store.read("sensitivities") is not None:
         return {}
     evaluator = diagnosis.task.evaluator()
-    return {"sensitivities": in_background(lambda: sensitivities(evaluator)).result}
+    return {"sensitivities": _in_background(lambda: sensitivities(evaluator)).result}
+
+
+def _in_background(compute: Callable[[], T]) -> Future[T]:
+    """Compute in the background: while one program is compiled, the other cores would have nothing to do.
+
+    The thread is a daemon, so that an interrupted command does not wait for it.
+    """
+    future: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(compute())
+        except BaseException as error:  # handed to whoever asks for the result
+            future.set_exception(error)
+
+    Thread(target=run, daemon=True).start()
+    return future
 
 
 def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":

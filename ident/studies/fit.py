@@ -10,8 +10,6 @@ from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import ProblemOptions, as_campaign, as_file
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.fit import CampaignFit
@@ -30,6 +28,9 @@ class FitOptions(ProblemOptions):
 class FitResult(Result):
     """A fit of an arm to a campaign.
 
+    Its figure shows values with intervals, directions and residuals; its table has a row for each parameter: value,
+    unit, interval [SI], and whether the data support it.
+
     Attributes:
         arm: the arm as its file has it.
         fit: fitted values, intervals, residuals and what speaks against them.
@@ -40,12 +41,17 @@ class FitResult(Result):
     fit: "CampaignFit"
     options: FitOptions = field(default_factory=FitOptions)
 
-    form, suffix = "ident-fit/2", ".json"
-
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return f"{self.fit.campaign.name}.fit"
+    form = "ident-fit/3"
+    subject = "fit.campaign.name"
+    shown = ("fit",)
+    summary = (
+        "parameters",
+        "doubts",
+        "fit.chi_squared",
+        "fit.degrees_of_freedom",
+        "fit.p_value",
+        "fit.information.rank",
+    )
 
     @property
     def parameters(self) -> Mapping[str, float]:
@@ -90,30 +96,18 @@ class FitResult(Result):
         """The arm with the fitted numbers in place."""
         return self.fit.fitted_arm
 
-    def report(self) -> str:
-        """Return the text that `ident fit` prints."""
-        from ident.present.text.fit import fit_report
+    @property
+    def short(self) -> bool:
+        """Whether the best that the starts have reached is no optimum."""
+        return not self.fit.best.converged
 
-        return fit_report(self.fit)
+    @property
+    def doubtful(self) -> bool:
+        """Whether anything speaks against the fit."""
+        return bool(self.doubts)
 
-    def figures(self) -> "dict[str, Figure]":
-        """Return one figure: values with intervals, directions, residuals."""
-        from ident.present.figures.fit import fit_figure
-
-        return {"": fit_figure(self.fit)}
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each parameter: value, unit, interval [SI] and whether the data support it."""
-        from ident.present.files.fit import parameter_rows
-
-        return parameter_rows(self.fit)
-
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.fit import fit_document
-
-        write_result(fit_document(self.form, self.fit, self.arm, self.options.recorded()), self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.fit.campaign}
 
 
 def fit(
@@ -144,7 +138,7 @@ def fit(
         options.unknowns,
         starts=options.starts,
         seed=options.seed,
-        trust_values=options.trust_values,
+        trusted=tuple(map(str, options.trust_values)),
         progress=progress("starts"),
     )
     return FitResult(arm_file, fitted, options)

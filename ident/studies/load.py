@@ -4,13 +4,8 @@ import importlib
 from pathlib import Path
 
 from ident.errors import InputError, Problem
+from ident.studies import STUDIES
 from ident.studies.result import Result
-
-STUDIES = (
-    *("predict", "check", "fit", "profile", "sample", "plan"),
-    *("resonance", "simulate", "spectrum", "sweep", "design", "diagnose"),
-)
-"""Studies whose results can be loaded; the format of a file names its study, as in `ident-fit/2`."""
 
 
 def load(path: str | Path) -> Result:
@@ -22,19 +17,24 @@ def load(path: str | Path) -> Result:
     Raises:
         InputError: the file is none, or one of another version of ident.
     """
-    from ident.present.files.document import EXPECTED, read_result
+    from ident.codec import CodecError, decode
+    from ident.present.files.document import EXPECTED, RERUN, check_format, read_result
     from ident.text import one_line, quoted
 
-    form, fields = read_result(path)
+    where, (form, encoded, arrays) = one_line(str(path)), read_result(path)
     study = form.removeprefix("ident-").partition("/")[0]
-    kind = _result_of(study) if study in STUDIES else None
-    if kind is None or kind.form != form:
-        remedy = "run the command again with this version of ident"
-        raise InputError(Problem(one_line(str(path)), f"the format {quoted(form)}", EXPECTED, remedy))
-    return kind(**fields)
-
-
-def _result_of(study: str) -> type[Result]:
-    module = importlib.import_module(f"ident.studies.{study}")
-    result: type[Result] = getattr(module, f"{study.capitalize()}Result")
+    if study not in STUDIES:
+        raise InputError(Problem(where, f"the format {quoted(form)}", EXPECTED, RERUN))
+    kind: type[Result] = getattr(importlib.import_module(f"ident.studies.{study}"), f"{study.capitalize()}Result")
+    check_format(form, kind.form, where, EXPECTED)
+    if kind.suffix != Path(path).suffix == ".json":
+        remedy = f"load {one_line(Path(path).with_suffix(kind.suffix).name)} beside it"
+        raise InputError(Problem(where, f"no result to load ({form}, without its arrays)", EXPECTED, remedy))
+    try:
+        result = decode(encoded, arrays)
+        if not isinstance(result, kind):
+            raise CodecError(f"no {kind.__name__}")
+    except CodecError as error:
+        got = f"a result that this version of ident can't load ({one_line(str(error))})"
+        raise InputError(Problem(where, got, EXPECTED, "run the command again")) from None
     return result

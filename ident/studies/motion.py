@@ -1,5 +1,6 @@
 """What the studies share that move an arm: options of the motion, and the basis that a simulation rests on."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,11 +18,16 @@ if TYPE_CHECKING:
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
     from ident.vibrate.motion.motion import Motion
+    from ident.vibrate.redesign.evaluator import Evaluator
+    from ident.vibrate.redesign.variable import Variable
 
 STROKE = (
     "add a [stroke] with direction, folded, unfolded, speed, acceleration and jerk to the arm file, as in"
     " data/lcd_arm/arm.toml, or give a joint path (`path`)"
 )
+
+MEASURES = ("peak", "rms", "residual")
+"""How large a vibration is; see `ident.vibrate.response.amplitude`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +59,28 @@ class HeldMotionOptions(MotionOptions):
         return self.dwell
 
 
+@dataclass(frozen=True, kw_only=True)
+class AmplitudeOptions(HeldMotionOptions):
+    """The same, and how the amplitude of the vibration is measured."""
+
+    measure: str = option("peak", "peak or rms over the motion, or residual: peak after arrival", choices=MEASURES)
+    limit: float | None = option(None, "amplitude [mm] that should not be exceeded", above=0.0)
+    elastic_belts: bool = option(False, "belts stretch")
+    rate: float = option(500.0, "samples a second", above=0.0)
+
+    @property
+    def limit_si(self) -> float | None:
+        """The limit [m]."""
+        return None if self.limit is None else self.limit / 1e3
+
+    def evaluator(self, basis: "Basis", variables: "Iterable[Variable]" = ()) -> "Evaluator":
+        """Return what simulates an arm and its draws again and again."""
+        from ident.vibrate.redesign.evaluator import Evaluator
+
+        own = (self.measure, basis.draws, basis.loads, self.elastic_belts, self.rate)
+        return Evaluator(basis.arm, basis.motion, tuple(variables), *own)
+
+
 def basis_of(
     arm: "Arm | ArmFile | str | Path",
     options: MotionOptions,
@@ -69,9 +97,6 @@ def basis_of(
         path: a joint path to follow instead of the stroke: a log, or its file.
         fit: fitted values that the arm takes over: a result, or its file.
         posterior: draws; the arm takes over their medians, unless it has fitted values.
-
-    Raises:
-        InputError: options that do not go together, values of another arm, or a motion that it can't carry out.
     """
     from ident.arm.drive_check import check_drives
     from ident.assess.basis import Basis
@@ -94,11 +119,7 @@ def basis_of(
 
 
 def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm") -> "Values":
-    """Return fitted values, whatever they are in.
-
-    Raises:
-        InputError: a file that holds none, or values of no number of this arm.
-    """
+    """Return fitted values, whatever they are in."""
     from ident.identify.values import Values
     from ident.present.files.fit import read_fit
     from ident.studies.fit import FitResult
@@ -118,9 +139,6 @@ def drawn_values(
         arm: whose numbers are looked for.
         count: draws, at most.
         seed: of a choice at random; without one the draws are spread evenly over the chains.
-
-    Raises:
-        InputError: a file that holds none, or draws of no number of this arm.
     """
     from ident.identify.values import Values
 
@@ -140,9 +158,6 @@ def drawn_groups(
         count: draws of the first group, at most.
         fresh: draws of the second, at most.
         seed: of the choice.
-
-    Raises:
-        InputError: a file that holds none, or draws of no number of this arm.
     """
     from ident.identify.values import Values
 

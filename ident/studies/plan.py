@@ -13,8 +13,6 @@ from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_file
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.plan import CampaignPlan, PlanSettings
@@ -75,6 +73,9 @@ class PlanOptions(FitOptions):
 class PlanResult(Result):
     """What to measure next on an arm, and what it will give.
 
+    Its figure shows gain over posture, and what the standard deviations will become; its table has a row for each
+    experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat.
+
     Attributes:
         arm: the arm as its file has it.
         plan: the batch, what it was chosen from, and what the standard deviations will become.
@@ -85,7 +86,9 @@ class PlanResult(Result):
     plan: "CampaignPlan"
     options: PlanOptions = field(default_factory=PlanOptions)
 
-    form, suffix = "ident-plan/2", ".json"
+    form = "ident-plan/3"
+    shown = ("plan",)
+    summary = ("cost", "sd")
 
     @property
     def name(self) -> str:
@@ -115,35 +118,22 @@ class PlanResult(Result):
         names, end = self.plan.parameters.names, self.plan.steps[-1].sd if self.plan.steps else self.plan.known.sd
         return {name: tuple(map(float, column[1:])) for name, column in zip(names, end.T, strict=True)}
 
-    def report(self) -> str:
-        """Return the text that `ident plan` prints."""
-        from ident.present.text.plan import plan_report
-
-        return plan_report(self.plan)
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return one figure: gain over posture, and what the standard deviations will become."""
-        from ident.present.figures.plan import plan_figure
-
-        return {"": plan_figure(self.plan)}
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat."""
-        from ident.present.files.plan import plan_rows
-
-        return plan_rows(self.plan)
-
-    def _write(self, path: Path) -> tuple[Path, ...]:
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the plan, and a campaign to fill in unless the batch is empty."""
-        from ident.present.files.document import write_result
-        from ident.present.files.plan import plan_document, write_form
+        from ident.present.files.plan import write_form
 
         forms = (self._beside(path, ".csv"),) if self.plan.steps else ()
         for each in forms:
             write_form(self.plan, each)
-        document = plan_document(self.form, self.plan, self.arm, self.options.recorded())
-        write_result(document, self.fields(), path)
-        return (path, *forms)
+        return (*super()._write(path, head), *forms)
+
+    @property
+    def short(self) -> bool:
+        """Whether the fit that the plan starts from is no optimum."""
+        return self.plan.fit is not None and not self.plan.fit.best.converged
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
 
 
 def plan(
@@ -156,7 +146,7 @@ def plan(
     """Choose what to measure next on an arm, by what it would tell for its cost.
 
     Args:
-        arm: its joint limits say which postures can be held.
+        arm: its joint limits and workspace say which postures can be held.
         campaign: what is measured already; None for nothing, so that the priors alone are known.
         options: what to choose from, for what, and what is unknown.
         progress: shows how far it is, over the starts of the fit.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
+from ident.studies.motion import drawn_values, fitted_values
 from ident.studies.options import option
 from ident.studies.result import Result
 from ident.studies.shared import ArmOptions, as_file
@@ -18,8 +19,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
+    from ident.assess.prediction import Prediction
     from ident.description.file import ArmFile
     from ident.identify.modal_analysis import ModalAnalysis
+    from ident.identify.values import Values
+    from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +39,8 @@ class PredictOptions(ArmOptions):
         read=reading.postures,
     )
     modes: int = option(6, "number of modes", low=1)
+    draws: int = option(200, "draws of the posterior", low=1)
+    seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
 
     def problems(self) -> list[Problem]:
         """Return a negative mass or stiffness, or a posture that is none."""
@@ -46,22 +53,45 @@ class PredictOptions(ArmOptions):
 class PredictResult(Result):
     """What an arm does at each of some postures.
 
+    Its table has a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio.
+
     Attributes:
         arm: the arm as its file has it.
-        analyses: modes and static deflection at each posture, in the order of the options.
+        predictions: modes and static deflection at each posture, in the order of the options, with those by draws.
         options: what was asked for.
+        fit: fitted values that the arm has taken over.
+        posterior: draws of the arm's numbers.
     """
 
     arm: "ArmFile"
-    analyses: "tuple[ModalAnalysis, ...]"
+    predictions: "tuple[Prediction, ...]"
     options: PredictOptions = field(default_factory=PredictOptions)
+    fit: "Values | None" = None
+    posterior: "Values | None" = None
 
-    form, suffix = "ident-predict/1", ".json"
+    form = "ident-predict/2"
+    shown = ("predictions",)
+    summary = ("deflections", "deflection_bands")
 
     @property
     def name(self) -> str:
         """The arm file's name and what was done with it."""
         return f"{Path(self.arm.path).stem or self.arm.arm.name}.predict"
+
+    @property
+    def analyses(self) -> "tuple[ModalAnalysis, ...]":
+        """Modes and static deflection of the arm itself at each posture."""
+        return tuple(each.analysis for each in self.predictions)
+
+    @property
+    def frequency_bands(self) -> "tuple[np.ndarray, ...]":
+        """5 and 95 % quantiles of the natural frequencies at each posture, (2, modes) [Hz] each; NaN without draws."""
+        return tuple(each.frequency_band for each in self.predictions)
+
+    @property
+    def deflection_bands(self) -> "tuple[Mapping[str, np.ndarray], ...]":
+        """5 and 95 % quantiles of the deflection at each posture by point name, (2, 3) [m]; NaN without draws."""
+        return tuple(each.deflection_band for each in self.predictions)
 
     @property
     def frequencies(self) -> "tuple[np.ndarray, ...]":
@@ -84,7 +114,7 @@ class PredictResult(Result):
         """Return the text that `ident predict` prints."""
         from ident.present.text.predict import predict_report
 
-        return "\n".join(map(predict_report, self.analyses))
+        return predict_report(self.predictions, fit=self.fit, posterior=self.posterior, changed=self.options.set)
 
     def figures(self) -> "dict[str, Figure]":
         """Return one figure a posture, `2` the second's: the modes from the side and from above."""
@@ -110,39 +140,46 @@ class PredictResult(Result):
         if chosen not in names:
             remedy = did_you_mean(chosen, names, "correct the name")
             raise InputError(Problem("joint", quoted(chosen), f"one of {', '.join(names)}", remedy))
-        return frequency_figure(self.analyses, names.index(chosen))
+        return frequency_figure(self.predictions, names.index(chosen))
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio."""
-        from ident.present.files.predict import mode_rows
-
-        return mode_rows(self.analyses)
-
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.predict import predict_document
-
-        document = predict_document(self.form, self.analyses, self.arm, self.options.recorded())
-        write_result(document, self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "fit": self.fit, "posterior": self.posterior}
 
 
-def predict(arm: "Arm | ArmFile | str | Path", options: PredictOptions | None = None) -> PredictResult:
+def predict(
+    arm: "Arm | ArmFile | str | Path",
+    options: PredictOptions | None = None,
+    *,
+    fit: "Values | FitResult | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
+) -> PredictResult:
     """Predict natural frequencies, modes and static deflection of an arm, held at postures under a load.
 
     Args:
         arm: the arm.
         options: postures, by default the one with all angles zero; load; numbers to change; number of modes.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
+            unless it has fitted values.
 
     Raises:
-        InputError: a posture of the wrong length, a load or a number that the arm has not, an arm without any point.
+        InputError: a posture of the wrong length, a load or a number that the arm has not, an arm without any point; a
+            file that does not fit the arm.
         ModelError: the arm has no stable equilibrium there.
     """
+    from ident.assess.prediction import Prediction, predict_draws
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 
     options, arm_file = PredictOptions.of(options), as_file(arm)
-    changed, load = arm_file.arm.replace(options.set), Load.parse(options.load)
+    fitted = fitted_values(fit, arm_file.arm) if fit is not None else None
+    drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
+    central = fitted or drawn
+    changed = arm_file.arm.replace((central.medians if central else {}) | options.set)
+    draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)
+    if drawn and not draws:
+        raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
     postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]
-    analyses = tuple(modal_analysis(changed, posture, load, options.modes) for posture in postures)
-    return PredictResult(arm_file, analyses, options)
+    analyses = [modal_analysis(changed, posture, load, options.modes) for posture in postures]
+    predictions = tuple(predict_draws(each, draws) if draws else Prediction(each) for each in analyses)
+    return PredictResult(arm_file, predictions, options, fitted, drawn)

@@ -13,8 +13,6 @@ from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.fit import CampaignFit
@@ -36,6 +34,8 @@ class ProfileOptions(FitOptions):
 class ProfileResult(Result):
     """Profile likelihoods of a fit.
 
+    Its figure has a panel for each parameter.
+
     Attributes:
         arm: the arm as its file has it.
         fit: the fit whose intervals are checked.
@@ -48,12 +48,10 @@ class ProfileResult(Result):
     profiles: "tuple[Profile, ...]"
     options: ProfileOptions = field(default_factory=ProfileOptions)
 
-    form, suffix = "ident-profile/2", ".json"
-
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return f"{self.fit.campaign.name}.profile"
+    form = "ident-profile/3"
+    subject = "fit.campaign.name"
+    shown = ("fit", "profiles")
+    summary = ("fit.doubts",)
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
@@ -66,31 +64,19 @@ class ProfileResult(Result):
         """Whether a parameter's interval agrees with that of the fit, the linear one."""
         return {each.name: each.linear for each in self.profiles}
 
-    def report(self) -> str:
-        """Return the text that `ident profile` prints."""
-        from ident.present.text.profile import profile_report
-
-        return profile_report(self.fit, self.profiles)
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return one figure: a panel for each parameter."""
-        from ident.present.figures.profile import profile_figure
-
-        return {"": profile_figure(self.fit, self.profiles)}
-
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: fitted value, unit, and the ends [SI] of both intervals."""
         from ident.present.files.profile import profile_rows
 
         return profile_rows(self.profiles)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.profile import profile_document
+    @property
+    def short(self) -> bool:
+        """Whether the fit that is profiled is no optimum."""
+        return not self.fit.best.converged
 
-        document = profile_document(self.form, self.fit, self.profiles, self.arm, self.options.recorded())
-        write_result(document, self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.fit.campaign}
 
 
 def profile(

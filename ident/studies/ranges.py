@@ -49,11 +49,7 @@ def range_of(paths: str, limits: Limits, where: str = "") -> "Range":
 
 
 def each(option: str, given: Mapping[str, Limits], arm: "Arm", make: "Callable[[Range], T]") -> list[T]:
-    """Return what is made of each range, by default of the torsional stiffness of every joint.
-
-    Raises:
-        InputError: of the first range of which none can be made; it names the option and the range.
-    """
+    """Return what is made of each range, by default of the torsional stiffness of every joint."""
     made = []
     for paths, limits in (given or {f"{joint.name}.k_tors": () for joint in arm.joints}).items():
         try:

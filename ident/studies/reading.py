@@ -9,11 +9,7 @@ from ident.inference.priors import Prior
 
 
 def number(text: str, flag: str) -> float:
-    """Read a finite number.
-
-    Raises:
-        InputError: it is none.
-    """
+    """Read a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -56,11 +52,7 @@ def widths(texts: Sequence[str], flag: str) -> dict[str, float]:
 
 
 def named(text: str, where: str) -> tuple[str, str]:
-    """Split NAME=VALUE.
-
-    Raises:
-        InputError: there is no name, no = or no value.
-    """
+    """Split NAME=VALUE."""
     name, equals, value = text.partition("=")
     if not (name and equals and value):
         raise InputError(Problem(where, "no NAME=VALUE", "a name, = and what it is given", "correct it, see --help"))
@@ -68,11 +60,7 @@ def named(text: str, where: str) -> tuple[str, str]:
 
 
 def once(flag: str, pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """Return pairs as a mapping.
-
-    Raises:
-        InputError: a name stands twice.
-    """
+    """Return pairs as a mapping."""
     mapping = dict(pairs)
     if len(mapping) < len(pairs):
         every = [name for name, _ in pairs]

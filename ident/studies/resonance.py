@@ -1,5 +1,6 @@
 """Compare the pulleys' frequencies with the arm's natural frequencies along a motion."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,12 +65,8 @@ class ResonanceResult(Result):
     crossings: "tuple[ResonanceCrossing, ...]"
     options: ResonanceOptions = field(default_factory=ResonanceOptions)
 
-    form, suffix = "ident-resonance/2", ".json"
-
-    @property
-    def name(self) -> str:
-        """The arm's name, the motion's, and what was done."""
-        return f"{self.basis.name}.resonance"
+    form = "ident-resonance/3"
+    subject = "basis.name"
 
     @property
     def title(self) -> str:
@@ -91,18 +88,12 @@ class ResonanceResult(Result):
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], how far it builds up."""
-        from ident.present.files.resonance import crossing_rows
+        from ident.present.files.resonance import resonance_rows
 
-        return crossing_rows(self.crossings)
+        return resonance_rows(self.crossings)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.resonance import resonance_document
-
-        recorded = self.options.recorded()
-        document = resonance_document(self.basis, self.branches, self.excitation, self.crossings, recorded)
-        write_result(document, self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        return self.basis.sources
 
 
 def resonance(

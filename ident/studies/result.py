@@ -1,11 +1,14 @@
 """What every study returns: a frozen result with its report, figures, table and files."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from ident.errors import InputError, Problem
+from ident.studies.options import Options
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,8 +45,14 @@ class Result:
 
     form: ClassVar[str]
     """Format and version of its file."""
-    suffix: ClassVar[str]
+    suffix: ClassVar[str] = ".json"
     """End of its file's name."""
+    subject: ClassVar[str]
+    """Path to the name of what was studied."""
+    shown: ClassVar[tuple[str, ...]]
+    """The fields that its report, figure and table are made of."""
+    summary: ClassVar[tuple[str, ...]] = ()
+    """What its file says in short, beside the table: paths to properties."""
 
     def __str__(self) -> str:
         return self.report()
@@ -53,20 +62,32 @@ class Result:
 
     @property
     def name(self) -> str:
-        """What its files are called, without their ends."""
-        raise NotImplementedError
+        """What its files are called, without their ends: what was studied, and the study."""
+        return f"{attrgetter(self.subject)(self)}.{self._study}"
+
+    @property
+    def short(self) -> bool:
+        """Whether a computation missed its own criterion: chains too short, no optimum."""
+        return False
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the data contradict each other, or the model."""
+        return False
 
     def report(self) -> str:
         """Return the text that the command prints."""
-        raise NotImplementedError
+        text: str = self._present("text", "report")
+        return text
 
     def figures(self) -> "dict[str, Figure]":
         """Return matplotlib figures by the word that tells their files apart; the first has none."""
-        return {}
+        return {"": self._present("figures", "figure")}
 
     def table(self) -> list[dict[str, Any]]:
         """Return the main numbers as rows, which `pandas.DataFrame` takes."""
-        raise NotImplementedError
+        rows: list[dict[str, Any]] = self._present("files", "rows")
+        return rows
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, each whole or not at all, and return their paths.
@@ -79,11 +100,11 @@ class Result:
         """
         path = Path(path)
         if path.suffix == self.suffix:
-            return self._write(path)
+            return self._write(path, self._head())
         if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not path.is_dir():
             remedy = "name the file so, or a folder"
             raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
-        return self._write(path / f"{self.name}{self.suffix}")
+        return self._write(path / f"{self.name}{self.suffix}", self._head())
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the figures as PNG into a folder, under the result's name, and return their paths.
@@ -99,14 +120,51 @@ class Result:
             save(figure, written[-1])
         return tuple(written)
 
-    def fields(self) -> Mapping[str, Any]:
-        """Return what `ident.load` makes the result of again."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+    @property
+    def _study(self) -> str:
+        return self.form.removeprefix("ident-").partition("/")[0]
+
+    def _present(self, medium: str, what: str) -> Any:
+        """Return what `present` makes of the result: the text of a fit by `ident.present.text.fit.fit_report`."""
+        module = import_module(f"ident.present.{medium}.{self._study}")
+        return getattr(module, f"{self._study}_{what}")(*(getattr(self, name) for name in self.shown))
 
     def _beside(self, path: Path, suffix: str) -> Path:
         """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""
-        stem, study = path.name.removesuffix(self.suffix), self.form.removeprefix("ident-").partition("/")[0]
+        stem, study = path.name.removesuffix(self.suffix), self._study
         return path.with_name(f"{stem}{suffix}" if study in stem.split(".") else f"{stem}.{study}{suffix}")
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
+    def _inputs(self) -> Mapping[str, Any]:
+        """Return what came from files, by name; None for what was not given."""
         raise NotImplementedError
+
+    def _head(self) -> dict[str, Any]:
+        from ident.present.files.document import provenance
+
+        options: Options = vars(self)["options"]
+        return provenance(self.form, self._inputs(), options.recorded())
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        """Write the files of a result, by default the one that is loaded again."""
+        from ident.codec import encode
+
+        self._write_json(path, head, encode(self))
+        return (path,)
+
+    def _write_json(self, path: Path, head: Mapping[str, Any], encoded: Any) -> None:
+        """Write the head, the main numbers, and the result as `ident.codec` has encoded it."""
+        from ident.present.files.document import plain, write_json
+
+        summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
+        main = plain({"summary": summary, "table": self.table()})
+        write_json({**head, **main, "result": encoded}, path)
+
+    def _write_netcdf(self, path: Path, write: "Callable[[Path], object]") -> Any:
+        """Write the result behind what `write` writes for other tools; return it encoded, large arrays left out."""
+        from ident.codec import encode
+        from ident.present.files.netcdf import write_netcdf_result
+
+        arrays: dict[str, Any] = {}
+        encoded = encode(self, arrays)
+        write_netcdf_result(self.form, encoded, arrays, path, write)
+        return encoded

@@ -36,12 +36,14 @@ class SampleOptions(FitOptions):
     ess: float = option(2000.0, "effective samples of each unknown at which to stop", low=100.0)
     steps: int = option(20000, "steps at which to stop in any case", low=500, argument="max_steps")
     ensembles: int = option(4, "independent ensembles about each optimum", low=4)
-    walkers: int | None = option(None, "walkers in each ensemble; default: four to twelve times the unknowns")
+    walkers: int | None = option(None, "walkers in each ensemble; default: four to eight times the unknowns")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SampleResult(Result):
     """A sampled posterior of an arm's campaign.
+
+    Its table has a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat.
 
     Attributes:
         arm: the arm as its file has it.
@@ -53,12 +55,19 @@ class SampleResult(Result):
     sample: "CampaignSample"
     options: SampleOptions = field(default_factory=SampleOptions)
 
-    form, suffix = "ident-sample/2", ".nc"
+    form, suffix = "ident-sample/3", ".nc"
+    subject = "sample.fitted.campaign.name"
+    shown = ("sample",)
 
     @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return f"{self.sample.fitted.campaign.name}.sample"
+    def short(self) -> bool:
+        """Whether the chains are too short, or do not agree."""
+        return not self.enough
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the fit that the chains start from is in doubt."""
+        return bool(self.sample.fitted.doubts)
 
     @property
     def enough(self) -> bool:
@@ -87,17 +96,10 @@ class SampleResult(Result):
     @property
     def inference_data(self) -> "arviz.InferenceData":
         """The draws as ArviZ has them, all SI: each walker a chain, burn-in left out."""
-        from ident.present.files.document import plain, provenance
+        from ident.present.files.document import plain
         from ident.present.files.sample import inference_data
 
-        head = provenance(self.form, self.arm, self.sample.fitted.campaign, self.options.recorded())
-        return inference_data(self.sample, head | {"trust": plain(self.sample.trust)})
-
-    def report(self) -> str:
-        """Return the text that `ident sample` prints."""
-        from ident.present.text.sample import sample_report
-
-        return sample_report(self.sample)
+        return inference_data(self.sample, self._head() | {"trust": plain(self.sample.trust)})
 
     def figures(self) -> "dict[str, Figure]":
         """Return figures of the posterior, of pairs of parameters and of the chains: `posterior`, `corner`, `trace`."""
@@ -105,24 +107,16 @@ class SampleResult(Result):
 
         return sample_figures(self.sample)
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat."""
-        from ident.present.files.sample import parameter_rows
-
-        return parameter_rows(self.sample)
-
     @property
     def _best(self) -> int:
         return self.sample.sample.basins[0] + 1
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.netcdf import write_netcdf_result
-
-        def write(part: Path) -> None:
-            self.inference_data.to_netcdf(str(part), engine="h5netcdf")
-
-        write_netcdf_result(self.form, self.fields(), path, write)
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        self._write_netcdf(path, lambda part: self.inference_data.to_netcdf(str(part), engine="h5netcdf"))
         return (path,)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.sample.fitted.campaign}
 
 
 def sample(
@@ -137,7 +131,8 @@ def sample(
     """Sample the posterior of a campaign by emcee, until the effective sample size is reached.
 
     Interrupted and called again with the same folder and inputs it goes on, and the chain is the same to the bit; with
-    more `steps`, or more `ess`, it only becomes longer.
+    more `steps`, or more `ess`, it only becomes longer. A million draws are kept at most: in a longer run every second
+    step, then every fourth, and so on.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.

@@ -56,7 +56,12 @@ class ProblemOptions(Options):
         repeated=True,
         read=reading.widths,
     )
-    trust_values: bool = option(False, "accept values that look implausible")
+    trust_values: tuple[str, ...] = option(
+        (),
+        "row whose value is right though it looks implausible, as 7, its number in the file, or all; may be repeated",
+        repeated=True,
+        read=reading.names,
+    )
     seed: int = option(0, "seed of all that is drawn at random", low=0)
 
     @property
@@ -94,11 +99,7 @@ class ArmOptions(Options):
 
 
 def as_file(arm: "Arm | ArmFile | str | Path") -> "ArmFile":
-    """Return an arm with where it comes from; one that was made in Python comes from no file.
-
-    Raises:
-        InputError: it is no arm, or its file none.
-    """
+    """Return an arm with where it comes from; one that was made in Python comes from no file."""
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile, read_arm
 
@@ -112,11 +113,7 @@ def as_file(arm: "Arm | ArmFile | str | Path") -> "ArmFile":
 
 
 def as_campaign(campaign: "Campaign | str | Path") -> "Campaign":
-    """Return a campaign, read from its file if need be.
-
-    Raises:
-        InputError: it is no campaign, or its file none.
-    """
+    """Return a campaign, read from its file if need be."""
     from ident.measure import Campaign, read_campaign
 
     if isinstance(campaign, str | Path):

@@ -64,6 +64,8 @@ class SimulateOptions(HeldMotionOptions):
 class SimulateResult(Result):
     """A simulated motion of an arm.
 
+    Its table has a row for each direction: peak and its time, rms, residual, settling time [m, s].
+
     Attributes:
         simulation: basis, response, draws, and the trace that it was compared with.
         options: what was asked for.
@@ -72,12 +74,10 @@ class SimulateResult(Result):
     simulation: "Simulation"
     options: SimulateOptions = field(default_factory=SimulateOptions)
 
-    form, suffix = "ident-simulate/2", ".nc"
-
-    @property
-    def name(self) -> str:
-        """The arm's name, the motion's, and what was done."""
-        return f"{self.simulation.basis.name}.simulate"
+    form, suffix = "ident-simulate/3", ".nc"
+    subject = "simulation.basis.name"
+    shown = ("simulation",)
+    summary = ("arrival", "interrupted", "exceedance")
 
     @property
     def arm(self) -> "Arm":
@@ -129,15 +129,15 @@ class SimulateResult(Result):
         return self.simulation.draws
 
     @property
+    def exceedance(self) -> float | None:
+        """Share of the draws [-] whose peak exceeds the limit in any direction; None without draws or limit."""
+        draws, limit = self.simulation.draws, self.simulation.limit
+        return None if draws is None or limit is None else float(draws.exceeds(limit)[1])
+
+    @property
     def interrupted(self) -> float | None:
         """Time [s] that the exact method came to before the user interrupted it; None where nobody did."""
         return self.simulation.study.interrupted
-
-    def report(self) -> str:
-        """Return the text that `ident simulate` prints."""
-        from ident.present.text.simulate import simulate_report
-
-        return simulate_report(self.simulation)
 
     def figures(self) -> "dict[str, Figure]":
         """Return two figures: vibration of the end point; joints, belts and pulleys (`drives`)."""
@@ -162,28 +162,22 @@ class SimulateResult(Result):
 
         return motion_animation(self.simulation.response, self._outline(times, factor), fps=fps)
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each direction: peak and its time, rms, residual, settling time [m, s]."""
-        from ident.present.files.simulate import size_rows
-
-        return size_rows(self.simulation)
-
     def _outline(self, times: Sequence[float], factor: float) -> "Outline":
         from ident.vibrate.response.outline import outline
 
         return outline(self.arm, self.simulation.response, times, factor=factor, loads=self.simulation.basis.loads)
 
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_json
-        from ident.present.files.netcdf import write_netcdf_result
-        from ident.present.files.simulate import simulate_document, write_csv, write_netcdf
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.present.files.simulate import write_csv, write_netcdf
 
-        recorded = self.options.recorded()
         csv, document = self._beside(path, ".csv"), self._beside(path, ".json")
-        write_csv(self.simulation, recorded, csv)
-        write_netcdf_result(self.form, self.fields(), path, lambda part: write_netcdf(self.simulation, recorded, part))
-        write_json(simulate_document(self.simulation, recorded), document)
+        write_csv(self.simulation, head, csv)
+        encoded = self._write_netcdf(path, lambda part: write_netcdf(self.simulation, head, part))
+        self._write_json(document, head, encoded)
         return csv, path, document
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {**self.simulation.basis.sources, "trace": self.simulation.trace}
 
 
 def simulate(

@@ -68,6 +68,8 @@ class SpectrumOptions(Options):
 class SpectrumResult(Result):
     """The spectra of a trace, or of two.
 
+    Its table has a row for each of the strongest peaks: frequency [Hz], amplitude [SI], and the mode near it.
+
     Attributes:
         spectra: traces, spectra, spectrograms, orders, and the modes of an arm.
         arm: the arm as its file has it; None if none was named.
@@ -78,7 +80,8 @@ class SpectrumResult(Result):
     arm: "ArmFile | None" = None
     options: SpectrumOptions = field(default_factory=SpectrumOptions)
 
-    form, suffix = "ident-spectrum/2", ".json"
+    form = "ident-spectrum/3"
+    shown = ("spectra",)
 
     @property
     def name(self) -> str:
@@ -125,33 +128,17 @@ class SpectrumResult(Result):
         column = self.spectra.directions.index(direction)
         return peaks(self.spectra.spectra[self.spectra.name].column(column), count, (low, high))
 
-    def report(self) -> str:
-        """Return the text that `ident spectrum` prints."""
-        from ident.present.text.spectrum import spectrum_report
-
-        return spectrum_report(self.spectra)
-
     def figures(self) -> "dict[str, Figure]":
         """Return the spectra, the pulleys' orders (`orders`) and spectrograms by direction, as far as asked for."""
-        from ident.present.figures.orders import orders_figure
-        from ident.present.figures.spectrum import spectra_figure, spectrogram_figures
+        from ident.present.figures.spectrum import orders_figure, spectra_figure, spectrogram_figures
 
         orders = {"orders": orders_figure(self.spectra)} if self.spectra.tracks else {}
         spectrograms = spectrogram_figures(self.spectra, decibel=self.options.decibel)
         return {"": spectra_figure(self.spectra), **orders, **spectrograms}
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each of the strongest peaks: frequency [Hz], amplitude [SI], and the mode near it."""
-        from ident.present.files.spectrum import peak_rows
-
-        return peak_rows(self.spectra)
-
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.spectrum import spectrum_document
-
-        write_result(spectrum_document(self.spectra, self.arm, self.options.recorded()), self.fields(), path)
-        return (path,)
+    def _inputs(self) -> Mapping[str, Any]:
+        files = dict(zip(("trace", "against"), self.spectra.traces.values(), strict=False))
+        return {"arm": self.arm, "trace": None, "against": None} | files
 
 
 def spectrum(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import ranges
-from ident.studies.motion import HeldMotionOptions, basis_of, drawn_values
+from ident.studies.motion import AmplitudeOptions, basis_of, drawn_values
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_file
@@ -15,7 +15,6 @@ from ident.studies.shared import as_file
 if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import Float
-    from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
     from ident.assess.basis import Basis
@@ -28,14 +27,12 @@ if TYPE_CHECKING:
     from ident.vibrate.redesign.sweep import Axis, Sweep
     from ident.vibrate.redesign.trend import Trend
 
-MEASURES = ("peak", "rms", "residual")
-"""How large a vibration is; see `ident.vibrate.response.amplitude`."""
 MOST_NAMED = 3
 """Parameters that the names of files tell one by one."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepOptions(HeldMotionOptions):
+class SweepOptions(AmplitudeOptions):
     """Options of `ident.sweep`: what is varied, over which motion, and how its vibration is measured."""
 
     vary: dict[str, ranges.Limits] = option(
@@ -48,12 +45,8 @@ class SweepOptions(HeldMotionOptions):
         read=ranges.ranges,
     )
     grid: bool = option(False, "both of two parameters together, as a map")
-    measure: str = option("peak", "peak or rms over the motion, or residual: peak after arrival", choices=MEASURES)
-    limit: float | None = option(None, "amplitude [mm] that should not be exceeded", above=0.0)
     draws: int = option(50, "draws of the posterior", low=1)
     seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
-    elastic_belts: bool = option(False, "belts stretch")
-    rate: float = option(500.0, "samples a second", above=0.0)
 
     def problems(self) -> list[Problem]:
         """Refuse ranges that are none, and what is no map."""
@@ -68,6 +61,9 @@ class SweepOptions(HeldMotionOptions):
 class SweepResult(Result):
     """How the vibration depends on numbers of an arm.
 
+    Its figure shows amplitudes against each parameter, or a map of two; its table has a row for each amplitude and
+    direction: value in SI, the speed in %; amplitude and 5 to 95 % in mm.
+
     Attributes:
         study: what was varied, of what, and the amplitudes.
         options: what was asked for.
@@ -76,7 +72,9 @@ class SweepResult(Result):
     study: "SweepStudy"
     options: SweepOptions
 
-    form, suffix = "ident-sweep/2", ".json"
+    form = "ident-sweep/3"
+    shown = ("study",)
+    summary = ("present", "trends")
 
     @property
     def name(self) -> str:
@@ -108,32 +106,15 @@ class SweepResult(Result):
         single = {} if self.study.is_map else self.sweeps
         return {name: {d: (whole, about) for d, whole, about in trends(sweep)} for name, sweep in single.items()}
 
-    def report(self) -> str:
-        """Return the text that `ident sweep` prints."""
-        from ident.present.text.sweep import sweep_report
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.present.files.sweep import write_csv
 
-        return sweep_report(self.study)
+        table = self._beside(path, ".csv")
+        write_csv(self.study, head, table)
+        return (table, *super()._write(path, head))
 
-    def figures(self) -> "dict[str, Figure]":
-        """Return one figure: amplitudes against each parameter, or a map of two."""
-        from ident.present.figures.sweep import sweep_figure
-
-        return {"": sweep_figure(self.study)}
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each amplitude and direction: value in SI, the speed in %; amplitude and 5 to 95 % in mm."""
-        from ident.present.files.sweep import sweep_rows
-
-        return sweep_rows(self.study)
-
-    def _write(self, path: Path) -> tuple[Path, ...]:
-        from ident.present.files.document import write_result
-        from ident.present.files.sweep import sweep_document, write_csv
-
-        document, table = sweep_document(self.study, self.options.recorded()), self._beside(path, ".csv")
-        write_csv(self.study, document, table)
-        write_result(document, self.fields(), path)
-        return table, path
+    def _inputs(self) -> Mapping[str, Any]:
+        return self.study.basis.sources
 
 
 def sweep(
@@ -160,26 +141,15 @@ def sweep(
         ModelError: the arm has no stable equilibrium at some value, which is named.
     """
     from ident.assess.sweep import SweepStudy
-    from ident.vibrate.redesign.evaluator import Evaluator
     from ident.vibrate.redesign.sweep import sweep, sweeps
 
     options, arm_file = SweepOptions.of(options), as_file(arm)
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
-    evaluator = Evaluator(
-        basis.arm,
-        basis.motion,
-        (),
-        options.measure,
-        basis.draws,
-        loads=basis.loads,
-        elastic_belts=options.elastic_belts,
-        rate=options.rate,
-    )
+    evaluator = options.evaluator(basis)
     axes, shown = _axes(basis, options), progress("simulations")
     swept = (sweep(evaluator, axes, shown),) if options.grid else sweeps(evaluator, axes, shown)
-    limit = None if options.limit is None else options.limit / 1e3
-    return SweepResult(SweepStudy(basis, swept, options.rate, options.elastic_belts, limit), options)
+    return SweepResult(SweepStudy(basis, swept, options.rate, options.elastic_belts, options.limit_si), options)
 
 
 def _axes(basis: "Basis", options: SweepOptions) -> "list[Axis]":

@@ -16,6 +16,8 @@ def test_check_prints_a_verdict_for_each_parameter_and_writes_nothing(run, tmp_p
     assert "torsion of joint2 against torsion of joint1: any trade-off fits equally well" in out
     assert "CONTRADICTION" in out
     assert files(tmp_path) == []
+    assert run("check", DATA / "table1.csv", "--strict")[0] == 3
+    assert run("check", DATA / "campaign.csv", "--strict")[0] == 0
 
 
 def test_check_refuses_what_says_nothing_and_what_contradicts_itself(run, tmp_path):
@@ -30,7 +32,7 @@ def test_check_refuses_what_says_nothing_and_what_contradicts_itself(run, tmp_pa
         code, out, more = run(command, path, arm)
         assert (code, out) == (2, "")
         assert more.startswith(f"ident: {path}:3, value: got 0.0293 (SI), 3.8 sd from row 2")
-        assert more.endswith("(--trust-values)\n")
+        assert more.endswith("(--trust-values 3)\n")
         assert len(err.splitlines()) == len(more.splitlines()) == 1
     assert files(tmp_path) == ["c.csv"]
-    assert "CONTRADICTION: rows 2 and 3" in run("check", path, arm, "--trust-values")[1]
+    assert "CONTRADICTION: rows 2 and 3" in run("check", path, arm, "--trust-values=3")[1]

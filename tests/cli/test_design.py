@@ -8,7 +8,9 @@ import pytest
 from arms import lcd_arm
 from commands import ARM, files, log, posterior
 
+import ident
 from ident.description.file import read_arm
+from ident.present.text.design import verdict
 
 K = ("joint1.k_tors", "joint2.k_tors", "joint3.k_tors")
 SHORT = ("--path=teach.csv", "--dwell=0.2", "--rate=100")
@@ -21,8 +23,8 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
     posterior(tmp_path / "draws.nc")
     code, out, err = run("simulate", ARM, *SHORT, "--method=fast", "--no-figure")
     assert (code, err) == (0, "")
-    peaks = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())["vibration"]["peak"]
-    limit = 0.8e3 * max(peaks)
+    peaks = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())["table"]
+    limit = 0.8e3 * max(row["peak"] for row in peaks)
 
     options = (f"--change={K[0]}", f"--change={K[1]}={K[2]}=0.5x:1.5x:2", "--set=link2.mass=36")
     drawn = ("--posterior=draws.nc", "--draws=4", "--fresh=30", "--starts=2", f"--limit={limit}", "--max-change=1.2")
@@ -33,34 +35,34 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
     assert [name for name in files(tmp_path) if name.startswith("new")] == [f"{base}.{end}" for end in ends]
 
     result = json.loads((tmp_path / f"{base}.json").read_text())
-    assert result["format"] == "ident-design/2"
     assert set(result["inputs"]) == {"arm", "fit", "posterior", "path"}
     assert result["inputs"]["posterior"]["path"] == "draws.nc"
     assert result["options"]["change"] == {K[0]: [], f"{K[1]}={K[2]}": ["0.5x", "1.5x", 2]}
     assert result["options"]["set"] == {"link2.mass": 36}
-    assert result["set"] == {"link2.mass": 36.0}
-    assert result["limit"] == pytest.approx(limit / 1e3)
-    _, second = result["variables"]
-    assert second["paths"] == [K[1], K[2]]
-    assert (second["weight"], second["changed_by"]) == (2, "factor")
-    assert (second["low"], second["high"]) == pytest.approx((0.5 * second["present"], 1.5 * second["present"]))
-    factor = second["best"] / second["present"]
-    best = result["best"]
-    assert best["values"][K[2]] == pytest.approx(factor * float(lcd_arm().get(K[2])))
-    assert best["change_norm"] <= 1.2 * (1 + 1e-6)
-    assert result["optima"][0]["largest"] <= result["present"]["largest"]
-    assert [place["change_norm"] for place in result["curve"]] == sorted(p["change_norm"] for p in result["curve"])
-    fresh = result["verification"]["after"]["fresh_draws"]
-    assert fresh["draws"] == 20, "of 24 there are, 4 were used"
-    assert fresh["interval_95"][0] <= fresh["share"] <= fresh["interval_95"][1]
-    for check in result["verification"].values():
-        assert np.abs(check["difference"]).max() < 0.05
-    strongest = result["sensitivities"]["numbers"][0]
-    assert set(strongest["quantiles"]) == {"0.05", "0.95"}
+    assert result["result"]["study"]["basis"]["changed"] == {"map": {"link2.mass": 36.0}}
+    study = ident.load(tmp_path / f"{base}.json").study
+    design, best = study.design, study.design.best
+    assert design.limit == pytest.approx(limit / 1e3)
+    _, second = design.evaluator.variables
+    assert second.paths == (K[1], K[2])
+    assert (second.weight, second.shifted) == (2, False)
+    present = second.present(study.basis.arm)
+    assert (second.low, second.high) == pytest.approx((0.5 * present, 1.5 * present))
+    assert best.values[K[2]] == pytest.approx(best.values[K[1]] / present * float(lcd_arm().get(K[2])))
+    assert [row["best"] for row in result["table"]] == list(best.values.values())
+    assert best.change_norm <= 1.2 * (1 + 1e-6)
+    assert design.optima[0].largest <= design.present.largest
+    assert [place.change_norm for place in design.curve] == sorted(place.change_norm for place in design.curve)
+    fresh = study.verification.after.exceedance
+    assert fresh.draws == 20, "of 24 there are, 4 were used"
+    assert fresh.interval[0] <= fresh.share <= fresh.interval[1]
+    for check in (study.verification.before, study.verification.after):
+        assert np.abs(check.difference).max() < 0.05
+    assert np.shape(study.sensitivities.band) == (2, len(study.sensitivities.paths), 3)
 
     text = (tmp_path / f"{base}.toml").read_text()
     written = read_arm(tmp_path / f"{base}.toml")
-    for path, value in best["values"].items():
+    for path, value in best.values.items():
         assert float(written.arm.get(path)) == pytest.approx(value)
         assert written.origins[path] == "designed"
     assert (written.origins["link2.mass"], float(written.arm.get("link2.mass"))) == ("assumed", 36)
@@ -68,8 +70,8 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
     code, _, err = run("simulate", f"{base}.toml", *SHORT, "--method=fast", "--no-figure", "--out=again")
     assert (code, err) == (0, "")
     (again,) = (name for name in files(tmp_path) if name.startswith("again") and name.endswith("json"))
-    peaks = json.loads((tmp_path / again).read_text())["vibration"]["peak"]
-    assert peaks == pytest.approx(best["amplitude"], rel=0.02)
+    peaks = json.loads((tmp_path / again).read_text())["table"]
+    assert [row["peak"] for row in peaks] == pytest.approx(best.amplitude, rel=0.02)
 
     for words in (
         "Sensitivities: percent of amplitude per percent",
@@ -82,7 +84,7 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
         "by 20 fresh draws, with its 95 % interval",
         "set: link2.mass = 36",
         "Assumed: ",
-        result["verdict"],
+        verdict(design),
     ):
         assert words in out
 
@@ -93,11 +95,10 @@ def test_sensitivities_alone(run, tmp_path):
     assert (code, err) == (0, "")
     assert files(tmp_path) == [f"out/{NAME}.sensitivities.{end}" for end in ("json", "png")] + ["teach.csv"]
     result = json.loads((tmp_path / f"out/{NAME}.sensitivities.json").read_text())
-    assert result["format"] == "ident-design/2"
-    numbers = result["sensitivities"]["numbers"]
+    numbers = result["table"]
     assert len(numbers) == 36
-    worst = int(np.argmax(result["sensitivities"]["amplitude"]))
-    sizes = [abs(number["elasticity"][worst]) for number in numbers]
+    worst = "xyz"[int(np.argmax(result["summary"]["present"]))]
+    sizes = [abs(number[worst]) for number in numbers]
     assert sizes == sorted(sizes, reverse=True)
     assert "more, in the .json" not in out
 

@@ -19,11 +19,30 @@ def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path):
     assert "CONTRADICTION" in out
     assert files(tmp_path) == ["out/table1.fit.json", "out/table1.fit.png"]
     result = json.loads((tmp_path / "out/table1.fit.json").read_text())
-    assert result["format"] == "ident-fit/2"
-    assert result["rank"] == 3
+    assert result["format"] == ident.FitResult.form
+    assert result["summary"]["rank"] == 3
+    assert result["summary"]["p_value"] is None, "undefined is null in JSON"
+    assert [row["supported"] for row in result["table"]] == [False] * 6
     assert len(result["inputs"]["campaign"]["sha256"]) == 64
     assert result["software"]["ident"] == __version__
-    assert result["parameters"][0]["sd_by_data_alone"] is None, "infinite is null in JSON"
+    covariance = result["result"]["fit"]["information"]["covariance"]["numpy"]
+    sd = ident.load(tmp_path / "out/table1.fit.json").sd
+    assert [row[i] ** 0.5 for i, row in enumerate(covariance)] == list(sd.values()), "to the last bit"
+
+
+def test_a_dial_gauge_alone_is_fitted_and_what_it_leaves_open_is_said(run, tmp_path):
+    lines = (DATA / "campaign.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "dial.csv").write_text("".join(line for line in lines if not line.startswith("frequency")))
+    code, out, err = run("fit", tmp_path / "dial.csv", f"--arm={DATA / 'arm.toml'}")
+    assert (code, err) == (0, "")
+    assert "4 measurements, 6 unknowns" in out
+    assert "inf" not in out
+    assert "nan" not in out
+
+
+def test_a_verdict_on_the_data_is_a_status_of_its_own_only_where_that_is_asked_for(run):
+    assert run("fit", DATA / "table1.csv", "--starts=1", "--no-figure", "--strict")[0] == 3
+    assert run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure", "--strict")[0] == 0
 
 
 def test_options_reach_the_fit(run, tmp_path):
@@ -40,9 +59,10 @@ def test_options_reach_the_fit(run, tmp_path):
     assert code == 0
     assert files(tmp_path) == ["results/campaign.fit.json"]
     result = json.loads((tmp_path / "results/campaign.fit.json").read_text())
-    names = [p["name"] for p in result["parameters"]]
+    names = [row["parameter"] for row in result["table"]]
     assert names == ["joint2.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors"]
-    assert result["parameters"][3]["paths"] == ["joint2.k_tors", "joint3.k_tors"]
+    tied = result["summary"]["parameters"]
+    assert tied["joint2.k_tors"] == tied["joint3.k_tors"] == result["table"][3]["value"]
     assert result["options"]["fix"] == ["joint1.k_bend"]
     assert "prior: none" in out
     assert str(ident.load("results/campaign.fit.json")) == out.partition("wrote ")[0].removesuffix("\n")

@@ -21,7 +21,7 @@ def test_plan_says_what_to_measure_next(run, tmp_path):
     assert files(tmp_path) == PLANNED
     document = json.loads((tmp_path / "out/table1.plan.json").read_text())
     assert document["options"]["load"] == ["glass"]
-    assert len(document["batch"]) == 2
+    assert [row["step"] for row in document["table"]] == [1, 2]
     form = tmp_path / "out/table1.plan.csv"
     filled = form.read_text().replace(",,Hz", ",4.2,Hz")
     assert filled != form.read_text()

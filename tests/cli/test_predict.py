@@ -24,6 +24,8 @@ def test_predict_prints_modes_and_deflection(run, tmp_path):
         (["--load=glas"], "--load: got 'glas'"),
         (["--set=link2.mas=3"], "link2.mas"),
         (["--set=link2.mass"], "--set link2.mass: got no NAME=VALUE"),
+        (["--fit=none.json"], "none.json: got no such file"),
+        (["--posterior=none.nc"], "none.nc: got no such file"),
         (["--set=link2.mass=-3"], "--set: got link2.mass=-3, expected a value >= 0"),
     ],
 )

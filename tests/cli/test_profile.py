@@ -20,12 +20,12 @@ def test_profile_prints_both_intervals_and_writes_a_result_and_a_figure(run, tmp
     assert "no interval below is to be quoted" in out, "the paper's three numbers contradict each other"
     assert files(tmp_path) == ["out/table1.profile.json", "out/table1.profile.png"]
     result = json.loads((tmp_path / "out/table1.profile.json").read_text())
-    assert result["format"] == "ident-profile/2"
-    assert [p["name"] for p in result["parameters"]] == ["joint3.k_bend", "joint1.k_tors"]
+    assert [row["parameter"] for row in result["table"]] == ["joint3.k_bend", "joint1.k_tors"]
     assert result["options"]["reach"] == 100
     assert len(result["inputs"]["campaign"]["sha256"]) == 64
-    for parameter in result["parameters"]:
-        lows = [interval["low"] for interval in parameter["intervals"]]
+    for profile in result["result"]["profiles"]:
+        lows = [interval["low"] for interval in profile["intervals"]]
+        assert len(lows) == 3
         assert lows == sorted(lows, reverse=True)
 
 

@@ -7,6 +7,7 @@ import pytest
 from arms import lcd_arm
 from commands import ARM, files, posterior
 
+import ident
 from ident.vibrate.modal.branches import branches
 from ident.vibrate.motion.stroke import stroke
 
@@ -19,10 +20,12 @@ def test_report_and_result_agree_with_the_library(run, tmp_path):
     assert files(tmp_path) == [f"out/{BASE}.json", f"out/{BASE}.png"]
     written = json.loads((tmp_path / "out" / f"{BASE}.json").read_text())
     found = branches(lcd_arm(), stroke(lcd_arm().stroke, percent=10))
-    assert [branch["label"] for branch in written["branches"]] == [str(label) for label in found.labels]
-    np.testing.assert_allclose([branch["frequency"] for branch in written["branches"]], found.median, rtol=1e-9)
+    loaded = ident.load(tmp_path / "out" / f"{BASE}.json")
+    assert loaded.branches.labels == found.labels
+    np.testing.assert_allclose(loaded.branches.median, found.median, rtol=1e-9)
     assert written["options"]["margin"] == 10.0
-    assert len(written["resonance_crossings"]) == 6
+    assert written["table"] == loaded.table()
+    assert len(written["table"]) == 6
     assert "pulley 2 (drive2) meets vertical bending 1 at 2.06 s" in out
 
 
@@ -30,10 +33,10 @@ def test_draws_give_bands_and_probabilities(run, tmp_path):
     posterior(tmp_path / "draws.nc")
     code, _, _ = run("resonance", ARM, "--posterior=draws.nc", "--draws=8", "--no-figure")
     assert code == 0
-    written = json.loads((tmp_path / "out" / f"{BASE}.json").read_text())
-    low, high = np.array(written["branches"][0]["band_5_95"])
+    low, high = ident.load(tmp_path / "out" / f"{BASE}.json").branches.band()[:, 0]
     assert (high > low).all()
-    assert all(0 < e["probability"] <= 1 for e in written["resonance_crossings"])
+    written = json.loads((tmp_path / "out" / f"{BASE}.json").read_text())
+    assert all(0 < row["probability"] <= 1 for row in written["table"])
 
 
 @pytest.mark.parametrize(

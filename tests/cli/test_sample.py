@@ -7,6 +7,7 @@ from arms import DATA
 from commands import files
 
 from ident.cli import running
+from ident.studies.sample import SampleResult
 
 DATA = DATA / "lcd_arm"
 
@@ -16,18 +17,18 @@ def test_sample_goes_on_where_it_was_and_writes_draws_and_figures(run, tmp_path)
 
     options = ("--starts=1", "--discrepancy=frequency:0.1", "--discrepancy=deflection:0.1", "--fix=joint1.k_bend")
     code, out, err = run("sample", DATA / "table1.csv", *options, "--steps=500", "--no-figure")
-    assert code == 0, err
+    assert code == 3, err
     assert "TOO SHORT" in out
     assert "the same command with more --steps goes on from there" in out
     first = arviz.from_netcdf(tmp_path / "out/table1.sample.nc")
     code, out, _ = run("sample", DATA / "table1.csv", *options, "--steps=600", "--ess=100")
-    assert code == 0
+    assert code == 3
     assert "discrepancy.deflection" in out
     assert {"out/table1.sample.corner.png", "out/table1.sample.posterior.png", "out/table1.sample.trace.png"} <= set(
         files(tmp_path)
     )
     data = arviz.from_netcdf(tmp_path / "out/table1.sample.nc")
-    assert json.loads(data.attrs["format"]) == "ident-sample/2"
+    assert json.loads(data.attrs["format"]) == SampleResult.form
     assert len(json.loads(data.attrs["inputs"])["campaign"]["sha256"]) == 64
     assert data.observed_data["data"].values.tolist() == pytest.approx([4.38, 4.38, 0.022])
     assert set(data.sample_stats["ensemble"].values) == {0, 1, 2, 3}
@@ -49,7 +50,7 @@ def test_an_interrupted_run_says_how_it_goes_on(run, tmp_path, monkeypatch):
     code, out, err = run("sample", DATA / "table1.csv", "--starts=1", "--fix=joint1.k_bend", "--no-figure")
     assert (code, out) == (130, "")
     assert err == "stopped; kept out/table1.sample.part: the same command goes on from there\n"
-    assert len(list((tmp_path / "out/table1.sample.part").glob("block*"))) == 2
+    assert len(list((tmp_path / "out/table1.sample.part").glob("draws*"))) == 2
 
 
 def test_long_enough_a_chain_leaves_no_checkpoints(run, tmp_path):
@@ -58,11 +59,12 @@ def test_long_enough_a_chain_leaves_no_checkpoints(run, tmp_path):
     assert code == 0
     assert "TOO SHORT" not in out
     assert files(tmp_path) == ["out/campaign.sample.nc"]
+    assert run("sample", DATA / "campaign.csv", *options, "--strict")[0] == 0
 
 
 def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
     short = ("--starts=1", "--steps=500", "--no-figure", "--fix=joint1.k_bend", "--discrepancy=deflection:0.1")
-    assert run("sample", DATA / "table1.csv", *short)[0] == 0
+    assert run("sample", DATA / "table1.csv", *short)[0] == 3
     before = {path: (tmp_path / path).read_bytes() for path in files(tmp_path)}
     code, out, err = run("sample", DATA / "table1.csv", *short, "--seed=1")
     assert (code, out) == (2, "")
@@ -71,7 +73,7 @@ def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
     assert "(--out)" in err
     assert len(err.splitlines()) == 1
     assert {path: (tmp_path / path).read_bytes() for path in files(tmp_path)} == before
-    assert run("sample", DATA / "table1.csv", *short, "--seed=1", "--restart")[0] == 0
+    assert run("sample", DATA / "table1.csv", *short, "--seed=1", "--restart")[0] == 3
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import pytest
 from arms import lcd_arm
 from commands import ARM, files, posterior
 
+import ident
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.amplitude import amplitude
 from ident.vibrate.response.simulate import simulate
@@ -39,24 +40,21 @@ def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
     expected = 1e3 * np.abs(np.asarray(single.vibration)).max(1)
 
     result = json.loads((tmp_path / f"{NAME}.json").read_text())
-    assert result["format"] == "ident-sweep/2"
-    stiffness, centre = result["sweeps"]
-    assert stiffness["axes"][0] == {
-        "paths": [K],
-        "unit": "N m/rad",
-        "present": pytest.approx(present),
-        "values": pytest.approx([0.5 * present, present, 2 * present]),
-    }
-    sizes = 1e3 * np.array(stiffness["amplitude"])
+    stiffness, centre = ident.load(tmp_path / f"{NAME}.json").study.sweeps
+    (axis,) = stiffness.axes
+    assert (axis.paths, axis.present) == ((K,), pytest.approx(present))
+    assert axis.values == pytest.approx([0.5 * present, present, 2 * present])
+    sizes = 1e3 * stiffness.amplitude
     np.testing.assert_allclose(sizes[:, 2], expected, rtol=5e-3, err_msg="but for the step of the fast method")
-    np.testing.assert_allclose(sizes[:, 1], 1e3 * np.array(result["present"]))
-    assert np.shape(centre["amplitude"]) == (3, 2)
+    np.testing.assert_allclose(sizes[:, 1], 1e3 * np.array(result["summary"]["present"]))
+    np.testing.assert_allclose([row["amplitude [mm]"] for row in result["table"][:3]], sizes[:, 0])
+    assert np.shape(centre.amplitude) == (3, 2)
     assert result["options"]["vary"] == {K: ["0.5x", "2x", 3], "fingers.com.x": [1.2, 1.9, 2]}
     assert result["inputs"]["arm"]["sha256"]
 
     read = table(f"{NAME}.csv", K)
     for d, direction in enumerate("xyz"):
-        for k, value in enumerate(stiffness["axes"][0]["values"]):
+        for k, value in enumerate(axis.values):
             found = next(size for (at, way), size in read.items() if way == direction and np.isclose(at, value))
             assert found == pytest.approx(sizes[d, k])
         assert f"{sizes[d, 2]:.4f}" in out
@@ -74,15 +72,15 @@ def test_a_map_of_a_number_and_the_speed(run, tmp_path):
     assert (code, err) == (0, "")
     name = f"out/arm.extend-200.speed-by-{K}.sweep"
     assert files(tmp_path) == [f"{name}.{end}" for end in ("csv", "json", "png")]
-    (found,) = json.loads((tmp_path / f"{name}.json").read_text())["sweeps"]
-    assert np.shape(found["amplitude"]) == (3, 2, 2)
+    (found,) = ident.load(tmp_path / f"{name}.json").study.sweeps
+    assert np.shape(found.amplitude) == (3, 2, 2)
     motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
     single = simulate(lcd_arm().replace({K: 2 * float(lcd_arm().get(K))}), motion, rate=100 * 200 / 150)
     expected = amplitude("rms", motion, 100 * 200 / 150)(single.vibration)
-    np.testing.assert_allclose(np.array(found["amplitude"])[:, 1, 1], expected, rtol=5e-3)
+    np.testing.assert_allclose(found.amplitude[:, 1, 1], expected, rtol=5e-3)
     last = rows(f"{name}.csv")[-1]
     assert (last["parameter"], last["value"], last["unit"], last["parameter2"]) == ("speed", "200", "%", K)
-    assert float(last["amplitude [mm]"]) == pytest.approx(1e3 * found["amplitude"][2][1][1])
+    assert float(last["amplitude [mm]"]) == pytest.approx(1e3 * found.amplitude[2, 1, 1])
     assert "pauses included" in out
     assert "For each speed: least and largest" in out
 
@@ -95,15 +93,15 @@ def test_draws_give_bands_and_the_probability_of_exceeding(run, tmp_path):
     assert "5 to 95 %" in out
     assert "3 draws of the posterior of 2 numbers" in out
     name = f"out/arm.extend-200.{K}.sweep"
-    result = json.loads((tmp_path / f"{name}.json").read_text())
-    (found,) = result["sweeps"]
-    low, high = np.array(found["band"]["amplitude"])
-    assert result["draws"] == 3
+    study = ident.load(tmp_path / f"{name}.json").study
+    (found,) = study.sweeps
+    low, high = found.band
+    assert study.draws == 3
     assert (high > low).all()
-    assert len(found["exceeds_in_any"]) == 2
-    for share in found["exceeds_in_any"]:
+    assert len(found.exceeds(study.limit)) == 2
+    for share in found.exceeds(study.limit):
         assert f"{share:.0%}" in out
-    assert found["axes"][0]["present"] == pytest.approx(np.median(values[K].ravel()[[4, 12, 20]]))
+    assert found.axes[0].present == pytest.approx(np.median(values[K].ravel()[[4, 12, 20]]))
     first = rows(f"{name}.csv")[0]
     assert float(first["q05 [mm]"]) == pytest.approx(1e3 * low[0, 0])
     assert float(first["q95 [mm]"]) == pytest.approx(1e3 * high[0, 0])

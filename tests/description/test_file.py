@@ -404,3 +404,35 @@ def test_a_body_without_shape_and_a_point_have_no_extent():
     assert "link1" not in parse_document(text.replace(box, 'shape = { kind = "point" }')).extents()
     given = 'inertia = { value = [1, 2, 2], unit = "kg*m^2", origin = "assumed" }'
     assert "link1" not in parse_document(text.replace(box, given)).extents()
+
+
+WORKSPACE = """
+[workspace]
+postures = { value = [[0, 0], [30, -60]], unit = "deg", origin = "measured" }
+lowest = { value = 200, unit = "mm", origin = "assumed" }
+"""
+
+
+def test_a_workspace_is_read_in_si(tmp_path):
+    (tmp_path / "arm.toml").write_text(TEXT + WORKSPACE)
+    workspace = read_arm(tmp_path / "arm.toml").arm.workspace
+    np.testing.assert_allclose(workspace.postures, np.deg2rad([[0, 0], [30, -60]]))
+    assert workspace.lowest == pytest.approx(0.2)
+    assert workspace.line is None
+    assert read_arm(PAPER_ARM).arm.workspace.line == (1.0, -2.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[30, -60]]", "[30, -95]]", "workspace.postures: got joint2 at -95 deg, expected -90 to 90 deg"),
+        ("[30, -60]]", "[30]]", "workspace.postures: got 1 numbers, expected 2"),
+        ("postures", "line", "workspace.line"),
+        ('"mm"', '"kg"', "workspace.lowest"),
+    ],
+)
+def test_a_wrong_workspace_is_told_with_its_line(old, new, words):
+    with pytest.raises(InputError, match=words) as caught:
+        parse_arm(TEXT + WORKSPACE.replace(old, new))
+    first, last = len(TEXT.splitlines()) + 2, len(TEXT.splitlines()) + 5
+    assert all(first <= int(p.where.rpartition(":")[2]) <= last for p in caught.value.problems)

@@ -7,10 +7,12 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import lcd_arm
+from arms import loose_arm
 from scipy.stats import multivariate_normal
 
 from ident.arm.arm import Arm
+from ident.arm.parts import Body, Joint, Point
+from ident.arm.workspace import Workspace
 from ident.errors import InputError, ModelError
 from ident.identify.build_problem import arm_problem
 from ident.identify.candidate_predictions import candidate_predictions
@@ -108,7 +110,7 @@ def test_greedy_has_the_share_of_the_best_that_is_proved():
 
 
 def small_grid():
-    return plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
+    return plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
 
 
 def test_greedy_reaches_five_percent_in_as_few_visits_as_exhaustive_search():
@@ -135,9 +137,9 @@ def test_greedy_reaches_five_percent_in_as_few_single_values_as_exhaustive_searc
 
 def test_promised_and_realised_standard_deviations_agree():
     """600 campaigns as planned from an empty one, with noise, each fitted: a standard deviation is known to 3 %."""
-    plan = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(60.0), draws=0, count=3))
+    plan = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(60.0), draws=0, count=3))
     campaign = plan.campaign()
-    problem = arm_problem(lcd_arm(), campaign, plan.parameters)
+    problem = arm_problem(loose_arm(), campaign, plan.parameters)
     start = plan.parameters.theta(plan.parameters.column("start"))
     value, sigma = (np.array([getattr(m, name) for m in campaign]) for name in ("value", "sigma"))
     rng = np.random.default_rng(11)
@@ -153,24 +155,24 @@ def test_promised_and_realised_standard_deviations_agree():
 
 def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     """The planned values added to the campaign, and all fitted: the fit's own standard deviations, to rounding."""
-    first = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=2)).campaign()
+    first = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=2)).campaign()
     glass = (Load.parse("glass"),)
     then = plan_campaign(
-        lcd_arm(),
-        fit_campaign(lcd_arm(), first, starts=2),
+        loose_arm(),
+        fit_campaign(loose_arm(), first, starts=2),
         settings=PlanSettings(step=math.radians(60.0), draws=2, count=2, loads=glass),
     )
     assert then.fit is not None
     np.testing.assert_allclose(then.sd[0], then.fit.information.sd, rtol=1e-6)
     np.testing.assert_allclose(then.fit.best.theta, then.known.points[0])
     again = Campaign(measurements=(*first, *then.campaign()))
-    found = fit(arm_problem(lcd_arm(), again, then.parameters), starts=1)
+    found = fit(arm_problem(loose_arm(), again, then.parameters), starts=1)
     np.testing.assert_allclose(found.information.sd, then.sd[-1], rtol=1e-4)
 
 
 def test_visits_to_one_state_are_entered_once_as_means():
     plan = plan_campaign(
-        lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=9, costs={"dial": 3.0})
+        loose_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=9, costs={"dial": 3.0})
     )
     campaign = plan.campaign()
     assert len(set(plan.batch)) < len(plan.batch)
@@ -181,16 +183,16 @@ def test_visits_to_one_state_are_entered_once_as_means():
         assert sum(m.kind == "frequency" for m in rows) == 4 * (times["frequency"] > 0)
         for m in rows:
             assert m.sigma / m.value == pytest.approx(plan.instruments.sigma[m.kind] / times[m.kind] ** 0.5, rel=1e-3)
-    found = fit(arm_problem(lcd_arm(), campaign, plan.parameters), starts=1)
+    found = fit(arm_problem(loose_arm(), campaign, plan.parameters), starts=1)
     np.testing.assert_allclose(found.information.sd, plan.sd[-1], rtol=1e-3)
 
 
 def test_what_is_measured_already_gains_less():
-    fresh = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
+    fresh = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
     best = fresh.batch[0]
     more = plan_campaign(
-        lcd_arm(),
-        fit_campaign(lcd_arm(), fresh.campaign(), starts=1),
+        loose_arm(),
+        fit_campaign(loose_arm(), fresh.campaign(), starts=1),
         settings=PlanSettings(step=math.radians(90.0), draws=0, count=1),
     )
     alike = [
@@ -214,7 +216,7 @@ def test_postures_that_show_the_same_are_taken_once():
 
 
 def test_a_tilted_arm_keeps_all_its_postures():
-    upright = lcd_arm()
+    upright = loose_arm()
     tilted = Arm("tilted", upright.joints, upright.points, upright.payloads, np.array([3.0, 1.0, -9.0]))
     plan = plan_campaign(tilted, settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
     assert len(plan.predictions.postures) == len(plan.grid.postures) == 36
@@ -222,16 +224,16 @@ def test_a_tilted_arm_keeps_all_its_postures():
 
 def test_candidate_predictions_are_what_predict_says():
     """Values at a loaded and an unloaded posture, and a slope by central differences."""
-    parameters, loads = stiffness_parameters(lcd_arm()), (OWN_WEIGHT, Load.parse("glass + 20 N -z @ tip"))
+    parameters, loads = stiffness_parameters(loose_arm()), (OWN_WEIGHT, Load.parse("glass + 20 N -z @ tip"))
     points = prior_information(parameters, draws=1).points
     postures = np.deg2rad([[10.0, 40.0, -70.0], [0.0, 0.0, 0.0], [-20.0, 110.0, 30.0]])
-    predictions = candidate_predictions(lcd_arm(), parameters, points, postures, loads, 4)
+    predictions = candidate_predictions(loose_arm(), parameters, points, postures, loads, 4)
     rows = [
         Measurement(kind=kind, posture=tuple(postures[g]), load=loads[s], value=value, sigma=1.0, point=point)
         for g, s in ((0, 0), (2, 1))
         for kind, point, value in (*(("frequency", None, float(i)) for i in range(1, 5)), ("deflection", "tip", 1.0))
     ]
-    problem = arm_problem(lcd_arm(), Campaign(measurements=tuple(rows)), parameters)
+    problem = arm_problem(loose_arm(), Campaign(measurements=tuple(rows)), parameters)
     there = [[*predictions.frequency[:, g, s, 1], predictions.deflection[g, s, 1]] for g, s in ((0, 0), (2, 1))]
     predict = jit(problem.predict)
     np.testing.assert_allclose(predict(jnp.asarray(points[1])), np.ravel(there), rtol=1e-9)
@@ -246,7 +248,7 @@ def way(experiment):
 
 
 def test_close_frequencies_count_only_with_a_second_accelerometer():
-    plan = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(30.0), draws=0, count=1))
+    plan = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(30.0), draws=0, count=1))
     without, with_labels = (
         {
             v.place: plan.nats[i]
@@ -294,7 +296,7 @@ def test_any_model_can_be_planned_for():
 
 def test_flat_and_absent_priors_are_planned_for_as_normal_ones():
     flat = Prior.log_uniform(1e5, 1e5 * math.exp(2.0))
-    items = stiffness_parameters(lcd_arm(), Unknowns(prior_sd=math.inf, priors={"joint1.k_bend": flat}))
+    items = stiffness_parameters(loose_arm(), Unknowns(prior_sd=math.inf, priors={"joint1.k_bend": flat}))
     sd = prior_information(items, draws=0).sd[0]
     place = items.names.index("joint1.k_bend")
     assert sd[place] == pytest.approx(2.0 / math.sqrt(12), rel=1e-3)
@@ -302,24 +304,85 @@ def test_flat_and_absent_priors_are_planned_for_as_normal_ones():
 
 
 def test_draws_cover_what_is_known():
-    now = prior_information(stiffness_parameters(lcd_arm()), draws=512)
+    now = prior_information(stiffness_parameters(loose_arm()), draws=512)
     off = now.points[1:] - now.points[0]
     np.testing.assert_allclose(np.cov(off.T), np.eye(6), atol=0.1)
-    np.testing.assert_array_equal(prior_information(stiffness_parameters(lcd_arm()), draws=512).points, now.points)
+    np.testing.assert_array_equal(prior_information(stiffness_parameters(loose_arm()), draws=512).points, now.points)
 
 
 def test_the_grid_keeps_to_the_limits():
-    postures, sampled = posture_grid(lcd_arm(), math.radians(30.0))
+    postures, sampled = posture_grid(loose_arm(), math.radians(30.0))
     q = np.rad2deg(postures)
     assert not sampled
     np.testing.assert_allclose(np.unique(q[:, 0].round(6)), np.arange(-90, 91, 30))
     np.testing.assert_allclose(np.unique(q[:, 1].round(6)), np.arange(-150, 181, 30)), "a full turn once"
     assert len(q) == 7 * 12 * 7
-    assert posture_grid(lcd_arm(), 1e-12)[1], "and no list of 1e12 angles is made"
-    fine, sampled = posture_grid(lcd_arm(), math.radians(5.0))
+    assert posture_grid(loose_arm(), 1e-12)[1], "and no list of 1e12 angles is made"
+    fine, sampled = posture_grid(loose_arm(), math.radians(5.0))
     assert sampled
     assert len(fine) == MOST
     assert (np.abs(np.rad2deg(fine)).max(0) <= [95, 180, 95]).all()
+
+
+def held(arm=None, **where):
+    return dataclasses.replace(arm or loose_arm(), workspace=Workspace(**where))
+
+
+def test_on_a_line_only_its_multiples_are_held():
+    postures, sampled = posture_grid(held(line=(1.0, -2.0, 1.0)), math.radians(30.0))
+    assert not sampled
+    np.testing.assert_allclose(np.rad2deg(postures), np.outer(np.arange(-90, 91, 30), (1, -2, 1)), atol=1e-9)
+    one, _ = posture_grid(held(line=(0.0, 1.0, 0.0)), math.radians(30.0))
+    assert not one[:, [0, 2]].any()
+    assert len(one) == 12
+
+
+def test_only_listed_postures_are_held():
+    listed = ((0.0, 0.0, 0.0), (0.5, -1.0, 0.5))
+    postures, _ = posture_grid(held(postures=listed), math.radians(30.0))
+    np.testing.assert_array_equal(postures, listed)
+
+
+def test_no_bushing_or_point_comes_below_the_lowest_height():
+    """A pendulum of one joint about y: its end is at 1 - sin(q) [m]."""
+    link = Body("link", 1.0, (0.5, 0.0, 0.0), 0.1 * np.eye(3))
+    joint = Joint("j", axis=(0.0, 1.0, 0.0), offset=(0.0, 0.0, 1.0), k_bend=1e5, k_tors=1e5, link=(link,))
+    arm = Arm("pendulum", (joint,), (Point("end", "j", (1.0, 0.0, 0.0)),))
+    postures, _ = posture_grid(held(arm, lowest=0.4), math.radians(15.0))
+    height = 1 - np.sin(postures[:, 0])
+    everywhere, _ = posture_grid(arm, math.radians(15.0))
+    np.testing.assert_allclose(postures, everywhere[1 - np.sin(everywhere[:, 0]) >= 0.4])
+    assert 0.4 <= height.min() < 0.5
+    with pytest.raises(InputError, match="no posture that may be held"):
+        posture_grid(held(arm, lowest=1.1, postures=((0.0,),)))
+
+
+def test_a_sample_does_not_turn_a_first_joint_about_the_vertical():
+    assert not posture_grid(loose_arm(), math.radians(5.0))[0][:, 0].any()
+    tilted = Arm("tilted", loose_arm().joints, loose_arm().points, gravity=(1.0, 0.0, -9.8))
+    assert posture_grid(tilted, math.radians(5.0))[0][:, 0].any()
+
+
+@pytest.mark.parametrize(
+    ("workspace", "words"),
+    [
+        ({"line": (1.0, -2.0)}, "line: got 2 numbers, expected 3"),
+        ({"postures": ((0.0, 0.0),)}, "postures: got 2 numbers, expected 3"),
+        ({"postures": ((0.0, 0.0, 3.0),)}, "postures: got joint3 at 171.9 deg, expected -95 to 95 deg"),
+        ({"line": (1.0, -2.0, 1.0), "postures": ((0.0, 0.0, 0.0),)}, "got line and postures"),
+    ],
+)
+def test_a_workspace_of_another_arm_is_refused(workspace, words):
+    with pytest.raises(InputError, match=words):
+        held(**workspace)
+
+
+def test_a_missed_target_is_named():
+    settings = PlanSettings(step=math.radians(90.0), draws=0, count=1, target=0.01)
+    missed = plan_campaign(loose_arm(), settings=settings)
+    assert missed.missed == tuple(n for n, sd in zip(missed.known.names, missed.sd[-1], strict=True) if sd > 0.01) != ()
+    assert plan_campaign(loose_arm(), settings=dataclasses.replace(settings, target=9.0)).missed == ()
+    assert plan_campaign(loose_arm(), settings=dataclasses.replace(settings, target=0.0)).missed == ()
 
 
 def with_limits(*limits):
@@ -327,7 +390,7 @@ def with_limits(*limits):
         fields = {f.name: getattr(joint, f.name) for f in dataclasses.fields(joint)}
         return type(joint)(**{**fields, "limits": own})
 
-    arm = lcd_arm()
+    arm = loose_arm()
     return Arm(arm.name, tuple(map(limited, arm.joints, limits)), arm.points, arm.payloads)
 
 
@@ -355,23 +418,23 @@ def test_a_joint_that_hardly_moves_is_held_in_the_middle():
 )
 def test_bad_options_are_one_line(options, words):
     with pytest.raises(InputError, match=words) as error:
-        plan_campaign(lcd_arm(), settings=PlanSettings(**{"step": math.radians(90.0), "draws": 0, **options}))
+        plan_campaign(loose_arm(), settings=PlanSettings(**{"step": math.radians(90.0), "draws": 0, **options}))
     assert len(str(error.value).splitlines()) == 1
 
 
 def test_an_unknown_that_the_arm_has_not_is_refused():
     with pytest.raises(InputError, match="did you mean"):
-        plan_campaign(lcd_arm(), unknowns=Unknowns(fixed=("joint1.k_bendy",)))
+        plan_campaign(loose_arm(), unknowns=Unknowns(fixed=("joint1.k_bendy",)))
 
 
 def test_arms_that_cannot_be_planned_for_are_told():
     with pytest.raises(InputError, match="no point"):
-        plan_campaign(Arm("bare", lcd_arm().joints))
+        plan_campaign(Arm("bare", loose_arm().joints))
     with pytest.raises(InputError, match="limits of joint1"):
         plan_campaign(with_limits((4.0, 5.0), (0.0, 1.0), (0.0, 1.0)))
     with pytest.raises(ModelError, match="no stable equilibrium"):
         plan_campaign(
-            lcd_arm().replace({"joint1.k_bend": 100.0}), settings=PlanSettings(step=math.radians(90.0), draws=0)
+            loose_arm().replace({"joint1.k_bend": 100.0}), settings=PlanSettings(step=math.radians(90.0), draws=0)
         )
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from contextlib import nullcontext
 from pathlib import Path
 
 import equinox as eqx
@@ -18,10 +19,10 @@ from ident.identify.data_checks import check_values
 from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
-from ident.inference.cross_prediction import cross_predictions
 from ident.inference.fit import fit
 from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameter, Parameters
+from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign
 
@@ -112,14 +113,34 @@ def test_the_measured_numbers_of_the_paper_contradict_each_other():
     assert found.contradictory
     assert not found.supported.any(), "no interval is quoted from data that contradict each other"
     by_kind = {each.kind: each for each in found.cross_predictions}
-    assert by_kind["deflection"].predicted[0] > 0.029, "frequencies alone ask for some 31 mm; 22 were measured"
-    assert by_kind["deflection"].z[0] < -5
-    assert by_kind["frequency"].z[0] < -5
+    deflection, frequency = by_kind["deflection"], by_kind["frequency"]
+    assert deflection.predicted[0] > 0.029, "frequencies alone ask for some 31 mm; 22 were measured"
+    assert deflection.statistic == pytest.approx(17.12 - 0.12, abs=0.01)
+    assert deflection.degrees_of_freedom == pytest.approx(1, abs=0.03)
+    assert deflection.sd == pytest.approx(4.1, abs=0.05)
+    assert deflection.z[0] == pytest.approx(-(17.0**0.5), abs=0.01), "of a single value, T is its square"
+    assert frequency.degrees_of_freedom == pytest.approx(2, abs=0.03)
+    assert frequency.z[0] == pytest.approx(deflection.z[0], abs=0.01)
+    assert 0.01 < deflection.wider < 0.02, "with priors twice as wide it would be 2.4 sd: it rests on them"
+
+
+@pytest.mark.parametrize("prior", [Prior.log_uniform(1e5, 1e6), Prior.catalogue(2e5, 3e5, 5e5)], ids=str)
+@pytest.mark.parametrize("name", ["table1", "campaign"])
+def test_a_flat_prior_does_not_switch_the_comparison_of_kinds_off(name, prior):
+    campaign = read_campaign(DATA / f"{name}.csv")
+    found = fit_campaign(lcd_arm(), campaign, Unknowns(priors={"joint1.k_tors": prior}))
+    assert [each.kind for each in found.cross_predictions] == ["deflection", "frequency"]
+    assert all(np.isfinite([each.statistic, each.p_value]).all() for each in found.cross_predictions)
+    assert found.contradictory == (name == "table1")
+    if name == "table1":
+        assert found.cross_predictions[0].statistic == pytest.approx(17.0, abs=0.1)
 
 
 def test_consistent_numbers_do_not():
     found = fit(arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm())))
-    assert max(np.abs(t.z).max() for t in cross_predictions(found.problem)) < 0.1
+    assert [each.kind for each in found.cross_predictions] == ["deflection", "frequency"]
+    assert max(t.statistic for t in found.cross_predictions) < 0.01
+    assert not found.contradictory
 
 
 def test_damping_ratios_give_the_damping_times():
@@ -130,7 +151,7 @@ def test_damping_ratios_give_the_damping_times():
     )
     campaign = exact(Campaign(measurements=(*shipped().measurements, *ratios)))
     start = arm.replace({f"joint{j}.{tau}": 1e-3 for j in (1, 2, 3) for tau in ("tau_bend", "tau_tors")})
-    found = fit_campaign(start, campaign, Unknowns(prior_sd=math.inf), starts=1, trust_values=True)
+    found = fit_campaign(start, campaign, Unknowns(prior_sd=math.inf), starts=1, trusted=("all",))
     assert found.parameters["joint2.tau_bend"] == pytest.approx(0.0002, rel=1e-5)
     assert found.parameters["joint3.tau_tors"] == pytest.approx(0.002, rel=1e-5)
 
@@ -154,6 +175,31 @@ def test_radians_per_second_taken_for_hertz_are_questioned():
     with pytest.raises(InputError, match="rad/s written as Hz") as error:
         check_values(arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm())), campaign, lcd_arm())
     assert [p.where for p in error.value.problems] == ["t.csv:2", "t.csv:3"]
+
+
+def test_only_the_rows_named_are_trusted():
+    right, typing_error = (
+        Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=v, sigma=1e-4, point="tip", where=f"t.csv:{row}")
+        for row, v in ((2, 0.15), (3, 0.26))
+    )
+    campaign = Campaign(measurements=(right, typing_error))
+    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
+    with pytest.raises(InputError, match=r"say that it is right \(`trust_values` 3\)") as error:
+        check_values(problem, campaign, lcd_arm(), ("2",))
+    assert [p.where for p in error.value.problems] == ["t.csv:3"]
+    for trusted in (("2", "3"), ("all",)):
+        check_values(problem, campaign, lcd_arm(), trusted)
+    with pytest.raises(InputError, match=r"trust_values: got '4', expected rows of the campaign \(2 to 3\), or all"):
+        check_values(problem, campaign, lcd_arm(), ("4",))
+
+
+@pytest.mark.parametrize(("sigma", "refused"), [(0.02, True), (0.05, False)])
+def test_a_value_is_far_off_only_beyond_its_own_uncertainty(sigma, refused):
+    far = Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=0.24, sigma=sigma, point="tip", where="t.csv:2")
+    campaign = Campaign(measurements=(far,))
+    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
+    with pytest.raises(InputError, match=r"9\.13 times") if refused else nullcontext():
+        check_values(problem, campaign, lcd_arm())
 
 
 def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():

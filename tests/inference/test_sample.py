@@ -167,6 +167,27 @@ def test_a_longer_run_begins_with_the_shorter_one(tmp_path):
     np.testing.assert_array_equal(long.acceptance, alone.acceptance)
 
 
+def test_a_long_run_keeps_every_second_step_then_every_fourth(tmp_path):
+    """As many draws as are wanted at most, the same that a run without bound has, and no more of them on disk."""
+    problem, _, _ = linear_problem()
+    found, target = fit(problem), posterior(problem)
+    long = replace(SHORT, target_ess=1e9, max_steps=900)
+    whole = sample(found, target, long)
+    most = 300 * 4 * 12
+    bounded = sample(found, target, replace(long, most_draws=most), folder=tmp_path)
+    assert (whole.thin, bounded.thin) == (1, 4)
+    np.testing.assert_array_equal(bounded.theta, whole.theta[3::4])
+    np.testing.assert_array_equal(bounded.acceptance, whole.acceptance)
+    assert [d.steps for d in bounded.diagnosis] == [900]
+    (diagnosis,) = bounded.diagnosis
+    assert 4 <= diagnosis.tau.max() < 6, "in steps, though every fourth is kept"
+    assert len(bounded.draws()) == (225 - diagnosis.burn_in // 4) * 4 * 12
+    size = sum(file.stat().st_size for file in tmp_path.glob("draws*.item"))
+    assert 225 * 4 * 12 * 4 * 8 <= size < 1.5 * most * 4 * 8
+    again = sample(found, target, replace(long, most_draws=most, max_steps=1000), folder=tmp_path)
+    np.testing.assert_array_equal(again.theta[:225], bounded.theta)
+
+
 def test_killed_at_twenty_moments_the_chain_is_the_same_to_the_bit(tmp_path):
     """kill -9, start again, over and over; at the end compare with a run that was left alone."""
     line = [sys.executable, str(SUPPORT / "sample_forever.py")]
@@ -174,7 +195,7 @@ def test_killed_at_twenty_moments_the_chain_is_the_same_to_the_bit(tmp_path):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(SUPPORT), *sys.path])}
 
     def blocks():
-        return len(list((tmp_path / "killed").glob("block*.item")))
+        return len(list((tmp_path / "killed").glob("draws*.item")))
 
     for _ in range(20):
         run = subprocess.Popen(
@@ -198,7 +219,7 @@ def test_killed_at_twenty_moments_the_chain_is_the_same_to_the_bit(tmp_path):
 def test_a_broken_last_block_is_drawn_again(tmp_path):
     problem, _, _ = linear_problem()
     whole = sample(fit(problem), posterior(problem), SHORT, folder=tmp_path)
-    last = sorted(tmp_path.glob("block*.item"))[-1]
+    last = sorted(tmp_path.glob("draws*.item"))[-1]
     last.write_bytes(last.read_bytes()[:100])
     again = sample(fit(problem), posterior(problem), SHORT, folder=tmp_path)
     np.testing.assert_array_equal(again.theta, whole.theta)

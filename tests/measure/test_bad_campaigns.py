@@ -5,7 +5,7 @@ import re
 import pytest
 
 from ident.errors import InputError
-from ident.measure import Load, parse_campaign, read_campaign
+from ident.measure import Load, parse_campaign, read_campaign, read_trace
 
 
 def parse(text):
@@ -188,3 +188,13 @@ def test_a_path_that_cannot_be_read(tmp_path, name):
     with pytest.raises(InputError, match="a readable CSV file") as caught:
         read_campaign(f"{tmp_path}/{name}")
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("a.UFF", r"a universal file \(UFF\)"), ("a.xlsx", "a spreadsheet"), ("a.toml", "no table")]
+)
+@pytest.mark.parametrize("read", [read_campaign, read_trace])
+def test_a_file_of_another_kind_is_named(name, kind, read, tmp_path):
+    with pytest.raises(InputError, match=f"got {kind}, expected a table as CSV; export it") as error:
+        read(tmp_path / name)
+    assert len(str(error.value).splitlines()) == 1

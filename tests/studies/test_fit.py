@@ -91,7 +91,7 @@ def test_a_damaged_file_is_refused_in_one_line(result, tmp_path):
     (path,) = result.save(tmp_path)
     text = path.read_text()
     damaged = {
-        '"format": "ident-fit/2"': '"format": "ident-fit/1"',
+        f'"format": "{ident.FitResult.form}"': '"format": "ident-fit/2"',
         "identify.fit:CampaignFit": "identify.fit:CampaignFits",
         '"optima"': '"optimums"',
         '"result"': '"results"',

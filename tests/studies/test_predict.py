@@ -7,6 +7,7 @@ from results import assert_comes_back, assert_plain
 
 import ident
 from ident.identify.modal_analysis import modal_analysis
+from ident.identify.values import Values
 from ident.studies.predict import PredictOptions, predict
 
 ARM = DATA / "lcd_arm" / "arm.toml"
@@ -32,6 +33,41 @@ def test_without_options_all_angles_are_zero():
     (analysis,) = predict(lcd_arm()).analyses
     assert analysis.posture == (0.0, 0.0, 0.0)
     assert len(analysis.labels) == 6
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    rng = np.random.default_rng(0)
+    values = {path: lcd_arm().get(path) * np.exp(0.1 * rng.normal(size=8)) for path in ("joint1.k_tors", "link2.mass")}
+    return Values("", "", {path: np.asarray(own) for path, own in values.items()})
+
+
+def test_a_posterior_gives_medians_and_bands(drawn, tmp_path):
+    result = predict(lcd_arm(), PredictOptions(modes=3), posterior=drawn)
+    own = predict(lcd_arm(), PredictOptions(modes=3, set=drawn.medians))
+    np.testing.assert_array_equal(result.frequencies[0], own.frequencies[0])
+    low, high = result.frequency_bands[0]
+    assert np.all((low <= result.frequencies[0]) & (result.frequencies[0] <= high))
+    assert np.isnan(own.frequency_bands[0]).all()
+    assert "8 draws of the posterior of 2 numbers" in result.report()
+    assert result.report().count("5 to 95 %") == 1
+    assert result.table()[0]["frequency_q05"] == low[0]
+    assert_comes_back(result, tmp_path)
+
+
+def test_what_is_set_is_not_drawn(drawn):
+    both = PredictOptions(set={"joint1.k_tors": 5e4, "link2.mass": 30.0})
+    with pytest.raises(ident.InputError, match="set: got every number of the posterior"):
+        predict(lcd_arm(), both, posterior=drawn)
+
+
+def test_a_fit_gives_its_values():
+    fitted = Values("", "", {"joint1.k_tors": np.asarray(5e4)})
+    result = predict(lcd_arm(), fit=fitted)
+    np.testing.assert_array_equal(
+        result.frequencies[0], predict(lcd_arm(), PredictOptions(set={"joint1.k_tors": 5e4})).frequencies[0]
+    )
+    assert "fitted values of 1 number" in result.report()
 
 
 def test_it_comes_back_as_it_was(result, tmp_path):

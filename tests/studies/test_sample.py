@@ -99,10 +99,10 @@ def test_a_longer_run_goes_on_in_its_folder(result, arm_file, table_1, tmp_path)
 
     with pytest.raises(KeyboardInterrupt):
         sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder, progress=progress)
-    assert len(list(folder.glob("block*"))) == 4
+    assert len(list(folder.glob("draws*"))) == 4
     whole = sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder)
     np.testing.assert_array_equal(whole.sample.sample.theta, result.sample.sample.theta)
-    assert len(list(folder.glob("block*"))) == 10, "they stay where they are"
+    assert len(list(folder.glob("draws*"))) == 10, "they stay where they are"
     with pytest.raises(ident.InputError, match="another seed"):
         sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder)
     anew = sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder, restart=True)
@@ -130,8 +130,8 @@ def test_values_of_a_fit_and_of_its_file_are_the_same(arm_file, table_1, tmp_pat
     assert of_file.medians == of_result.medians
     assert of_file.left_out == of_result.left_out == ("discrepancy.deflection",)
     text = path.read_text()
-    for own, words in (("ident-fit/1", "run the command again"), ("ident-check/2", "the file that ident fit wrote")):
-        path.write_text(text.replace("ident-fit/2", own))
+    for own, words in (("ident-fit/2", "run the command again"), ("ident-check/2", "the file that ident fit wrote")):
+        path.write_text(text.replace(ident.FitResult.form, own))
         with pytest.raises(ident.InputError, match=f"the format '{own}'.*{words}") as refusal:
             fitted_values(path, lcd_arm())
         assert len(str(refusal.value).splitlines()) == 1

@@ -10,7 +10,6 @@ from arms import DATA, lcd_arm
 from commands import posterior
 
 from ident import InputError, load, read_arm, read_log, read_trace
-from ident.present.files.netcdf import read_netcdf_result
 from ident.studies.motion import drawn_values
 from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
 from ident.vibrate.motion.stroke import stroke
@@ -105,7 +104,7 @@ def test_a_file_that_holds_no_result_is_refused(fast, tmp_path, damage):
         data = xarray.Dataset({"tree": ("n", np.frombuffer(b'{"value": 1}', np.uint8))}, attrs={"format": "ident-x/1"})
         data.to_netcdf(path, mode="w", engine="h5netcdf", group="ident" if damage == "tree" else None)
     with pytest.raises(InputError, match="expected a result file of ident"):
-        read_netcdf_result(path)
+        load(path)
 
 
 def test_draws_may_be_a_value_or_a_file(drawn, tmp_path):
@@ -172,7 +171,7 @@ def test_options_that_cannot_be_are_refused_in_one_line(options, words):
 
 def test_the_options_are_recorded(fast, tmp_path):
     document = json.loads(Path(fast.save(tmp_path)[2]).read_text())
-    assert document["format"] == "ident-simulate/2"
+    assert document["format"] == SimulateResult.form
     assert document["options"] | {"at": 0.7, "speed": 200.0, "band": [4.0, 8.0]} == document["options"]
 
 

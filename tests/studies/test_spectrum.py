@@ -117,7 +117,7 @@ def test_a_saved_result_comes_back_as_it_was(full, tmp_path, case):
     first, second = (json.loads(file.read_text()) | {"created": ""} for file in (path, again))
     assert first == second
     assert (first["inputs"]["arm"] is None) is (case == "bare")
-    assert first["peaks"] == result.table()
+    assert first["table"] == result.table()
 
 
 @pytest.mark.parametrize(

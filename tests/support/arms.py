@@ -1,5 +1,6 @@
 """Arms that several test files use."""
 
+import dataclasses
 from functools import cache
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Body, Joint, Payload, Point
+from ident.arm.workspace import ANYWHERE
 from ident.description.file import read_arm
 
 DATA = Path(__file__).parents[2] / "data"
@@ -60,6 +62,12 @@ def random_arm(
 def lcd_arm() -> Arm:
     """The arm of the paper."""
     return read_arm(DATA / "lcd_arm" / "arm.toml").arm
+
+
+@cache
+def loose_arm() -> Arm:
+    """The arm of the paper, were its joints not tied by belts."""
+    return dataclasses.replace(lcd_arm(), workspace=ANYWHERE)
 
 
 def two_equal_arm() -> Arm:

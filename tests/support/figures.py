@@ -1,5 +1,6 @@
 """What tests of figures share: fits made up of any size, and whether a figure is tidy."""
 
+from dataclasses import replace
 from functools import cache
 
 import jax.numpy as jnp
@@ -10,8 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from ident.identify.build_problem import arm_problem
 from ident.identify.fit import CampaignFit
 from ident.identify.unknowns import stiffness_parameters
-from ident.inference.fit import Optimum, fit
+from ident.inference.fit import fit
 from ident.inference.information import information
+from ident.inference.optima import Optimum
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import Choice, InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
@@ -25,7 +27,8 @@ def fitted(name):
     """One start and no cross-predictions: a figure needs no more."""
     campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
     problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
-    return CampaignFit(**vars(fit(problem, starts=1)), arm=lcd_arm(), campaign=campaign, cross_predictions=())
+    found = replace(fit(problem, starts=1), cross_predictions=())
+    return CampaignFit(**vars(found), arm=lcd_arm(), campaign=campaign)
 
 
 def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
@@ -59,20 +62,9 @@ def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
         lambda p: p, jnp.full(measurements, 0.03), jnp.asarray(sigma), unknowns, tuple(m.kind for m in campaign)
     )
     predicted = 0.03 + rng.normal(size=measurements) * 1e-4
-    optimum = Optimum(values, theta, 1.0, 3, True, known.sd)
-    choice = Choice(None, True, np.zeros(len(predicted)))
-    return CampaignFit(
-        problem,
-        (optimum,),
-        0,
-        predicted,
-        jacobian,
-        known,
-        choice,
-        arm=lcd_arm(),
-        campaign=campaign,
-        cross_predictions=(),
-    )
+    optimum = Optimum(values, theta, 1.0, 3, True, np.empty((0, parameters)), known.sd)
+    choice = Choice(None, True, np.zeros(measurements))
+    return CampaignFit(problem, (optimum,), 0, predicted, jacobian, known, choice, arm=lcd_arm(), campaign=campaign)
 
 
 def boxes(figure):

@@ -41,6 +41,11 @@ def swing(duration: float = 5.0) -> Motion:
     return along(np.deg2rad(80) - np.deg2rad(33) * Polynomial([0, 0, 3 / 25, -2 / 125]), duration)
 
 
+def hold_still(q: object, seconds: float) -> Motion:
+    """A posture [rad] for some time, arrived at the start."""
+    return Motion("held still", [0.0, seconds], np.asarray(q, float)[None, None], arrival=0.0)
+
+
 def held(q: tuple[float, ...], duration: float = 5.0) -> Motion:
     """A posture [deg]."""
     return along(Polynomial([0.0]), duration, start=tuple(np.deg2rad(q)))

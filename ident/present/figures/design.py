@@ -5,12 +5,23 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
 from ident.assess.design import DesignStudy, unchanged
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, motion_title, plain
+from ident.present.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    NEAR,
+    ORANGE,
+    PINK,
+    Style,
+    key_below,
+    motion_title,
+    plain,
+    titled,
+)
 from ident.present.text.units import MM
 from ident.present.text.words import cut
 from ident.vibrate.redesign.design import Design, Place
@@ -19,8 +30,6 @@ from ident.vibrate.response.study import DIRECTIONS
 
 WIDTH = 8.0
 """Of a figure [inch]."""
-NEAR = 0.5
-"""Share of the limit that an amplitude must reach for the limit to be drawn."""
 SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Ticks of changes as shares of the widest."""
 COLORS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "black", GREY)
@@ -39,12 +48,10 @@ def trade_off_figure(study: DesignStudy) -> Figure:
     design = study.design
     if design is None:
         raise ValueError("no design to draw")
-    figure = Figure(figsize=(WIDTH, 7.0), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.1))
-    motion_title(figure, "How quiet the arm can be made", study.basis)
+    figure = titled((WIDTH, 7.0), motion_title("How quiet the arm can be made", study.basis), (0.08, 0.1))
     top, below = figure.subplots(2, 1, height_ratios=[1.25, 1.0])
     for axes in (top, below):
-        plain(axes)
-        axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
+        plain(axes, grid=True)
     _curve(top, study, design)
     _bars(below, design)
     return figure
@@ -55,8 +62,7 @@ def before_after_figure(study: DesignStudy) -> Figure:
     checks = study.verification
     if checks is None:
         raise ValueError("a design that was not verified has no vibration to draw")
-    figure = Figure(figsize=(WIDTH, 7.0), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
-    motion_title(figure, f"Vibration of {study.basis.point} before and after", study.basis)
+    figure = titled((WIDTH, 7.0), motion_title(f"Vibration of {study.basis.point} before and after", study.basis))
     grid = figure.subplots(3, 1, sharex=True)
     limits = [_before_after(axes, study, checks, i) for i, axes in enumerate(grid)]
     grid[-1].set_xlim(checks.before.time[0], checks.before.time[-1])
@@ -72,8 +78,7 @@ def before_after_figure(study: DesignStudy) -> Figure:
 
 def _before_after(axes: Axes, study: DesignStudy, checks: Verification, i: int) -> bool:
     """Draw one direction, and return whether the limit was drawn, too: elsewhere it would flatten the curves."""
-    plain(axes)
-    axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
+    plain(axes, grid=True)
     for check, style in ((checks.before, BEFORE), (checks.after, AFTER)):
         axes.plot(check.time, MM * check.vibration[i], **style)
     largest = max(float(np.abs(check.vibration[i]).max()) for check in (checks.before, checks.after))

@@ -45,7 +45,7 @@ def _resonance_figure(diagnosis: Diagnosis) -> Figure | None:
     resonance = diagnosis.resonance
     if resonance.branches is None or resonance.excitation is None:
         return None
-    title = diagnosis.task.motion.name
+    title = diagnosis.task.basis.motion.name
     return resonance_figure(resonance.branches, resonance.excitation, resonance.crossings, title=title)
 
 

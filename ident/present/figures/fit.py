@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from ident.identify.fit import SUSPICIOUS, CampaignFit
+from ident.identify.fit import CampaignFit
+from ident.inference.cross_prediction import contradicting
 from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.parameters import Parameter
 from ident.measure import Campaign
@@ -29,9 +29,11 @@ from ident.present.figures.style import (
     Style,
     engineering,
     heading,
+    note,
     plain,
     ratio_axis,
     rows,
+    titled,
 )
 from ident.present.text.units import MM, in_read_unit, is_length, read_unit
 from ident.present.text.words import cut, direction_name, short
@@ -68,10 +70,8 @@ def fit_figure(fit: CampaignFit) -> Figure:
     heights = [[PANEL + ROW * count for count in column] for column in (left, right)]
     total = max(map(sum, heights))
     heights[1][1] = total - heights[1][0]
-    engine = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06, wspace=0.04)
-    figure = Figure(figsize=(_width(fit), total + 0.5), layout=engine)
     title = f"Fit of {cut(fit.arm.name, 50)} to {cut(fit.campaign.name, 50) or 'measurements'}"
-    figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
+    figure = titled((_width(fit), total + 0.5), title, (0.1, 0.06), wspace=0.04)
     columns = figure.add_gridspec(1, 2)
     *values, directions = _stack(figure, columns[0], heights[0])
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
@@ -177,7 +177,7 @@ def _directions(axes: Axes, directions: Sequence[Direction], names: Sequence[str
         place = min(direction.sd, FARTHEST) if direction.seen else edge
         axes.plot([place], [y], linestyle="", **_direction_style(direction))
         word = "weak" if direction.weak else "" if direction.seen else "open"
-        axes.annotate(word, (place, y), xytext=(7, 0), textcoords="offset points", va="center", fontsize=8)
+        note(axes, word, (place, y), (7, 0), va="center", color="black")
     ticks = {WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
     for power in range(-1, -9, -1):
         if math.log(min(ticks) / 10.0**power) > 0.17 * math.log(4 * edge / left) and 10.0**power > left:
@@ -229,38 +229,27 @@ def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
     p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ": nothing is left to test the model with"
     yield f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}", False
     if not fit.best.converged:
-        yield "The gradient does not vanish here: this is not an optimum", True
-    rivals = sum(o.cost < fit.best.cost + 4 for o in fit.optima[1:])
-    if rivals:
-        yield f"{rivals} other optimum fits about as well: the data do not choose between them", True
-    doubts = sorted(
-        ((t, i) for t in fit.cross_predictions for i in range(len(t.rows)) if abs(t.z[i]) > SUSPICIOUS),
-        key=lambda pair: -abs(pair[0].z[pair[1]]),
-    )
-    if doubts:
+        yield "The search has not ended here: this is not an optimum", True
+    if rivals := len(fit.rivals):
+        others = "Another optimum is" if rivals == 1 else f"{rivals} other optima are"
+        yield f"{others} not ruled out: each interval reaches over all that were found", True
+    if fit.contradictory:
         yield "CONTRADICTION: the kinds disagree; the fit joins them only by implausible values.", True
     elif fit.cross_predictions:
-        worst = max(float(np.abs(t.z).max()) for t in fit.cross_predictions)
-        yield f"The kinds of measurement agree: each from the others within {worst:.1f} sd", False
-    for t, i in doubts[:4]:
+        worst = max(t.sd for t in fit.cross_predictions)
+        yield f"The kinds of measurement agree: each with the others within {worst:.1f} sd", False
+    doubts = contradicting(fit.cross_predictions)
+    rows = [(z, t, i) for t in doubts if t.z is not None for i, z in enumerate(np.abs(t.z).tolist())]
+    for z, t, i in sorted(rows, key=lambda row: -row[0])[:4]:
         m = fit.campaign.measurements[t.rows[i]]
-        (value, unit), (sd, _) = in_read_unit(m.kind, float(t.predicted[i])), in_read_unit(m.kind, float(t.sd[i]))
+        value, unit = in_read_unit(m.kind, float(t.predicted[i]))
         yield f"   {cut(short(m), 60)}:", False
-        yield f"      the other kinds predict {value:.3g} ± {sd:.2g} {unit}, {abs(t.z[i]):.1f} sd away", False
+        yield f"      the other kinds lead to {value:.3g} {unit}, {z:.1f} sd away", False
 
 
 def _write(axes: Axes, notes: Sequence[tuple[str, bool]]) -> None:
     """Write lines on empty axes, from the top down."""
     axes.set_axis_off()
     for i, (line, warning) in enumerate(notes):
-        axes.annotate(
-            line,
-            (0.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(-150, -14 * i),
-            textcoords="offset points",
-            va="top",
-            fontsize=9,
-            color=ORANGE if warning else "black",
-            parse_math=False,
-        )
+        style = {"va": "top", "fontsize": 9, "color": ORANGE if warning else "black"}
+        note(axes, line, (0.0, 1.0), (-150, -14 * i), xycoords="axes fraction", **style)

@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ident.identify.plan import CampaignPlan
 from ident.identify.posture_grid import main_joints
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, heading, plain, titled
 from ident.present.text.plan import criterion_in_words, experiment_in_words
 from ident.present.text.words import cut, degrees
 
@@ -22,9 +21,8 @@ DASHES = {"k_bend": "-", "k_tors": (0, (5, 2))}
 
 def plan_figure(plan: CampaignPlan) -> Figure:
     """Draw gain per hour over posture with the chosen experiments, and the standard deviations after each of them."""
-    figure = Figure(figsize=(13.0, 6.2), layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08, wspace=0.03))
     title = f"What to measure next on {cut(plan.arm.name, 50)}"
-    figure.suptitle(title, parse_math=False, fontsize=13, fontweight="bold")
+    figure = titled((13.0, 6.2), title, (0.12, 0.08), wspace=0.03)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     _gain_over_posture(figure, left, plan)
     _sd_over_experiments(right, plan)
@@ -32,21 +30,22 @@ def plan_figure(plan: CampaignPlan) -> Figure:
 
 
 def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
-    gain, postures = 60 * plan.gain_over_grid, plan.grid.postures
-    shown = main_joints(postures, gain)
+    gain, postures, workspace = 60 * plan.gain_over_grid, plan.grid.postures, plan.arm.workspace
+    scattered = plan.grid.sampled or bool(workspace.postures)
+    shown = main_joints(postures, gain) if workspace.line is None else [int(np.flatnonzero(workspace.line)[0])]
     names = [plan.arm.driven[i].name for i in shown]
     angles = np.rad2deg(postures[:, shown])
     if len(shown) == 1:
         order = np.argsort(angles[:, 0])
         axes.plot(angles[order, 0], gain[order], color=BLUE, marker="o", markersize=4)
-        axes.set_ylabel(_gain_label(plan))
+        axes.set_ylabel(_gain_label(plan), fontsize=9)
         axes.set_ylim(bottom=0)
         places = {
             i: (math.degrees(q[0]), height)
             for i, (q, height) in enumerate(zip(plan.predictions.postures, 60 * plan.best_gain, strict=True))
         }
     else:
-        drawn = _map(axes, angles, gain, sampled=plan.grid.sampled)
+        drawn = _map(axes, angles, gain, sampled=scattered)
         bar = figure.colorbar(drawn, ax=axes, pad=0.02)
         bar.set_label(_gain_label(plan), fontsize=9)
         bar.ax.tick_params(labelsize=8)
@@ -55,15 +54,17 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
         places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.predictions.postures)}
     axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
     for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
-        axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not plan.grid.sampled else MaxNLocator(9))
+        axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not scattered else MaxNLocator(9))
     plain(axes)
     _mark(axes, plan, places)
     entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is then still open": _badge()}
     if plan.measured.any():
         entries["measured before"] = _cross()
     others = [joint.name for i, joint in enumerate(plan.arm.driven) if i not in shown]
-    where = "at any angle" if plan.grid.sampled else "at the best angle"
+    where = "at any angle" if scattered else "at the best angle"
     rest = f"; {', '.join(cut(name, 20) for name in others)} {where}" if others else ""
+    if workspace.line is not None:
+        rest = f" on the line ({', '.join(f'{share:g}' for share in workspace.line)})"
     heading(axes, f"Gain of a first experiment over posture{rest}", entries)
 
 

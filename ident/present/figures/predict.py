@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ident.assess.prediction import Prediction
 from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.figures.style import BLUE, GREEN, ORANGE, PINK, Style, heading, plain
 from ident.present.text.words import cut, degrees
@@ -52,15 +53,16 @@ def mode_figure(analysis: ModalAnalysis) -> Figure:
     return figure
 
 
-def frequency_figure(analyses: Sequence[ModalAnalysis], joint: int) -> Figure:
+def frequency_figure(predictions: Sequence[Prediction], joint: int) -> Figure:
     """Draw natural frequencies against the angle of one joint, by what the modes are.
 
-    Hollow markers are modes that are named by a near draw.
+    Hollow markers are modes that are named by a near draw; bars are bands of a posterior.
 
     Args:
-        analyses: at postures along a motion, all with as many modes.
+        predictions: at postures along a motion, all with as many modes.
         joint: place among the driven joints.
     """
+    analyses = [each.analysis for each in predictions]
     frequency = np.array([analysis.modes.frequency for analysis in analyses])
     name = np.array([[f"{label.direction} {label.kind}" for label in analysis.labels] for analysis in analyses])
     unsure = np.array([analysis.ambiguous for analysis in analyses])
@@ -69,6 +71,8 @@ def frequency_figure(analyses: Sequence[ModalAnalysis], joint: int) -> Figure:
     axes = figure.add_subplot()
     axes.plot(angle, frequency, color="#BBBBBB", linewidth=0.8, zorder=1)
     at = np.broadcast_to(angle[:, None], frequency.shape)
+    low, high = np.stack([each.frequency_band for each in predictions], 1)
+    axes.vlines(at, low, high, color="#888888", linewidth=2.5, alpha=0.5, zorder=1)
     for words, style in NAME_STYLES.items():
         for chosen, face in ((~unsure, style["color"]), (unsure, "white")):
             here = (name == words) & chosen
@@ -86,6 +90,8 @@ def frequency_figure(analyses: Sequence[ModalAnalysis], joint: int) -> Figure:
     named = {words: style for words, style in NAME_STYLES.items() if (name == words).any()}
     if unsure.any():
         named["hollow: named by a near draw"] = {"color": "black", "marker": "o", "markerfacecolor": "white"}
+    if np.isfinite(low).any():
+        named["5 to 95 % of the draws"] = {"color": "#888888", "linestyle": "-", "linewidth": 2.5, "alpha": 0.5}
     heading(axes, f"Natural frequencies of {cut(arm.name, 40)} along its postures", named, columns=len(named))
     return figure
 

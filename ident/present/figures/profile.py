@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from ident.identify.fit import CampaignFit
 from ident.inference.profile import Profile, threshold
 from ident.inference.profile_path import Ending
-from ident.present.figures.style import BLUE, FILLED, GREY, HOLLOW, ORANGE, engineering, plain, ratio_axis
+from ident.present.figures.style import BLUE, FILLED, GREY, HOLLOW, ORANGE, engineering, note, plain, ratio_axis, titled
 from ident.present.text.profile import level_in_words
 from ident.present.text.units import read_unit
 from ident.present.text.words import cut
@@ -34,10 +33,9 @@ def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
     count = math.ceil(len(profiles) / columns)
     warnings = list(_warnings(fit, profiles))
     size = (PANEL[0] * columns + 1.0, PANEL[1] * count + 0.9 + 0.2 * len(warnings))
-    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.08))
     names = f"{cut(fit.arm.name, 30)} to {cut(fit.campaign.name, 30) or 'measurements'}"
     title = f"Profiles of the fit of {names}" if columns > 1 else f"Profile of the fit of\n{names}"
-    figure.suptitle(title, parse_math=False, fontsize=12, fontweight="bold")
+    figure = titled(size, title, (0.09, 0.08))
     grid = figure.subplots(count, columns, squeeze=False).flat
     bottom = min([0.0, *(float(profile.delta_chi_squared.min()) for profile in profiles)])
     for i, profile in enumerate(profiles):
@@ -116,33 +114,16 @@ def _ending(axes: Axes, profile: Profile, side: int, top: float) -> None:
     word, marker = ("open", "<>"[side]) if ending is Ending.OPEN else ("model ends", "|")
     style = {**HOLLOW, "color": BLUE, "marker": marker, "markersize": 7 if marker != "|" else 12}
     axes.plot([at[0]], [at[1]], linestyle="", zorder=4, clip_on=False, **style)
-    align = ("left", "right")[side]
-    above = (0, 8) if at[1] < 0.9 * top else (0, -12)
-    axes.annotate(
-        word,
-        at,
-        xytext=above,
-        textcoords="offset points",
-        ha=align,
-        va="bottom" if above[1] > 0 else "top",
-        fontsize=8,
-        color=BLUE,
-    )
+    above = at[1] < 0.9 * top
+    place = {"ha": ("left", "right")[side], "va": "bottom" if above else "top"}
+    note(axes, word, at, (0, 8 if above else -12), color=BLUE, **place)
 
 
 def _levels(axes: Axes, profile: Profile) -> None:
     """Write the levels at the right end of their lines."""
     for interval in profile.intervals:
-        axes.annotate(
-            level_in_words(interval.level),
-            (1.0, threshold(interval.level)),
-            xycoords=("axes fraction", "data"),
-            xytext=(4, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8,
-            color=GREY,
-        )
+        end: Any = {"xycoords": ("axes fraction", "data"), "va": "center"}
+        note(axes, level_in_words(interval.level), (1.0, threshold(interval.level)), (4, 0), **end)
 
 
 def _span(profile: Profile) -> tuple[float, float]:

@@ -2,17 +2,17 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.transforms import Transform
 
 from ident.arm.labels import Label
 from ident.present.figures.predict import NAME_STYLES
-from ident.present.figures.style import GREY, plain
+from ident.present.figures.style import GREY, note, plain, titled
 from ident.present.text.resonance_words import band_words, grouped, same_lines, sources_words
 from ident.present.text.words import cut
 from ident.vibrate.modal.branches import Branches
@@ -46,8 +46,7 @@ def resonance_figure(
         crossings: what is shaded and numbered, in this order.
         title: heading, such as the name of the motion.
     """
-    figure = Figure(figsize=SIZE, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
-    figure.suptitle(cut(title or "Natural and pulley frequencies", 90), parse_math=False, fontsize=12, weight="bold")
+    figure = titled(SIZE, cut(title or "Natural and pulley frequencies", 90), (0.06, 0.05))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
     top = HEADROOM * float(branches.band()[1].max() if branches.batch_size else branches.median.max())
     upper.set_ylim(0, top)
@@ -207,21 +206,9 @@ def _write(
     coords: str | Transform = "data",
     align: str = "left",
 ) -> None:
-    axes.annotate(
-        text,
-        at,
-        xycoords=coords,
-        xytext=shift,
-        textcoords="offset points",
-        ha=align,
-        va="center",
-        fontsize=8,
-        color=colour,
-        parse_math=False,
-        annotation_clip=False,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
-        zorder=5,
-    )
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+    place: Any = {"xycoords": coords, "ha": align, "va": "center", "annotation_clip": False, "bbox": box, "zorder": 5}
+    note(axes, text, at, shift, color=colour, **place)
 
 
 def _colour(label: Label) -> str:

@@ -4,7 +4,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from ident.identify.sample import CampaignSample
@@ -31,6 +30,7 @@ from ident.present.figures.style import (
     plain,
     ratio_axis,
     rows,
+    titled,
 )
 from ident.present.text.sample import of_first
 from ident.present.text.words import cut, direction_name, short
@@ -57,13 +57,9 @@ def posterior_figure(result: CampaignSample) -> Figure:
     combined = combinations(result.sample) if len(result.fitted.problem.parameters.items) > 1 else []
     left = [len(items) * ROW + PANEL, len(combined) * ROW + PANEL]
     right = min(len(result.fitted.campaign), DENSE) * ROW + PANEL
-    figure = Figure(
-        figsize=(15.5, max(sum(left), right) + 0.5), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06, wspace=0.04)
-    )
-    title = (
-        f"Posterior of {cut(result.fitted.arm.name, 50)} given {cut(result.fitted.campaign.name, 50) or 'measurements'}"
-    )
-    figure.suptitle(title + of_first(result), parse_math=False, fontsize=13, fontweight="bold")
+    arm, campaign = cut(result.fitted.arm.name, 50), cut(result.fitted.campaign.name, 50) or "measurements"
+    title = f"Posterior of {arm} given {campaign}{of_first(result)}"
+    figure = titled((15.5, max(sum(left), right) + 0.5), title, (0.1, 0.06), wspace=0.04)
     columns = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     stacked = columns[0].subgridspec(2, 1, height_ratios=left)
     _against_prior(figure.add_subplot(stacked[0]), result)
@@ -176,7 +172,7 @@ def corner_figure(result: CampaignSample) -> Figure:
             if axis.get_scale() == "log":
                 _few_ticks(axis)
     title = f"Posterior of {cut(result.fitted.arm.name, 40)}{of_first(result)}: values / centre of their priors [-]"
-    figure.suptitle(title, x=0.98, ha="right", parse_math=False, fontsize=13, fontweight="bold")
+    figure.suptitle(title, x=0.98, ha="right", parse_math=False, fontsize=12, fontweight="bold")
     figure.text(0.98, 0.94, "orange: centre of the prior; dashed: 95 % interval", ha="right", fontsize=10)
     return figure
 
@@ -184,18 +180,17 @@ def corner_figure(result: CampaignSample) -> Figure:
 def trace_figure(result: CampaignSample) -> Figure:
     """Draw one walker of each ensemble over the steps, parameter by parameter."""
     sample = result.sample
-    names, steps = sample.posterior.parameters.names, len(sample.theta)
-    shown = np.unique(np.linspace(0, steps - 1, min(steps, 2000)).astype(int))
-    figure = Figure(figsize=(11, 1.25 * len(names) + 1.0), layout=ConstrainedLayoutEngine(h_pad=0.04))
-    figure.suptitle("One walker of each ensemble", fontsize=13, fontweight="bold")
+    names, draws = sample.posterior.parameters.names, len(sample.theta)
+    shown = np.unique(np.linspace(0, draws - 1, min(draws, 2000)).astype(int))
+    figure = titled((11, 1.25 * len(names) + 1.0), "One walker of each ensemble", (0.04, 0.04))
     panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     for p, (axes, name) in enumerate(zip(panels, names, strict=True)):
         plain(axes)
-        axes.plot(shown, sample.theta[shown, :, 0, p], linewidth=0.6)
-        axes.axvspan(0, sample.burn_in, color="#EEEEEE", zorder=0)
+        axes.plot(shown * sample.thin, sample.theta[shown, :, 0, p], linewidth=0.6)
+        axes.axvspan(0, sample.burn_in * sample.thin, color="#EEEEEE", zorder=0)
         axes.set_ylabel(_two_lines(name), fontsize=8, rotation=0, ha="right", va="center", parse_math=False)
     panels[-1].set_xlabel("step [-]; grey: burn-in, left out; vertical: theta, ln(value) for a stiffness", fontsize=9)
-    panels[-1].set_xlim(0, steps)
+    panels[-1].set_xlim(0, draws * sample.thin)
     return figure
 
 

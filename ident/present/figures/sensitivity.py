@@ -3,12 +3,11 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ident.assess.design import DesignStudy
-from ident.present.figures.style import BLUE, GREY, ORANGE, key_below, motion_title, rows
+from ident.present.figures.style import BLUE, GREY, ORANGE, key_below, motion_title, note, plain, rows, titled
 from ident.present.text.units import MM, value_in_words
 from ident.present.text.words import cut
 from ident.vibrate.response.study import DIRECTIONS
@@ -23,8 +22,8 @@ def sensitivity_figure(study: DesignStudy) -> Figure:
     """Draw the sensitivities in x, y and z, the strongest at the top, with 5 to 95 % of the draws."""
     each = study.sensitivities
     shown = each.order[:MOST]
-    figure = Figure(figsize=(WIDTH, ROW * len(shown) + 1.9), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.08))
-    motion_title(figure, f"What the vibration of {study.basis.point} depends on", study.basis)
+    title = motion_title(f"What the vibration of {study.basis.point} depends on", study.basis)
+    figure = titled((WIDTH, ROW * len(shown) + 1.9), title, (0.06, 0.08))
     grid = figure.subplots(1, len(DIRECTIONS), sharey=True)
     names = [f"{cut(each.paths[i], 22)}, {value_in_words(each.paths[i], each.present[i])}" for i in shown]
     for d, axes in enumerate(grid):
@@ -46,10 +45,7 @@ def _direction(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None
         axes.hlines(places, low, high, color="black", linewidth=1.1, zorder=3)
     _numbers(axes, study, d, shown)
     axes.axvline(0, color=GREY, linewidth=0.8, zorder=1)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8)
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
+    plain(axes, left=False)
     axes.set_title(f"{DIRECTIONS[d].upper()}: {MM * each.amplitude[d]:.3g} mm", fontsize=10)
     axes.locator_params(axis="x", nbins=5)
     if d == 1:
@@ -63,16 +59,8 @@ def _numbers(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None:
     ends = np.stack([values, *(each.band[:, shown, d] if study.draws else ())])
     for place, value in enumerate(values):
         end = ends[:, place].min() if value < 0 else ends[:, place].max()
-        axes.annotate(
-            f"{value:+.2f}",
-            (end, place),
-            xytext=(-3 if value < 0 else 3, 0),
-            textcoords="offset points",
-            ha="right" if value < 0 else "left",
-            va="center",
-            fontsize=7,
-            color=GREY,
-        )
+        side, align = (-3, "right") if value < 0 else (3, "left")
+        note(axes, f"{value:+.2f}", (end, place), (side, 0), ha=align, va="center", fontsize=7)
     room = 0.24 * (max(ends.max(), 0.0) - min(ends.min(), 0.0))
     axes.set_xlim(min(ends.min(), 0.0) - room, max(ends.max(), 0.0) + room)
 

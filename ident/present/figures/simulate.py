@@ -5,20 +5,31 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ident.assess.simulation import Simulation, alike
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PALE_BLUE, PINK, Style, key_below, plain
+from ident.present.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    NEAR,
+    ORANGE,
+    PALE_BLUE,
+    PINK,
+    Style,
+    key_below,
+    motion_title,
+    note,
+    plain,
+    titled,
+)
 from ident.present.text.units import MM
 from ident.present.text.words import cut
 from ident.vibrate.response.study import DIRECTIONS
 
 WIDTH, PANEL = 8.0, 1.9
 """Width of a figure and height of a panel [inch]."""
-NEAR = 0.5
-"""Share of the limit that a peak must reach for the limit to be drawn."""
 OURS: Style = {"color": BLUE, "linewidth": 1.3}
 THEIRS: Style = {"color": ORANGE, "linewidth": 0.8}
 PARTS: tuple[Style, ...] = tuple(
@@ -31,7 +42,7 @@ PARTS: tuple[Style, ...] = tuple(
 def simulate_figure(simulation: Simulation) -> Figure:
     """Draw the vibration of the end point in x, y and z over time, with bands of draws and a measured trace."""
     compared = simulation.comparisons or {}
-    figure, grid = _panels(_title(simulation, f"Vibration of {simulation.point}"), len(DIRECTIONS))
+    figure, grid = _panels(motion_title(f"Vibration of {simulation.point}", simulation.basis), len(DIRECTIONS))
     for i, (axes, direction) in enumerate(zip(grid, DIRECTIONS, strict=True)):
         _direction(axes, simulation, i)
         if direction in compared:
@@ -45,7 +56,7 @@ def simulate_figure(simulation: Simulation) -> Figure:
 def drives_figure(simulation: Simulation) -> Figure:
     """Draw joint rotations, belt tensions and the pulleys' turning frequencies over time."""
     panels = list(_drive_panels(simulation))
-    figure, grid = _panels(_title(simulation, "Joints, belts and pulleys"), len(panels))
+    figure, grid = _panels(motion_title("Joints, belts and pulleys", simulation.basis), len(panels))
     for i, (axes, (label, lines)) in enumerate(zip(grid, panels, strict=True)):
         for (name, values), style in zip(lines.items(), PARTS * (1 + len(lines) // len(PARTS)), strict=False):
             axes.plot(simulation.time, values, label=cut(name, 24), **style)
@@ -62,19 +73,12 @@ def drives_figure(simulation: Simulation) -> Figure:
 
 
 def _panels(title: str, count: int) -> tuple[Figure, list[Axes]]:
-    layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.05)
-    figure = Figure(figsize=(WIDTH, PANEL * count + 1.2), layout=layout)
-    figure.suptitle(title, parse_math=False, fontsize=12, fontweight="bold")
+    figure = titled((WIDTH, PANEL * count + 1.2), title, (0.08, 0.05))
     grid = list(figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0])
     for axes in grid:
-        plain(axes)
-        axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
+        plain(axes, grid=True)
     grid[-1].set_xlabel("time [s]", fontsize=9)
     return figure, grid
-
-
-def _title(simulation: Simulation, what: str) -> str:
-    return f"{what}: {cut(simulation.arm.name, 30)}\n{cut(simulation.response.motion.name, 60)}"
 
 
 def _by_acceleration(simulation: Simulation, direction: str) -> bool:
@@ -123,16 +127,7 @@ def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
         if simulation.time[0] < time < simulation.time[-1]:
             axes.axvline(time, color=GREY, linewidth=0.8, linestyle="--", zorder=2)
             if labelled:
-                axes.annotate(
-                    name,
-                    (time, 1.0),
-                    xycoords=axes.get_xaxis_transform(),
-                    xytext=(0, 2),
-                    textcoords="offset points",
-                    ha="center",
-                    fontsize=8,
-                    color=GREY,
-                )
+                note(axes, name, (time, 1.0), (0, 2), xycoords=axes.get_xaxis_transform(), ha="center")
 
 
 def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:

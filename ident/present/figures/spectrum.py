@@ -1,4 +1,4 @@
-"""Figures of vibration: amplitude against frequency, and against time and frequency."""
+"""Figures of vibration: amplitude against frequency, against time and frequency, and of a pulley's orders over time."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
@@ -8,12 +8,10 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from ident.assess.spectra import Spectra
-from ident.errors import InputError, Problem
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, plain
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, note, plain, titled
 from ident.present.text.spectrum import UNITS
 from ident.present.text.words import cut, degrees
 from ident.vibrate.signal.spectrogram import Spectrogram
@@ -78,19 +76,12 @@ def spectrum_figure(
         upto: [Hz] right end of the axis.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
         remarks: further lines below the panels.
-
-    Raises:
-        InputError: there is no spectrum, or one has not a column for each direction.
     """
-    problems = list(_series_problems(series, directions))
-    if problems:
-        raise InputError(problems)
     flags = _rows_of_flags({name: f for name, f in (marks or {}).items() if f <= upto}, upto)
     notes = [*_descriptions(series), *_beyond(marks or {}, upto), *remarks]
     above = LINE / 72 * (1 + max((row for _, _, row in flags), default=-1))
     height = PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
-    figure = Figure(figsize=(PANEL[0], height), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
-    figure.suptitle("Amplitude spectrum", fontsize=12, fontweight="bold")
+    figure = titled((PANEL[0], height), "Amplitude spectrum")
     grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
     for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
         _spectra(axes, series, i, upto, UNITS[kind][0])
@@ -121,15 +112,8 @@ def spectrogram_figure(
         upto: [Hz] upper end of the axis.
         decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
-
-    Raises:
-        InputError: the spectrogram is one of several traces.
     """
-    if spectrogram.amplitude.ndim != 2:
-        got = f"amplitudes of shape {spectrogram.amplitude.shape}"
-        raise InputError(Problem("spectrogram", got, "a single trace", "choose one with spectrogram.column(i)"))
-    figure = Figure(figsize=(PANEL[0], 4.9), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
-    figure.suptitle(cut(title, 70), parse_math=False, fontsize=12, fontweight="bold")
+    figure = titled((PANEL[0], 4.9), cut(title, 70))
     axes = figure.subplots()
     _colours(figure, axes, spectrogram, upto, decibel, *UNITS[kind])
     handles = [_line(axes, *drawn) for drawn in zip((lines or {}).items(), cycle(LINES), strict=False)]
@@ -175,24 +159,9 @@ def _flags(axes: Axes, flags: Sequence[tuple[str, float, int]], *, labelled: boo
     for text, frequency, row in flags:
         axes.axvline(frequency, color=GREY, linewidth=0.7, zorder=1)
         if labelled:
-            axes.annotate(
-                f" {text}",
-                (frequency, 1.0),
-                xycoords=axes.get_xaxis_transform(),
-                xytext=(0, 2 + LINE * row),
-                textcoords="offset points",
-                fontsize=8,
-                color=GREY,
-                parse_math=False,
-                arrowprops={
-                    "arrowstyle": "-",
-                    "color": GREY,
-                    "linewidth": 0.7,
-                    "relpos": (0, 0),
-                    "shrinkA": 0,
-                    "shrinkB": 0,
-                },
-            )
+            line = {"arrowstyle": "-", "color": GREY, "linewidth": 0.7, "relpos": (0, 0), "shrinkA": 0, "shrinkB": 0}
+            place: Any = {"xycoords": axes.get_xaxis_transform(), "arrowprops": line}
+            note(axes, f" {text}", (frequency, 1.0), (0, 2 + LINE * row), **place)
 
 
 def _colours(
@@ -242,11 +211,28 @@ def _beyond(marks: Mapping[str, float], upto: float) -> Iterator[str]:
         yield f"beyond the axis: {', '.join(beyond)}"
 
 
-def _series_problems(series: Mapping[str, Spectrum], directions: Sequence[str]) -> Iterator[Problem]:
-    if not series:
-        yield Problem("series", "no spectrum", "one or more", "give at least one")
-    for name, spectrum in series.items():
-        shape, wanted = spectrum.amplitude.shape, (len(spectrum.frequency), len(directions))
-        if shape != wanted and not (len(directions) == 1 and shape == wanted[:1]):
-            expected = f"{wanted}, a column for each of {', '.join(directions)}"
-            yield Problem(f"series {cut(name, 40)}", f"amplitudes {shape}", expected, "name one direction a column")
+def orders_figure(spectra: Spectra) -> Figure:
+    """Draw the amplitude of each pulley's orders over time, a panel for each direction."""
+    factor, unit = UNITS[spectra.kind]
+    count = len(spectra.directions)
+    figure = titled((PANEL[0], PANEL[1] * count + 1.3), "Orders of the pulleys")
+    grid = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
+    named = [(name, track, o) for name, track in spectra.tracks.items() for o in range(len(track.orders))]
+    styled = list(zip(named, cycle(SERIES), strict=False))
+    for d, (axes, direction) in enumerate(zip(grid, spectra.directions, strict=True)):
+        for (_, track, o), style in styled:
+            axes.plot(track.time, factor * track.amplitude[o, :, d], marker="o", markersize=3.5, **style)
+        plain(axes)
+        axes.set_ylim(bottom=0)
+        axes.set_ylabel(f"{direction.upper()}: amplitude, 0-peak [{unit}]", fontsize=9)
+    grid[-1].set_xlabel("time [s]", fontsize=9)
+    figure.align_ylabels(grid)
+    handles = [
+        Line2D([], [], marker="o", markersize=3.5, label=f"order {track.orders[o]:g} of {cut(name, 30)}", **style)
+        for (name, track, o), style in styled
+    ]
+    revolutions = next(iter(spectra.tracks.values())).revolutions
+    fastest = max(float(np.max(track.frequency)) for track in spectra.tracks.values())
+    notes = f"a point for each {revolutions} revolutions; pulleys turn at up to {fastest:.3g} Hz"
+    key_below(figure, handles, notes, columns=3)
+    return figure

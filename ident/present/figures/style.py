@@ -10,6 +10,7 @@ from typing import Any
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
@@ -19,6 +20,8 @@ from ident.present.text.words import cut
 BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 """Colours that a colour-blind reader tells apart (Okabe and Ito, 2002)."""
 GREY, PALE, PALE_BLUE = "#555555", "#B8C4CE", "#A8D0E8"
+NEAR = 0.5
+"""Share of a limit that what is drawn must reach for the limit to be drawn; elsewhere it would flatten the curves."""
 
 Style = Mapping[str, Any]
 FILLED: Style = {"marker": "o", "color": BLUE, "markersize": 6}
@@ -35,9 +38,26 @@ def rows(axes: Axes, labels: Sequence[str], *, side: str = "left") -> None:
     plain(axes, left=False)
 
 
-def plain(axes: Axes, *, left: bool = True) -> None:
-    """Leave out the lines of the frame that carry no ticks."""
+def titled(
+    size: tuple[float, float], title: str, pads: tuple[float, float] = (0.08, 0.06), wspace: float = 0.02
+) -> Figure:
+    """Return an empty figure of a size [inch] under a title, with the pads of matplotlib's constrained layout."""
+    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=pads[0], h_pad=pads[1], wspace=wspace))
+    figure.suptitle(title, parse_math=False, fontsize=12, fontweight="bold")
+    return figure
+
+
+def note(axes: Axes, text: str, at: tuple[Any, Any], offset: tuple[float, float] = (0, 0), **more: Any) -> None:
+    """Write small letters at a place, so many points off; `more` is as in `Axes.annotate`."""
+    style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "color": GREY, "parse_math": False}
+    axes.annotate(text, at, xytext=offset, **(style | more))
+
+
+def plain(axes: Axes, *, left: bool = True, grid: bool = False) -> None:
+    """Leave out the lines of the frame that carry no ticks; draw pale horizontal lines where asked."""
     axes.set_axisbelow(True)
+    if grid:
+        axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
     axes.tick_params(labelsize=8)
     for spine in ("top", "right") if left else ("top", "right", "left"):
         axes.spines[spine].set_visible(False)
@@ -62,10 +82,9 @@ def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: in
     legend.get_title().set(fontweight="bold", fontsize=10, parse_math=False)
 
 
-def motion_title(figure: Figure, what: str, basis: Basis) -> None:
-    """Put above a figure what it shows, of which arm and motion."""
-    text = f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"
-    figure.suptitle(text, parse_math=False, fontsize=12, fontweight="bold")
+def motion_title(what: str, basis: Basis) -> str:
+    """Return what a figure shows, of which arm and motion."""
+    return f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"
 
 
 def key_below(figure: Figure, handles: Sequence[Artist], note: str, *, columns: int = 4) -> None:

@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from ident.assess.sweep import SweepStudy
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, Style, key_below, motion_title, plain
+from ident.present.figures.style import BLUE, GREEN, GREY, NEAR, ORANGE, Style, key_below, motion_title, plain, titled
 from ident.present.text.sweep_words import axis_in_words
 from ident.present.text.units import MM, in_paper_unit
 from ident.present.text.words import cut
@@ -25,8 +24,6 @@ WIDTH, PANEL = 8.0, 2.5
 """Width of a figure and height of a panel [inch]."""
 COLUMN, LABEL = 4, 60
 """Panels that stand in one column, and letters of a label."""
-NEAR = 0.5
-"""Share of the limit that an amplitude must reach for the limit to be drawn."""
 DOTTED: Style = {"linewidth": 1.4, "marker": ".", "markersize": 3}
 WAYS: tuple[Style, ...] = (
     {**DOTTED, "color": BLUE, "linestyle": "-"},
@@ -57,15 +54,13 @@ def sweep_figure(study: SweepStudy) -> Figure:
 def _panels(study: SweepStudy, count: int) -> tuple[Figure, list[Axes]]:
     columns = 1 if count <= COLUMN else 2
     lines = -(-count // columns)
-    layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08)
-    figure = Figure(figsize=(WIDTH * (1 + 0.6 * (columns - 1)), PANEL * lines + 1.6), layout=layout)
-    motion_title(figure, f"Vibration of {study.basis.point}", study.basis)
+    size = (WIDTH * (1 + 0.6 * (columns - 1)), PANEL * lines + 1.6)
+    figure = titled(size, motion_title(f"Vibration of {study.basis.point}", study.basis), (0.08, 0.08))
     grid = list(figure.subplots(lines, columns, squeeze=False, sharey=True).ravel())
     for axes in grid[count:]:
         axes.remove()
     for place, axes in enumerate(grid[:count]):
-        plain(axes)
-        axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
+        plain(axes, grid=True)
         if place % columns == 0:
             axes.set_ylabel(f"{study.measure} [mm]", fontsize=9)
     return figure, grid[:count]
@@ -174,8 +169,7 @@ def _notes(study: SweepStudy) -> list[str]:
 def _map_figure(study: SweepStudy) -> Figure:
     """Draw filled contours of the largest amplitude over x, y and z."""
     (sweep,) = study.sweeps
-    figure = Figure(figsize=(WIDTH, 6.4), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08))
-    motion_title(figure, f"Vibration of {study.basis.point}", study.basis)
+    figure = titled((WIDTH, 6.4), motion_title(f"Vibration of {study.basis.point}", study.basis), (0.08, 0.08))
     axes = figure.subplots()
     plain(axes)
     first, second = (in_paper_unit(axis.paths[0], 1.0)[0] * axis.values for axis in sweep.axes)

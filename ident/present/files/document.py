@@ -1,4 +1,4 @@
-"""Result files as JSON: what was computed, from what, with what and how, and the result itself to load again."""
+"""Result files as JSON: from what a result was made, with what and how, its main numbers, and the result itself."""
 
 import json
 import math
@@ -12,68 +12,47 @@ from typing import Any
 
 import numpy as np
 
-from ident.codec import CodecError, decode, encode
-from ident.description.file import ArmFile
 from ident.errors import InputError, Problem
 from ident.files import replace_file
-from ident.measure import Campaign
 from ident.text import decode as decode_text
 from ident.text import one_line, quoted, read_bytes
 
-LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "numpy", "scipy")
+LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "diffrax", "ruckig", "xarray", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
 RERUN = "run the command again; files of older versions are not read"
+WIDTH = 160
+"""Longest line of a file, but for those of numbers."""
 
 
-def provenance(
-    form: str, arm_file: ArmFile | None, campaign: Campaign | None, options: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Say what a result was made from, with what and how: the head of every result file."""
+def provenance(form: str, inputs: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Say what a result was made from, with what and how: the head of every result file.
+
+    Args:
+        form: format and version.
+        inputs: what came from files, with `path` and `sha256`, by name; None for what was not given.
+        options: as they are recorded.
+    """
+    sources = {
+        name: None if source is None else {"path": source.path, "sha256": source.sha256}
+        for name, source in inputs.items()
+    }
     return {
         "format": form,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
         "options": plain(options),
-        "inputs": {
-            "arm": {"path": arm_file.path, "sha256": arm_file.sha256} if arm_file is not None else None,
-            "campaign": {"path": campaign.path, "sha256": campaign.sha256} if campaign is not None else None,
-        },
+        "inputs": sources,
     }
 
 
-def write_result(document: Mapping[str, Any], fields: Mapping[str, Any], path: Path) -> None:
-    """Write a result: a document for people, and the fields that `read_result` brings back.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
-    write_json({**document, "result": encode(dict(fields))}, path)
-
-
-def read_result(path: str | Path) -> tuple[str, dict[str, Any]]:
-    """Return the format of a result file and the fields of its result.
-
-    Raises:
-        InputError: the file is no result that this version of ident can load.
-    """
-    where, netcdf = one_line(str(path)), Path(path).with_suffix(".nc")
-    if Path(path) == netcdf:
-        from ident.present.files.netcdf import read_netcdf_result
-
-        return read_netcdf_result(path)
-    document = read_document(path, EXPECTED)
-    if "result" not in document:
-        remedy = f"it is for reading: load {one_line(netcdf.name)} beside it" if netcdf.exists() else RERUN
-        raise InputError(Problem(where, f"no result to load ({document['format']})", EXPECTED, remedy))
-    return document["format"], fields_of(document["result"], where)
+def write_json(document: Mapping[str, Any], path: Path) -> None:
+    """Write a document whole or not at all."""
+    text = _laid_out(document) + "\n"
+    replace_file(path, lambda file: file.write(text.encode("utf-8", "backslashreplace")), make_folders=True)
 
 
 def read_document(path: str | Path, expected: str) -> dict[str, Any]:
-    """Return what a result file says.
-
-    Raises:
-        InputError: it is no JSON object with a format.
-    """
+    """Return what a result file says."""
     where = one_line(str(path))
     try:
         document = json.loads(decode_text(read_bytes(path, expected), where))
@@ -85,44 +64,23 @@ def read_document(path: str | Path, expected: str) -> dict[str, Any]:
     return document
 
 
+def read_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
+    """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it."""
+    if Path(path).suffix == ".nc":
+        from ident.present.files.netcdf import read_netcdf_result
+
+        return read_netcdf_result(path)
+    document = read_document(path, EXPECTED)
+    return document["format"], document.get("result"), {}
+
+
 def check_format(form: str, wanted: str, where: str, expected: str) -> None:
-    """Refuse the result of another study or version; what names no format of ident is left to the reader.
-
-    Raises:
-        InputError: the format is another one.
-    """
-    if not form.startswith("ident-") or form == wanted:
-        return
-    study = wanted.removeprefix("ident-").partition("/")[0]
-    old = form.startswith(f"ident-{study}/")
-    remedy = "run the command again with this version of ident" if old else f"give the file that ident {study} wrote"
-    raise InputError(Problem(where, f"the format {quoted(form)}", expected, remedy))
-
-
-def fields_of(encoded: Any, where: str, arrays: Mapping[str, np.ndarray] | None = None) -> dict[str, Any]:
-    """Return the fields of a result that was encoded.
-
-    Raises:
-        InputError: it is none, or one of another version of ident.
-    """
-    try:
-        fields = decode(encoded, arrays)
-        if not isinstance(fields, dict):
-            raise CodecError("no fields")
-    except (CodecError, TypeError) as error:
-        got = f"a result that this version of ident can't load ({one_line(str(error))})"
-        raise InputError(Problem(where, got, EXPECTED, "run the command again")) from None
-    return fields
-
-
-def write_json(document: Mapping[str, Any], path: Path) -> None:
-    """Write a document whole or not at all.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
-    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    replace_file(path, lambda file: file.write(text.encode("utf-8", "backslashreplace")), make_folders=True)
+    """Refuse the result of another study or version."""
+    if form != wanted:
+        study = wanted.removeprefix("ident-").partition("/")[0]
+        old = form.startswith(f"ident-{study}/")
+        remedy = RERUN if old else f"give the file that ident {study} wrote"
+        raise InputError(Problem(where, f"the format {quoted(form)}", expected, remedy))
 
 
 def plain(value: Any) -> Any:
@@ -131,10 +89,27 @@ def plain(value: Any) -> Any:
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
-    if hasattr(value, "shape"):
+    if hasattr(value, "dtype"):
         return plain(np.asarray(value).tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Path):
         return str(value)
     return plain(asdict(value)) if is_dataclass(value) and not isinstance(value, type) else value
+
+
+def _laid_out(value: Any, indent: str = "") -> str:
+    """Return a value as JSON: what is short, and a row of numbers, on one line."""
+    inner = indent + " "
+    if isinstance(value, Mapping):
+        parts = [f"{_laid_out(key)}: {_laid_out(item, inner)}" for key, item in value.items()]
+        opening, closing = "{}"
+    elif isinstance(value, list) and any(isinstance(item, list | Mapping) for item in value):
+        parts = [_laid_out(item, inner) for item in value]
+        opening, closing = "[]"
+    else:
+        return json.dumps(value, allow_nan=False, ensure_ascii=False)
+    line = ", ".join(parts)
+    if len(line) + len(indent) < WIDTH and "\n" not in line:
+        return f"{opening}{line}{closing}"
+    return f"{opening}\n{inner}" + f",\n{inner}".join(parts) + f"\n{indent}{closing}"

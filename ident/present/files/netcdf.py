@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ident.codec import encode
 from ident.errors import InputError, Problem
 from ident.files import replace_path
-from ident.present.files.document import EXPECTED, RERUN, fields_of
+from ident.present.files.document import EXPECTED, RERUN
 from ident.text import one_line, read_bytes
 
 GROUP = "ident"
@@ -19,26 +18,25 @@ GROUP = "ident"
 TREE = "tree"
 
 
-def write_netcdf_result(form: str, fields: Mapping[str, Any], path: Path, write: Callable[[Path], object]) -> None:
+def write_netcdf_result(
+    form: str, encoded: Any, arrays: Mapping[str, np.ndarray], path: Path, write: Callable[[Path], object]
+) -> None:
     """Write a result with what other tools read beside it, whole or not at all.
 
     Args:
         form: format and version.
-        fields: what `read_netcdf_result` brings back.
+        encoded: the result, as `ident.codec` writes it.
+        arrays: the large arrays apart from it.
         path: where the file goes.
         write: writes the file for other tools at the path it is given.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
     """
     import xarray
 
-    arrays: dict[str, np.ndarray] = {}
-    tree = json.dumps(encode(dict(fields), arrays), allow_nan=False, ensure_ascii=False)
-    arrays[TREE] = np.frombuffer(tree.encode("utf-8", "surrogatepass"), np.uint8)
-    variables = {name: ([f"{name}_{i}" for i in range(part.ndim)], part) for name, part in arrays.items()}
+    tree = json.dumps(encoded, allow_nan=False, ensure_ascii=False).encode("utf-8", "surrogatepass")
+    parts = {**arrays, TREE: np.frombuffer(tree, np.uint8)}
+    variables = {name: ([f"{name}_{i}" for i in range(part.ndim)], part) for name, part in parts.items()}
     data = xarray.Dataset(variables, attrs={"format": form})
-    packed = {name: {"zlib": True, "complevel": 4} for name in arrays}
+    packed = {name: {"zlib": True, "complevel": 4} for name in parts}
 
     def write_both(part: Path) -> None:
         write(part)
@@ -47,12 +45,8 @@ def write_netcdf_result(form: str, fields: Mapping[str, Any], path: Path, write:
     replace_path(path, write_both, make_folders=True)
 
 
-def read_netcdf_result(path: str | Path) -> tuple[str, dict[str, Any]]:
-    """Return the format of a result file and the fields of its result.
-
-    Raises:
-        InputError: the file is no result that this version of ident can load.
-    """
+def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
+    """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it."""
     import xarray
 
     where, file = one_line(str(path)), BytesIO(read_bytes(path, EXPECTED))
@@ -60,7 +54,6 @@ def read_netcdf_result(path: str | Path) -> tuple[str, dict[str, Any]]:
         with xarray.open_dataset(file, group=GROUP, engine="h5netcdf", mask_and_scale=False) as data:
             arrays = {str(name): part.values for name, part in data.data_vars.items()}
             form = str(data.attrs["format"])
-        tree = json.loads(arrays[TREE].tobytes().decode("utf-8", "surrogatepass"))
+        return form, json.loads(arrays.pop(TREE).tobytes().decode("utf-8", "surrogatepass")), arrays
     except (OSError, ValueError, KeyError, RecursionError):
         raise InputError(Problem(where, "no result to load", EXPECTED, RERUN)) from None
-    return form, fields_of(tree, where, arrays)

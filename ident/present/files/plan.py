@@ -1,67 +1,20 @@
-"""A plan as files: JSON that says what was chosen and why, and a campaign with empty values to fill in."""
+"""A plan as rows, and as a campaign with empty values to fill in."""
 
 import csv
 import io
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ident.description.file import ArmFile
 from ident.errors import InputError, Problem
 from ident.files import replace_file
-from ident.identify.experiments import Experiment
 from ident.identify.plan import CampaignPlan
 from ident.measure import format_campaign
-from ident.present.files.document import plain, provenance
 from ident.text import one_line
 
 
-def plan_document(form: str, plan: CampaignPlan, arm_file: ArmFile, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe a plan as plain data: angles in rad, standard deviations of theta, gains in nat."""
-    measured = plan.fit.campaign if plan.fit else None
-    document = provenance(form, arm_file, measured, options) | {
-        "doubts": list(plan.fit.doubts) if plan.fit else [],
-        "parameters": [
-            {"name": item.name, "fitted_as": "ln(value)" if item.positive else f"value / {float(item.scale):g}"}
-            for item in plan.parameters.items
-        ],
-        "sd_now": plan.known.sd[0],
-        "sigma": plan.instruments.sigma,
-        "costs": plan.instruments.costs,
-        "ranking": [
-            {
-                **_experiment(plan.experiments[i]),
-                "cost": plan.candidates.cost[i],
-                "gain": plan.gain[i],
-                "nats": plan.nats[i],
-                "sd_after": plan.sd_after(i),
-            }
-            for i in plan.ranked(len(plan.predictions.postures))
-        ],
-        "batch": [
-            {
-                **_experiment(experiment),
-                "cost": step.cost,
-                "gain": step.gain,
-                "nats": step.nats,
-                "sd_after": step.sd[0],
-                "sd_after_at_draws": step.sd[1:],
-                "values": [{"value": name, "nats_alone": nats} for name, nats in plan.value_gains(i)],
-            }
-            for i, (step, experiment) in enumerate(zip(plan.steps, plan.batch, strict=True))
-        ],
-    }
-    return plain(document)
-
-
 def write_form(plan: CampaignPlan, path: Path) -> None:
-    """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes.
-
-    Raises:
-        InputError: the folder or the file can't be written, or a form is there that has been filled in; what was there
-            before is untouched.
-    """
+    """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes."""
     _refuse_filled(path)
     table = list(csv.DictReader(io.StringIO(format_campaign(plan.campaign(), relative_sigma=True))))
     text = io.StringIO()
@@ -105,13 +58,3 @@ def _refuse_filled(path: Path) -> None:
         raise InputError(
             Problem(one_line(str(path)), "a form that has been filled in", "none, or an empty one", remedy)
         )
-
-
-def _experiment(experiment: Experiment) -> dict[str, Any]:
-    return {
-        "posture": list(experiment.posture),
-        "load": str(experiment.load),
-        "hammer": experiment.hammer,
-        "labelled": experiment.labelled,
-        "dial_gauge": experiment.dial,
-    }

@@ -11,11 +11,7 @@ DPI = 130
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all.
-
-    Raises:
-        InputError: the file can't be written; what was there before is untouched.
-    """
+    """Write a figure as PNG, whole or not at all."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         replace_file(path, lambda file: figure.savefig(file, format="png", dpi=DPI), make_folders=True)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,14 +39,16 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
 
     drawn, posterior = result.posterior_predictive, result.sample.posterior
     by_chain = chains(result.sample)
-    data = arviz.from_dict(
-        posterior=dict(zip(posterior.parameters.names, by_chain.values, strict=True)),
-        posterior_predictive={"data": drawn.simulated[None], "predicted": drawn.predicted[None]},
-        sample_stats={"lp": by_chain.log_density},
-        observed_data={"data": np.asarray(posterior.problem.measured)},
-        dims={"data": ["measurement"], "predicted": ["measurement"]},
-        attrs={name: json.dumps(part) for name, part in head.items()},
-    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "More chains")  # every walker is one, and few steps may be enough
+        data = arviz.from_dict(
+            posterior=dict(zip(posterior.parameters.names, by_chain.values, strict=True)),
+            posterior_predictive={"data": drawn.simulated[None], "predicted": drawn.predicted[None]},
+            sample_stats={"lp": by_chain.log_density},
+            observed_data={"data": np.asarray(posterior.problem.measured)},
+            dims={"data": ["measurement"], "predicted": ["measurement"]},
+            attrs={name: json.dumps(part) for name, part in head.items()},
+        )
     for item in posterior.parameters.items:
         data.posterior[item.name].attrs["paths"] = json.dumps(item.paths)
     data.sample_stats["ensemble"] = ("chain", by_chain.ensemble)
@@ -56,7 +59,7 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
     return data
 
 
-def parameter_rows(result: CampaignSample) -> list[dict[str, Any]]:
+def sample_rows(result: CampaignSample) -> list[dict[str, Any]]:
     """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
     sample = result.sample
     return [
@@ -85,9 +88,6 @@ def read_posterior(form: str, path: str | Path) -> Draws:
     Args:
         form: the format that one of `ident sample` must have.
         path: the file.
-
-    Raises:
-        InputError: the file is no posterior, or one of another version of ident.
     """
     import xarray
 

@@ -1,8 +1,7 @@
-"""The files of a simulated motion: series as CSV and netCDF, and a summary as JSON, with where they come from."""
+"""The files of a simulated motion: series as CSV and netCDF, with where they come from; its sizes as rows."""
 
 import json
 from collections.abc import Iterator, Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,64 +9,23 @@ import numpy as np
 
 from ident.assess.simulation import Simulation
 from ident.files import replace_file
-from ident.present.files import basis
-from ident.present.files.document import plain
 from ident.present.text.units import MM
 from ident.text import one_line
-from ident.vibrate.response.study import DIRECTIONS, Sizes
-from ident.vibrate.signal.compare import Comparison
+from ident.vibrate.response.study import DIRECTIONS
 
 if TYPE_CHECKING:
     import xarray
 
-FORMAT = "ident-simulate/2"
 LESS = "displacement of the end point less the quasi-static deflection"
 SPANS = ("upper", "lower")
 DIGITS = "%.10g"
 
 
-def origin(simulation: Simulation, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Say what a simulation was made from, with what and how."""
-    head = basis.origin(FORMAT, simulation.basis, options)
-    head["software"] |= {name: version(name) for name in ("diffrax", "ruckig", "xarray")}
-    head["inputs"]["trace"] = basis.source(simulation.trace)
-    return head
-
-
-def simulate_document(simulation: Simulation, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe a simulation in numbers as plain data, all SI; infinite and undefined ones become null."""
-    motion, time = simulation.response.motion, simulation.time
-    place = np.argmax(np.abs(simulation.vibration), axis=1)
-    document = origin(simulation, options) | {
-        **basis.motion_document(simulation.basis),
-        "start": np.asarray(motion(motion.breaks[0])[0]),
-        "end": np.asarray(motion(motion.breaks[-1])[0]),
-        "method": simulation.response.method,
-        "interrupted_at": simulation.study.interrupted,
-        "vibration": _sizes(simulation.sizes)
-        | {"time_of_peak": time[place], "posture_at_peak": np.asarray(simulation.response.posture)[:, place].T},
-        "settling_tolerance": simulation.tolerance,
-        "late_from": simulation.at,
-        "difference_of_methods": simulation.study.difference,
-        "draws": _drawn(simulation),
-        "trace": _compared(simulation),
-        "belts": list(_belts(simulation)),
-        "bushings": list(_bushings(simulation)),
-        **basis.values_document(simulation.basis),
-    }
-    return plain(document)
-
-
-def write_csv(simulation: Simulation, options: Mapping[str, Any], path: Path) -> None:
-    """Write the series as CSV, which `read_trace` reads: vibration in mm, units in the header.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
+def write_csv(simulation: Simulation, head: Mapping[str, Any], path: Path) -> None:
+    """Write the series as CSV, which `read_trace` reads: vibration in mm, units in the header."""
     columns = dict(csv_columns(simulation))
-    head = origin(simulation, options)
     notes = [
-        f"{FORMAT} {head['created']} ident {head['software']['ident']}",
+        f"{head['format']} {head['created']} ident {head['software']['ident']}",
         f"arm: {one_line(simulation.basis.arm_file.path)} sha256 {simulation.basis.arm_file.sha256}",
         f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.basis.load}",
         f"x, y, z: vibration of {simulation.point}: {LESS}; rotations include that",
@@ -102,7 +60,7 @@ def csv_columns(simulation: Simulation) -> Iterator[tuple[str, np.ndarray]]:
         yield f"{name}.angle [rad]", angle
 
 
-def dataset(simulation: Simulation, options: Mapping[str, Any]) -> "xarray.Dataset":
+def dataset(simulation: Simulation, head: Mapping[str, Any]) -> "xarray.Dataset":
     """Return all series with their dimensions, units and origin; SI."""
     import xarray
 
@@ -120,19 +78,19 @@ def dataset(simulation: Simulation, options: Mapping[str, Any]) -> "xarray.Datas
         coordinates["drive"] = list(simulation.pulleys)
     if simulation.draws:
         coordinates["parameter"] = list(simulation.draws.values)
-    attributes = {name: json.dumps(plain(part)) for name, part in origin(simulation, options).items()}
+    attributes = {name: json.dumps(part) for name, part in head.items()}
     attributes |= {"motion": simulation.response.motion.name, "method": simulation.response.method}
     return xarray.Dataset(variables, coordinates, attributes | {"arrival": simulation.response.motion.arrival})
 
 
-def write_netcdf(simulation: Simulation, options: Mapping[str, Any], path: Path) -> None:
+def write_netcdf(simulation: Simulation, head: Mapping[str, Any], path: Path) -> None:
     """Write all series as netCDF, compressed."""
-    data = dataset(simulation, options)
+    data = dataset(simulation, head)
     packed = {str(name): {"zlib": True, "complevel": 4} for name, part in data.data_vars.items() if part.dtype == float}
     data.to_netcdf(path, engine="h5netcdf", encoding=packed)
 
 
-def size_rows(simulation: Simulation) -> list[dict[str, Any]]:
+def simulate_rows(simulation: Simulation) -> list[dict[str, Any]]:
     """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
     sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
     columns = {
@@ -146,6 +104,8 @@ def size_rows(simulation: Simulation) -> list[dict[str, Any]]:
     if simulation.draws:
         low, high = np.quantile(simulation.draws.sizes.peak, (0.05, 0.95), axis=1)
         columns |= {"peak_q05": low, "peak_q95": high}
+        if simulation.limit is not None:
+            columns["exceedance"] = simulation.draws.exceeds(simulation.limit)[0]
     rows = zip(*(np.asarray(column, float).tolist() for column in columns.values()), strict=True)
     return [{"direction": d} | dict(zip(columns, row, strict=True)) for d, row in zip(DIRECTIONS, rows, strict=True)]
 
@@ -189,63 +149,3 @@ def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
 
 def _variable(dims: tuple[str, ...], values: Any, units: str, name: str) -> tuple[Any, ...]:
     return dims, np.asarray(values, float), {"units": units, "long_name": name}
-
-
-def _sizes(sizes: Sizes) -> dict[str, Any]:
-    return {
-        "direction": list(DIRECTIONS),
-        "peak": sizes.peak,
-        "rms": sizes.rms,
-        "residual": sizes.residual,
-        "settling_time": sizes.settling,
-        "late_peak": sizes.late,
-    }
-
-
-def _drawn(simulation: Simulation) -> dict[str, Any] | None:
-    if simulation.draws is None:
-        return None
-    sizes = _sizes(simulation.draws.sizes)
-    bands = {
-        name: np.quantile(part, (0.05, 0.5, 0.95), axis=1, method="nearest").T
-        for name, part in sizes.items()
-        if name != "direction" and not np.isnan(part).any()
-    }
-    document = {"count": simulation.draws.vibration.shape[2], "quantiles": [0.05, 0.5, 0.95], **bands}
-    if simulation.limit is not None:
-        each, any_of = simulation.draws.exceeds(simulation.limit)
-        document |= {"limit": simulation.limit, "exceeds": each, "exceeds_in_any": any_of}
-    return document
-
-
-def _compared(simulation: Simulation) -> dict[str, Any] | None:
-    if not simulation.comparisons or simulation.trace is None:
-        return None
-    return {"kind": simulation.trace.kind} | {
-        direction: {"band": list(comparison.band), "ratios": _ratios(comparison)} | dict(_both(comparison))
-        for direction, comparison in simulation.comparisons.items()
-    }
-
-
-def _both(comparison: Comparison) -> Iterator[tuple[str, dict[str, Any]]]:
-    for name in ("simulated", "measured"):
-        size = getattr(comparison, name)
-        dominant = size.dominant.frequency if size.dominant else None
-        yield name, {"peak": size.peak, "rms": size.rms, "band_rms": size.band_rms, "dominant_frequency": dominant}
-
-
-def _ratios(comparison: Comparison) -> dict[str, float]:
-    return {"peak": comparison.peak_ratio, "rms": comparison.rms_ratio, "band_rms": comparison.band_rms_ratio}
-
-
-def _belts(simulation: Simulation) -> Iterator[dict[str, Any]]:
-    for b, belt in enumerate(simulation.arm.belts):
-        for span, values in zip(SPANS, simulation.tension[:, b], strict=True):
-            times = [[start, end] for i, name, start, end in simulation.slack if (i, name) == (b, span)]
-            at = simulation.time[np.argmin(values)]
-            yield {"belt": belt.name, "span": span, "smallest": values.min(), "at": at, "slack": times}
-
-
-def _bushings(simulation: Simulation) -> Iterator[dict[str, Any]]:
-    for joint, bending, torsion in zip(simulation.arm.joints, *simulation.moments, strict=True):
-        yield {"joint": joint.name, "bending": bending.max(), "torsion": np.abs(torsion).max()}

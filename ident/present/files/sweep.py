@@ -1,9 +1,8 @@
-"""The files of a sweep: amplitudes as CSV, one a row, and a summary as JSON, with where they come from."""
+"""The amplitudes of a sweep, one a row: as rows, and as CSV with where they come from."""
 
 import csv
 import io
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -12,30 +11,10 @@ import numpy as np
 
 from ident.assess.sweep import SweepStudy
 from ident.files import replace_file
-from ident.present.files.basis import motion_document, origin, values_document
-from ident.present.files.document import plain
 from ident.present.text.units import MM, unit_of
 from ident.text import one_line
-from ident.vibrate.redesign.sweep import Axis, Sweep
-from ident.vibrate.redesign.trend import below, curve, trends
+from ident.vibrate.redesign.sweep import Sweep
 from ident.vibrate.response.study import DIRECTIONS
-
-FORMAT = "ident-sweep/2"
-
-
-def sweep_document(study: SweepStudy, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe a sweep in numbers as plain data, all SI but the speed, which is in %."""
-    document = origin(FORMAT, study.basis, options) | {
-        **motion_document(study.basis),
-        "measure": study.measure,
-        "direction": list(DIRECTIONS),
-        "present": study.present,
-        "limit": study.limit,
-        "draws": study.draws,
-        "sweeps": [_sweep(sweep, study.limit) for sweep in study.sweeps],
-        **values_document(study.basis),
-    }
-    return plain(document)
 
 
 def sweep_rows(study: SweepStudy) -> list[dict[str, Any]]:
@@ -43,15 +22,11 @@ def sweep_rows(study: SweepStudy) -> list[dict[str, Any]]:
     return [row for sweep in study.sweeps for row in _rows(sweep)]
 
 
-def write_csv(study: SweepStudy, document: Mapping[str, Any], path: Path) -> None:
-    """Write the amplitudes as CSV, headed by what the summary `document` says of their origin.
-
-    Raises:
-        InputError: the folder or the file can't be written; what was there before is untouched.
-    """
+def write_csv(study: SweepStudy, head: Mapping[str, Any], path: Path) -> None:
+    """Write the amplitudes as CSV, with their origin, the head of the result file, above them."""
     basis, rows = study.basis, sweep_rows(study)
     notes = [
-        f"{FORMAT} {document['created']} ident {document['software']['ident']}",
+        f"{head['format']} {head['created']} ident {head['software']['ident']}",
         f"arm: {one_line(basis.arm_file.path)} sha256 {basis.arm_file.sha256}",
         f"motion: {one_line(basis.motion.name)}; load: {basis.load}; draws: {study.draws}",
         f"amplitude: {study.measure} of the vibration of {basis.point}; bands: 5 and 95 % quantiles of the draws",
@@ -81,32 +56,3 @@ def _rows(sweep: Sweep) -> Iterator[dict[str, Any]]:
             size, *band = (MM * float(part[(d, *place)]) for part in parts)
             columns = ("direction", "amplitude [mm]", "q05 [mm]", "q95 [mm]")
             yield values | dict(zip(columns, (direction, size, *(band or (np.nan, np.nan))), strict=True))
-
-
-def _sweep(sweep: Sweep, limit: float | None) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "axes": [_axis(axis) for axis in sweep.axes],
-        "amplitude": sweep.amplitude,
-        "band": None if sweep.draws is None else {"quantiles": [0.05, 0.95], "amplitude": sweep.band},
-    }
-    if limit is not None and sweep.draws is not None:
-        document["exceeds_in_any"] = sweep.exceeds(limit)
-    if len(sweep.axes) == 1:
-        document["trend"] = {
-            name: {"over_range": asdict(whole), "about_present": asdict(about) if about else None}
-            for name, whole, about in trends(sweep)
-        }
-        values, amplitudes = curve(sweep)
-        document["below_limit"] = None if limit is None else below(values, amplitudes[-1], limit)
-    else:
-        largest = sweep.amplitude.max(0)
-        place = np.unravel_index(largest.argmin(), largest.shape)
-        document["least"] = {
-            "values": [axis.values[k] for axis, k in zip(sweep.axes, place, strict=True)],
-            "amplitude": sweep.amplitude[(..., *place)],
-        }
-    return document
-
-
-def _axis(axis: Axis) -> dict[str, Any]:
-    return {"paths": list(axis.paths), "unit": unit_of(axis.paths[0]), "present": axis.present, "values": axis.values}

@@ -146,11 +146,7 @@ def render(page: Page) -> str:
 
 
 def write_page(page: Page, path: Path) -> None:
-    """Write a page as HTML, whole or not at all.
-
-    Raises:
-        InputError: the file can't be written; what was there before is untouched.
-    """
+    """Write a page as HTML, whole or not at all."""
     text = render(page).encode("utf-8")
     replace_file(path, lambda file: file.write(text), make_folders=True)
 

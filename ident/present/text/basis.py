@@ -1,6 +1,6 @@
 """What was simulated and what that rests on: motion, numbers that were taken over or set, and assumed ones."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -36,13 +36,23 @@ def basis_in_words(basis: Basis, *, changed_draws: bool = False) -> Iterator[str
     """
     if not basis.arm.drives:
         yield f"  {UNDRIVEN}"
-    for values, what in ((basis.fit, "fitted values"), (basis.posterior, "draws of the posterior")):
-        yield from _values_in_words(values, what) if values else ()
-    if basis.posterior and not basis.fit:
-        yield "  the arm itself has the medians of these draws"
+    yield from values_in_words(basis.fit, basis.posterior)
     if basis.posterior and changed_draws:
         yield "  every draw is changed by the factor, or the difference, by which the arm itself is"
-    for path, value in basis.changed.items():
+    yield from changes_in_words(basis.changed)
+
+
+def values_in_words(fit: Values | None, posterior: Values | None) -> Iterator[str]:
+    """Say which numbers an arm has taken over."""
+    for values, what in ((fit, "fitted values"), (posterior, "draws of the posterior")):
+        yield from _taken_over(values, what) if values else ()
+    if posterior and not fit:
+        yield "  the arm itself has the medians of these draws"
+
+
+def changes_in_words(changed: Mapping[str, float]) -> Iterator[str]:
+    """Say which numbers were set."""
+    for path, value in changed.items():
         yield f"  set: {path} = {value:g}"
 
 
@@ -85,11 +95,12 @@ def _guessed(basis: Basis) -> tuple[int, int]:
     return sum(origin in ("assumed", "calibrated") for origin in origins), len(origins)
 
 
-def _values_in_words(values: Values, what: str) -> Iterator[str]:
+def _taken_over(values: Values, what: str) -> Iterator[str]:
     """Say what was taken over from a file."""
     count = next(iter(values.values.values())).size
     number = f"{count} {what}" if count > 1 else what
-    yield f"  {number} of {len(values.values)} numbers" + (f", from {values.path}" if values.path else "")
+    of = f"{len(values.values)} number{'s' * (len(values.values) != 1)}"
+    yield f"  {number} of {of}" + (f", from {values.path}" if values.path else "")
     if values.left_out:
         yield f"    left out, no number of the arm: {', '.join(values.left_out)}"
     if values.remark:

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.identify.check import CampaignCheck
-from ident.identify.fit import SUSPICIOUS
 from ident.identify.label_checks import LabelDoubt
 from ident.inference.information import WEAK_ABOVE, Information
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.text.fit import against, in_words, spread_in_words
+from ident.present.text.agreement import agreement, dependence_on_priors
+from ident.present.text.fit import in_words, spread_in_words
 from ident.present.text.units import in_read_unit
 from ident.present.text.words import balance, describe, paragraphs, parameter_in_words
 
@@ -201,21 +201,16 @@ def _agreement(check: CampaignCheck) -> Iterator[str]:
     agree = check.consistency
     if agree is None:
         return
-    if not agree.cross_predictions:
+    if not check.cross_predictions:
         yield "Do the kinds of measurement agree? There is one only, or none tells of another."
     else:
-        yield "Do the kinds of measurement agree? Each one, predicted from the others along a straight line:"
-    for cross in agree.cross_predictions:
-        for i, row in enumerate(cross.rows):
-            if len(cross.rows) <= 6 or abs(cross.z[i]) > SUSPICIOUS:
-                yield f"  {against(cross, i, measured[row])}"
-        if len(cross.rows) > 6:
-            yield f"  {cross.kind}: {len(cross.rows)} values, largest |z| {np.abs(cross.z).max():.1f}"
+        yield "Do the kinds of measurement agree? Each one, against the others and the priors:"
+        yield from agreement(check.cross_predictions, measured)
     if not math.isnan(agree.p_value):
         fit = f"chi-squared {agree.chi_squared:.3g} on {agree.degrees_of_freedom} degrees of freedom"
-        yield f"  All together: {fit}, p = {agree.p_value:.2g}"
+        yield f"  All together, along a straight line: {fit}, p = {agree.p_value:.2g}"
     elif agree.degrees_of_freedom > 0:
         yield "  All together: not to be judged along a straight line, as the data lead too far from the arm file."
     if check.contradictory:
-        yield "  CONTRADICTION: look at values, labels, units and load cases of these rows first, then at masses and"
-        yield "  lengths. `ident fit` repeats the comparison with a full fit to the other kinds, which decides."
+        yield f"  CONTRADICTION. {dependence_on_priors(check.cross_predictions)} Look at values, labels, units and"
+        yield "  load cases of these rows first, then at masses and lengths. `ident fit` searches from more starts."

@@ -5,14 +5,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.identify.fit import SUSPICIOUS, CampaignFit
-from ident.inference.cross_prediction import CrossPrediction
+from ident.identify.fit import CampaignFit
 from ident.inference.fit import Fit
 from ident.inference.information import Direction, Information, TradeOff
 from ident.inference.parameters import Parameter
-from ident.measure import Measurement
+from ident.inference.verdicts import farthest
+from ident.present.text.agreement import agreement, dependence_on_priors, what_may_be_wrong
 from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
-from ident.present.text.words import NOTABLE, describe, known_from, paragraphs, priors_in_words, span
+from ident.present.text.words import NOTABLE, describe, known_from, paragraphs, priors_in_words, scatter, span
 
 
 def fit_report(fit: CampaignFit) -> str:
@@ -37,6 +37,8 @@ def _heading(fit: CampaignFit) -> Iterator[str]:
         yield f"  WARNING: {doubt}"
     if fit.doubts:
         yield "  So no interval is quoted: those that data and model would support are marked `withheld`."
+    for remark in fit.remarks:
+        yield f"  REMARK: {remark}"
 
 
 def _parameters(fit: CampaignFit) -> Iterator[str]:
@@ -83,14 +85,8 @@ def _measurements(fit: CampaignFit) -> Iterator[str]:
         numbers = f"{measured:10.4g} {model:10.4g} {measured - model:10.3g} {-z:8.2f}"
         row = m.where.rpartition(":")[2]
         yield f"  {row:>3s}  {describe(m):53s} {numbers}   [{unit}]{'  <--' if outlying else ''}"
-    yield from _labels(fit)
-
-
-def _labels(fit: CampaignFit) -> Iterator[str]:
-    for i in fit.near_draws:
-        m = fit.campaign.measurements[i]
-        row = m.where.rpartition(":")[2] or str(i + 1)
-        yield f"  row {row}: '{m.mode}' is a near draw at the answer, or not the mode's own name"
+    count = len(fit.campaign)
+    yield f"  limit for the farthest of {count}: {farthest(count):.1f} sigma; what lies too far off is marked <--"
 
 
 def _information(fit: CampaignFit) -> Iterator[str]:
@@ -113,7 +109,7 @@ def _information(fit: CampaignFit) -> Iterator[str]:
 
 def spread_in_words(sd: float) -> str:
     """Say how well a theta is known: in percent, or as a factor."""
-    return f"{100 * sd:.2g} %" if sd < 0.3 else f"a factor of {math.exp(sd):.2g}"
+    return scatter(sd).replace("factor", "a factor of")
 
 
 def product(direction: Direction, items: tuple[Parameter, ...]) -> str:
@@ -148,34 +144,22 @@ def _change(item: Parameter, theta: float) -> str:
 def _contradictions(fit: CampaignFit) -> Iterator[str]:
     if not fit.cross_predictions:
         return
-    yield "Do the kinds of measurement agree? Each one, predicted from the others:"
-    for cross in fit.cross_predictions:
-        for i, row in enumerate(cross.rows):
-            if len(cross.rows) <= 6 or abs(cross.z[i]) > SUSPICIOUS:
-                yield f"  {against(cross, i, fit.campaign.measurements[row])}"
-        if len(cross.rows) > 6:
-            yield f"  {cross.kind}: {len(cross.rows)} values, largest |z| {np.abs(cross.z).max():.1f}"
+    yield "Do the kinds of measurement agree? Each one, against the others and the priors:"
+    yield from agreement(fit.cross_predictions, fit.campaign.measurements)
+    if not fit.problem.parameters.proper.all():
+        yield "  Where there is no prior on a stiffness, the default one was taken for this comparison."
     if fit.contradictory:
         yield from _explanation(fit)
 
 
 def _explanation(fit: CampaignFit) -> Iterator[str]:
-    kinds = {cross.kind for cross in fit.cross_predictions if np.abs(cross.z).max() > SUSPICIOUS}
-    if fit.outliers.sum() == 1 or not {"frequency", "deflection"} <= kinds:
-        yield "  CONTRADICTION: check the values named above, their labels, units and load cases first."
+    yield f"  CONTRADICTION. {dependence_on_priors(fit.cross_predictions)}"
+    hint = what_may_be_wrong(fit.cross_predictions)
+    if fit.outliers.sum() == 1 or not hint:
+        yield "  Check the values named above, their labels, units and load cases first."
         return
-    yield "  CONTRADICTION: no plausible stiffness explains all kinds together. Static deflection times the"
-    yield "  square of the frequency is nearly fixed by masses and lengths alone, so look there first (geometry,"
-    yield "  masses, payload), then at drives that are stiffer under load. The stiffnesses above are a compromise"
-    yield f"  that {_stretch(fit)}"
-
-
-def against(cross: CrossPrediction, i: int, m: Measurement) -> str:
-    """Say what the other kinds predict for the i-th value of a cross-prediction, and what was measured."""
-    measured, unit = in_read_unit(m.kind, cross.measured[i])
-    predicted, _ = in_read_unit(m.kind, cross.predicted[i])
-    sd, _ = in_read_unit(m.kind, cross.sd[i])
-    return f"{describe(m)}: {predicted:.3g} +- {sd:.2g} {unit}, measured {measured:.3g}: {cross.z[i]:+.1f} sd"
+    yield from (f"  {line}" for line in hint)
+    yield f"  The stiffnesses above are a compromise that {_stretch(fit)}"
 
 
 def _stretch(fit: Fit) -> str:
@@ -195,13 +179,15 @@ def _optima(fit: Fit) -> Iterator[str]:
     )
     for i, optimum in enumerate(fit.optima[:5]):
         values = "  ".join(f"{v:.4g}" for v in optimum.values)
-        note = "" if optimum.converged else "  (not converged)"
+        note = ("  (open)" if len(optimum.open) else "") if optimum.converged else "  (not converged)"
         mark = "answer" if i == 0 else "other "
         yield f"  {mark}  cost {optimum.cost:10.4g}  starts {optimum.starts:3d}   {values}{note}"
-    rivals = len(fit.rivals)
+    if fit.best.converged and len(fit.best.open):
+        count = f"{len(fit.best.open)} of {len(fit.best.theta)} directions"
+        yield f"  open: along {count} the cost stays flat, or still falls, over several e-folds"
     if fit.ties:
         yield f"  NOT UNIQUE: {fit.ties + 1} optima fit exactly as well: globally not identifiable. The answer is"
         yield "  the one nearest to the priors' centre."
-    if rivals:
+    if rivals := len(fit.rivals):
         others = "another optimum" if rivals == 1 else f"{rivals} other optima"
-        yield f"  WARNING: the data do not rule out {others}; each interval reaches over all of them"
+        yield f"  WARNING: the data do not rule out {others}; each interval reaches over all that were found"

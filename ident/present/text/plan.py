@@ -5,13 +5,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ident.arm.workspace import ANYWHERE
 from ident.identify.experiments import CLOSE, PARTS, RESOLUTION, Experiment
 from ident.identify.plan import CampaignPlan
 from ident.inference.optimal_design import A_OPTIMAL, D_OPTIMAL
 from ident.inference.parameters import Parameter
 from ident.inference.prior_information import OPEN_SD
 from ident.present.text.units import unit_of
-from ident.present.text.words import cut, degrees
+from ident.present.text.words import cut, degrees, scatter
 
 RANKED = 8
 """Postures that are listed."""
@@ -46,7 +47,7 @@ def sd_in_words(item: Parameter, sd: float) -> str:
     """Write a standard deviation of theta: in percent or as a factor, or in the unit of a quantity of either sign."""
     if not item.positive:
         return f"{sd * float(item.scale):.2g} {unit_of(item.name)}"
-    return f"{100 * sd:.2g} %" if sd < 0.3 else f"factor {math.exp(sd):.2g}"
+    return scatter(sd)
 
 
 def _heading(plan: CampaignPlan) -> Iterator[str]:
@@ -54,7 +55,7 @@ def _heading(plan: CampaignPlan) -> Iterator[str]:
     yield f"Plan of measurements on {plan.arm.name}, from {known}"
     sample = ", a sample" if plan.grid.sampled else ""
     yield (
-        f"  {len(plan.grid.postures)} postures within the joint limits{sample}; {len(plan.predictions.postures)} of"
+        f"  {len(plan.grid.postures)} postures {_where(plan)}{sample}; {len(plan.predictions.postures)} of"
         f" them show different things, {len(plan.experiments)} experiments"
     )
     yield f"  chosen for {criterion_in_words(plan)[0]}, most gain per minute first"
@@ -64,12 +65,31 @@ def _heading(plan: CampaignPlan) -> Iterator[str]:
         yield "  So the plan starts from a fit that is in doubt: see `ident fit` first."
 
 
+def _where(plan: CampaignPlan) -> str:
+    """Say which postures were compared."""
+    workspace = plan.arm.workspace
+    if workspace.postures:
+        where = "that the arm file lists"
+    elif workspace.line is not None:
+        where = f"on the line ({', '.join(f'{share:g}' for share in workspace.line)}), within the joint limits"
+    else:
+        where = "within the joint limits"
+    return where + (f", above {workspace.lowest:g} m" if math.isfinite(workspace.lowest) else "")
+
+
 def _ranking(plan: CampaignPlan) -> Iterator[str]:
     best = plan.ranked(RANKED)
     yield _head("The best next experiments, one for each posture", plan)
     yield from (f"  {rank:2d}  {_row(plan, i)}" for rank, i in enumerate(best, 1))
     if any(plan.measured[plan.experiments[i].place] for i in best):
         yield "  * measured before, there or where the arm shows the same: a repeat averages noise, and gains less"
+
+
+def _heeded(plan: CampaignPlan) -> str:
+    """Say what nobody has looked at."""
+    if plan.arm.workspace == ANYWHERE:
+        return "Only joint limits are heeded: check for collisions"
+    return "Limits and workspace are heeded: check for collisions"
 
 
 def _ways(plan: CampaignPlan) -> Iterator[str]:
@@ -125,6 +145,10 @@ def _intervals(plan: CampaignPlan) -> Iterator[str]:
         ends = (last[1:, place].min(), last[1:, place].max()) if len(last) > 1 else ()
         spread = " to ".join(sd_in_words(item, float(sd)) for sd in ends)
         yield f"  {cut(item.name, 38):{width}s}{row}   {spread}".rstrip()
+    if plan.missed:
+        target = f"{100 * math.expm1(plan.settings.target):.3g} %"
+        yield f"  The target of {target} is MISSED for {', '.join(plan.missed)}: ask for a larger batch"
+        yield "  (--count), other loads (--load) or more modes (--modes)"
     yield "  A 95 % interval reaches 1.96 sd to each side, in ln(value)."
 
 
@@ -138,7 +162,7 @@ def _assumptions(plan: CampaignPlan) -> Iterator[str]:
     yield f"  a hammer test gives the {len(plan.predictions.frequency)} lowest frequencies (--modes); one nearer than"
     yield f"  {100 * CLOSE:.0f} % to another counts only with a second accelerometer that tells which it is"
     loads = ", ".join(str(load) for load in instruments.loads)
-    yield f"  loads at hand: {loads} (--load). Only joint limits are heeded: check for collisions"
+    yield f"  loads at hand: {loads} (--load). {_heeded(plan)}"
     draws = len(plan.known.points) - 1
     out = f"; {plan.left_out} more were left out, as the arm would not stand" if plan.left_out else ""
     yield f"  gains are means over the best estimate and {draws} draws about it{out} (--draws); the standard"

@@ -1,51 +1,78 @@
-"""The printed modal analysis of an arm at one posture: modes and static deflection."""
+"""The printed predictions of an arm at postures: modes and static deflection."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ident.identify.modal_analysis import ModalAnalysis
-from ident.present.text.words import degrees, paragraphs
+from ident.assess.prediction import Prediction
+from ident.identify.values import Values
+from ident.present.text.basis import changes_in_words, values_in_words
+from ident.present.text.words import degrees, paragraphs, span
 
 
-def predict_report(analysis: ModalAnalysis) -> str:
-    """Return the modes with label, damping and strain-energy shares, and the deflection of the named points."""
-    sections = [_heading(analysis), _modes(analysis), _deflections(analysis)]
-    return paragraphs(sections)
+def predict_report(
+    predictions: Sequence[Prediction],
+    *,
+    fit: Values | None = None,
+    posterior: Values | None = None,
+    changed: Mapping[str, float] | None = None,
+) -> str:
+    """Return, posture by posture, modes with label, damping and strain-energy shares, and the points' deflection.
+
+    Args:
+        predictions: at each posture.
+        fit: fitted values that the arm has taken over.
+        posterior: draws that the bands are from.
+        changed: numbers that were set, by path [SI].
+    """
+    origin = [*values_in_words(fit, posterior), *changes_in_words(changed or {})]
+    return "\n".join(paragraphs([[*_heading(each), *origin], _modes(each), _deflections(each)]) for each in predictions)
 
 
-def _heading(analysis: ModalAnalysis) -> Iterator[str]:
+def _heading(prediction: Prediction) -> Iterator[str]:
+    analysis = prediction.analysis
     yield f"{analysis.arm.name} at {degrees(analysis.posture)}, load: {analysis.load}"
     for name, angle, (low, high) in analysis.beyond_limits():
         limits = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg"
         yield f"  WARNING: {name} at {math.degrees(angle):.4g} deg is outside its limits, {limits}"
+    if prediction.collapsed:
+        yield f"  WARNING: {prediction.collapsed} draws have no stable equilibrium here, and are left out of the bands"
 
 
-def _modes(analysis: ModalAnalysis) -> Iterator[str]:
+def _modes(prediction: Prediction) -> Iterator[str]:
+    analysis = prediction.analysis
     modes, names = analysis.modes, [joint.name for joint in analysis.arm.joints]
-    width = max(11, *(len(name) + 1 for name in names))
+    width, drawn = max(11, *(len(name) + 1 for name in names)), prediction.frequency is not None
+    band = f"{'5 to 95 %':>19s}" if drawn else ""
     yield "Natural frequencies about the static equilibrium, and where the strain energy of each mode sits [%]"
-    yield f"{'':47s}" + "".join(f"{name:>{width}s}" for name in names)
+    yield f"{'':{47 + len(band)}s}" + "".join(f"{name:>{width}s}" for name in names)
     halves = f"{'bend tors':>{width}s}" * len(names)
-    yield "  mode  frequency [Hz]  label                 damping" + halves
+    yield f"  mode  frequency [Hz]{band}  label                 damping" + halves
     for i, label in enumerate(analysis.labels):
         shares = "".join(
             f"{f'{100 * b:4.0f} {100 * t:4.0f}':>{width}s}"
             for b, t in zip(modes.bend[:, i], modes.tors[:, i], strict=True)
         )
         name = f"{label}{' (?)' if analysis.ambiguous[i] else ''}"
-        damping = f"{100 * analysis.damping_ratio[i]:.2f} %"
-        yield f"  {i + 1:4d}  {modes.frequency[i]:14.4f}  {name:22s}{damping:>7s}" + shares
+        damping = f"{round(100 * float(analysis.damping_ratio[i]), 2) + 0.0:.2f} %"
+        within = f"{span(*prediction.frequency_band[:, i]):>19s}" if drawn else ""
+        yield f"  {i + 1:4d}  {modes.frequency[i]:14.4f}{within}  {name:22s}{damping:>7s}" + shares
     if analysis.ambiguous.any():
         yield "  (?) nearly as much bending as torsion, or vertical as lateral: a small change may rename the mode"
 
 
-def _deflections(analysis: ModalAnalysis) -> Iterator[str]:
-    if not analysis.deflection:
+def _deflections(prediction: Prediction) -> Iterator[str]:
+    if not prediction.analysis.deflection:
         return
     yield "Static deflection [mm], from where the arm would be with rigid joints"
     yield "  point                       x          y          z      total"
-    for name, moved in analysis.deflection.items():
-        x, y, z = 1e3 * moved + 0.0
-        yield f"  {name:18s} {x:10.3f} {y:10.3f} {z:10.3f} {1e3 * np.linalg.norm(moved):10.3f}"
+    for name, moved in prediction.analysis.deflection.items():
+        yield f"  {name:18s}{_row(1e3 * moved)} {1e3 * np.linalg.norm(moved):10.3f}"
+        if prediction.deflection is not None:
+            for words, side in zip(("5 %", "95 %"), prediction.deflection_band[name], strict=True):
+                yield f"    {words:16s}{_row(1e3 * side)}"
+
+
+def _row(moved: np.ndarray) -> str:
+    return "".join(f" {value:10.3f}" for value in moved.round(3) + 0.0)

@@ -11,7 +11,7 @@ from ident.inference.posterior_summary import LEARNED, combinations, quantiles, 
 from ident.inference.sample import RIVAL
 from ident.present.text.fit import product
 from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
-from ident.present.text.words import describe, paragraphs, priors_in_words, span
+from ident.present.text.words import describe, paragraphs, priors_in_words, scatter, span
 
 
 def sample_report(result: CampaignSample) -> str:
@@ -30,8 +30,8 @@ def sample_report(result: CampaignSample) -> str:
 def _heading(result: CampaignSample) -> Iterator[str]:
     sample = result.sample
     yield f"Posterior of {result.fitted.arm.name} given {result.fitted.campaign.name}"
-    steps, ensembles, walkers, _ = sample.theta.shape
-    yield f"  {(steps - sample.burn_in) * ensembles * walkers} draws by {ensembles} ensembles of {walkers} walkers"
+    draws, ensembles, walkers, _ = sample.theta.shape
+    yield f"  {(draws - sample.burn_in) * ensembles * walkers} draws by {ensembles} ensembles of {walkers} walkers"
     for doubt in result.fitted.doubts:
         yield f"  WARNING: of the fit: {doubt}"
     if result.fitted.contradictory and not any("discrepancy" in n for n in sample.posterior.parameters.names):
@@ -72,9 +72,7 @@ def _combinations(result: CampaignSample) -> Iterator[str]:
     if len(items) > 1:
         yield f"Combinations{of_first(result)}, best known first: standard deviation of the product over the draws"
         for direction in combinations(result.sample):
-            sd = direction.sd
-            spread = f"{100 * sd:9.2g} %" if sd < 0.3 else f"factor {math.exp(sd):4.2g}"
-            yield f"  {spread}   {product(direction, items)}"
+            yield f"  {scatter(direction.sd):>11s}   {product(direction, items)}"
 
 
 def _measurements(result: CampaignSample) -> Iterator[str]:

@@ -12,6 +12,8 @@ from ident.measure import Measurement
 from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
+LARGEST = 1e6
+"""Factor above which it is only said to be above."""
 NOTABLE = 0.15
 """Weight below which a parameter is left out when a direction is put into words."""
 
@@ -24,6 +26,16 @@ def paragraphs(sections: Iterable[Iterable[str]]) -> str:
 def degrees(posture: Iterable[float]) -> str:
     """Write joint angles [rad] as `(30, -60, 30) deg`."""
     return f"({', '.join(f'{math.degrees(angle) + 0.0:.4g}' for angle in posture)}) deg"
+
+
+def scatter(sd: float) -> str:
+    """Write the standard deviation of a logarithm: `2.1 %` or, where it is large, `factor 1.9`."""
+    return f"{100 * sd:.2g} %" if sd < 0.3 else f"factor {as_factor(sd)}"
+
+
+def as_factor(log: float, digits: int = 2) -> str:
+    """Write a logarithm as the factor it is; what nothing bounds is more than any that means something."""
+    return f"{math.exp(log):.{digits}g}" if log < math.log(LARGEST) else f"over {LARGEST:g}"
 
 
 def span(low: float, high: float) -> str:
@@ -92,7 +104,7 @@ def _prior(item: Parameter) -> str:
         return f"flat in the logarithm from {low:.4g} to {high:.4g} {unit_of(item.name)}, flanks {100 * sd:.2g} % wide"
     own = unit_of(item.name) == "-" or not math.isclose(centre, float(item.start))
     about = f"{centre:.4g} {unit_of(item.name)}".removesuffix(" -") if own else "the arm file's value"
-    return f"log-normal about {about}, 95 % within a factor of {math.exp(1.96 * sd):.3g}"
+    return f"log-normal about {about}, 95 % within a factor of {as_factor(1.96 * sd, 3)}"
 
 
 def parameter_in_words(item: Parameter) -> str:

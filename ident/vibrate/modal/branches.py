@@ -172,11 +172,7 @@ def branches(arm: Arm, motion: Motion, *, count: int = 3, times: Any = None, loa
 
 
 def motion_times(motion: Motion, times: Any = None) -> Float[np.ndarray, "T"]:
-    """Return the given times, checked, or 1001 over the motion.
-
-    Raises:
-        InputError: there are fewer than two, they do not ascend, or one is not finite.
-    """
+    """Return the given times, checked, or 1001 over the motion."""
     if times is None:
         return np.linspace(float(motion.breaks[0]), float(motion.breaks[-1]), SAMPLES)
     time = np.asarray(times, float)
@@ -187,11 +183,7 @@ def motion_times(motion: Motion, times: Any = None) -> Float[np.ndarray, "T"]:
 
 
 def check(arm: Arm, motion: Motion, count: int = 1) -> None:
-    """Refuse a motion of other joints than the arm's, an arm without a point and a count below 1.
-
-    Raises:
-        InputError: one of these.
-    """
+    """Refuse a motion of other joints than the arm's, an arm without a point and a count below 1."""
     driven = motion.coefficients.shape[-1]
     if driven != len(arm.driven):
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"

@@ -59,9 +59,6 @@ def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[
         motion: of its driven joints.
         times: (T,) [s] ascending; 1001 over the motion when None.
         orders: multiples of every pulley's turning frequency; when None, 1, and 2 where there is a kinematic error.
-
-    Raises:
-        InputError: the arm has no drive, an order is no whole number from 1, or motion and times can't be.
     """
     time = motion_times(motion, times)
     check(arm, motion)

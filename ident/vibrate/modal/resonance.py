@@ -100,9 +100,6 @@ def resonance_crossings(
         branches: natural frequencies over time.
         excitation: at the same times.
         margin: () [-] above 0 and below 1.
-
-    Raises:
-        InputError: the times differ, or the margin can't be.
     """
     if not 0 < margin < 1:
         raise InputError(Problem("margin", f"{margin:g}", "above 0 and below 1", "0.1 is 10 % of the frequency"))

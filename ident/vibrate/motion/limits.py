@@ -18,9 +18,6 @@ def beyond_limits(arm: Arm, motion: Motion) -> None:
     Args:
         arm: the arm.
         motion: of as many joints as the arm drives.
-
-    Raises:
-        InputError: joints leave their limits; each is named with its farthest angle and the time of it.
     """
     driven = motion.coefficients.shape[-1]
     if driven != len(arm.driven):

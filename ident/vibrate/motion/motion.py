@@ -93,11 +93,7 @@ class Motion(eqx.Module):
         return _horner(jnp.moveaxis(self.coefficients[:, k], -1, 1), t - jnp.asarray(self.breaks)[k])
 
     def dwell(self, seconds: float) -> "Motion":
-        """Return the motion held still at its end for some time; the arrival stays.
-
-        Raises:
-            InputError: the time is negative or not finite.
-        """
+        """Return the motion held still at its end for some time; the arrival stays."""
         _check_seconds(seconds, "dwell")
         if seconds == 0:
             return self
@@ -106,50 +102,15 @@ class Motion(eqx.Module):
         coefficients = jnp.concatenate([self.coefficients, still], axis=1)
         return Motion(self.name, _append(self.breaks, self.breaks[-1:] + seconds), coefficients, self.arrival)
 
-    def then(self, other: "Motion") -> "Motion":
-        """Return this motion and after it another one, whose clock is moved; it arrives when the other one does.
-
-        Raises:
-            InputError: the other one does not start at the angles where this one ends.
-        """
-        _check_joined(self, other)
-        shift = float(self.breaks[-1] - other.breaks[0])
-        powers = max(len(self.coefficients), len(other.coefficients))
-        coefficients = jnp.concatenate([_padded(motion.coefficients, powers) for motion in (self, other)], axis=1)
-        breaks = _append(self.breaks, other.breaks[1:] + shift)
-        return Motion(f"{self.name}, {other.name}", breaks, coefficients, other.arrival + shift)
-
     def at_speed(self, percent: float) -> "Motion":
-        """Return the same path on another clock: with s = percent / 100, t -> t/s, qd -> s qd, qdd -> s^2 qdd.
-
-        Raises:
-            InputError: the percentage is not above 0 or above `FASTEST`.
-        """
+        """Return the same path on another clock: with s = percent / 100, t -> t/s, qd -> s qd, qdd -> s^2 qdd."""
         s = speed_factor(percent)
         powers = np.arange(len(self.coefficients))[::-1, None, None]
         return Motion(self.name, self.breaks / s, self.coefficients * s**powers, self.arrival / s)
 
 
-def hold_still(q: Any, seconds: float) -> Motion:
-    """Return the motion that is none: a posture held for some time, arrived at the start.
-
-    Args:
-        q: (driven,) [rad]
-        seconds: () [s] above 0.
-
-    Raises:
-        InputError: the time is not above 0, or not finite.
-    """
-    _check_seconds(seconds, "seconds", above=True)
-    return Motion("held still", [0.0, seconds], jnp.asarray(q, float)[None, None], arrival=0.0)
-
-
 def speed_factor(percent: float) -> float:
-    """Return the factor of a speed override [%].
-
-    Raises:
-        InputError: the percentage is not above 0 or above `FASTEST`.
-    """
+    """Return the factor of a speed override [%]."""
     if not 0 < percent <= FASTEST:
         remedy = "100 is full speed, 10 a tenth of it"
         raise InputError(Problem("", f"{percent:g} %", f"above 0 and at most {FASTEST:g} %", remedy, "percent"))
@@ -189,29 +150,11 @@ def _faults(
         yield f"arrival at {arrival:g} s", f"a time from {breaks[0]:g} to {breaks[-1]:g} s", "correct the arrival"
 
 
-def _check_joined(one: Motion, other: Motion) -> None:
-    end, start = np.asarray(one(one.breaks[-1])[0]), np.asarray(other.coefficients[-1, 0])
-    if end.shape != start.shape:
-        got, expected = f"{len(start)} joint angles", f"{len(end)}, as in {one.name}"
-        raise InputError(Problem(other.name, got, expected, "give every joint's angle"))
-    gaps = np.abs(end - start)
-    if (gaps > JOINED).any():
-        joint = int(np.argmax(gaps))
-        got = f"a start at q{joint + 1} = {math.degrees(start[joint]):.7g} deg"
-        expected = f"{math.degrees(end[joint]):.7g} deg, where {one.name} ends"
-        raise InputError(Problem(other.name, got, expected, "start where the motion before ends"))
-
-
-def _check_seconds(seconds: float, name: str, above: bool = False) -> None:
-    if not 0 <= seconds < math.inf or (above and seconds == 0):
-        expected = f"a finite time {'above 0' if above else 'of at least 0 s'}"
-        raise InputError(Problem("", f"{seconds:g} s", expected, "correct the time", name))
+def _check_seconds(seconds: float, name: str) -> None:
+    if not 0 <= seconds < math.inf:
+        raise InputError(Problem("", f"{seconds:g} s", "a finite time of at least 0 s", "correct the time", name))
 
 
 def _append(breaks: Any, more: Any) -> Any:
     library = jnp if isinstance(breaks, jax.Array) or isinstance(more, jax.Array) else np
     return library.concatenate([breaks, more])
-
-
-def _padded(c: Float[Array, "powers pieces driven"], powers: int) -> Float[Array, "more pieces driven"]:
-    return jnp.pad(c, ((powers - len(c), 0), (0, 0), (0, 0)))

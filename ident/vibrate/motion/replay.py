@@ -45,10 +45,6 @@ def replay(
 
     Returns:
         The motion; its arrival is its end.
-
-    Raises:
-        InputError: times do not increase, a number is not finite, samples are too few, or smoothing is negative or far
-            below the noise.
     """
     _check(time, angles, smoothing)
     t = np.asarray(time, float) - time[0]

@@ -1,8 +1,6 @@
 """A binomial estimate: a probability counted out of draws."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
@@ -43,18 +41,3 @@ class BinomialEstimate:
 def binomial_estimate(events: np.ndarray) -> BinomialEstimate:
     """Return the probability of an event that some draws have."""
     return BinomialEstimate(int(np.sum(events)), int(np.size(events)))
-
-
-def binomial_to_json(estimate: BinomialEstimate) -> dict[str, Any]:
-    """Return a probability as JSON knows it, its interval with it."""
-    return {
-        "count": estimate.count,
-        "draws": estimate.draws,
-        "share": estimate.share,
-        "interval_95": list(estimate.interval),
-    }
-
-
-def binomial_from_json(json: Mapping[str, Any]) -> BinomialEstimate:
-    """Return the probability again."""
-    return BinomialEstimate(json["count"], json["draws"])

@@ -121,12 +121,12 @@ def design(
         raise ModelError(_why_not(search, seed))
     optima.sort(key=lambda pair: pair[0].largest)
     places, least = [place for place, _ in optima], optima[0][1]
-    best = search.minimum_exceedance(least, limit) if evaluator.draws and limit else least
+    likely = search.minimum_exceedance(least, limit) if evaluator.draws and limit else None
     minimum_change = search.minimum_change(least, limit) if limit else None
     norm = places[0].change_norm if curve else 0.0
     between = [search.minimum_amplitude(share * least, share * norm) for share in SHARES if norm > 0]
 
-    present = _place(search, 0 * best, limit)
+    present = _place(search, 0 * least, limit)
     middle = [_place(search, u, limit) for u in between if u is not None]
     changes = [] if minimum_change is None else [_place(search, minimum_change, limit)]
     return Design(
@@ -134,7 +134,7 @@ def design(
         required,
         limit,
         present,
-        _place(search, best, limit),
+        places[0] if likely is None else _place(search, likely, limit),
         tuple(places),
         _efficient(present, [*middle, *places[1:], *changes] if curve else [], places[0]),
         changes[0] if changes else None,

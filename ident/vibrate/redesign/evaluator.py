@@ -82,11 +82,7 @@ class Evaluator:
 
     @property
     def amplitude(self) -> Amplitude:
-        """The measure for the motion as it is sampled.
-
-        Raises:
-            InputError: no such measure, or none that the motion has.
-        """
+        """The measure for the motion as it is sampled."""
         return amplitude(self.measure, self.motion, self.rate)
 
     def batch(self, changes: Float[np.ndarray, "G V"]) -> dict[str, Float[np.ndarray, "batch"]]:

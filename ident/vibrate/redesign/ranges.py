@@ -66,10 +66,6 @@ def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None =
         percent: present speed [%]
         extents: of the arm's bodies; a mass centre stays within.
         usual: number of values unless the range says it.
-
-    Raises:
-        InputError: no such number, numbers that do not go together, a range that can't be, or a mass centre outside its
-            body.
     """
     is_speed, bounds = interval.paths == (SPEED,), interval.bounds
     shifted = _is_shifted(arm, interval)
@@ -96,9 +92,6 @@ def variable_of(arm: Arm, interval: Range, extents: Extents | None = None) -> Va
         arm: as it is.
         interval: the range; its third number is the weight.
         extents: of the arm's bodies; a mass centre stays within.
-
-    Raises:
-        InputError: no such number, numbers that do not go together, or bounds that can't be.
     """
     if SPEED in interval.paths:
         raise InputError(Problem("", "the speed", "a number of the arm", "sweep it instead (ident sweep)"))

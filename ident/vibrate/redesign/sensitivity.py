@@ -59,9 +59,6 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
         evaluator: arm, motion and measure; its own variables are not used.
         paths: the numbers; `changeable` if none are named.
         progress: shows how far it is, over groups of numbers.
-
-    Raises:
-        InputError: no such number.
     """
     paths = tuple(paths) if paths else changeable(evaluator.arm)
     for path in paths:

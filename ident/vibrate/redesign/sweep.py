@@ -82,11 +82,7 @@ class Sweep:
 
 
 def axis(arm: Arm, paths: Sequence[str], values: Float[np.ndarray, "K"], percent: float) -> Axis:
-    """Return an axis; its present value is the arm's, or the percentage of the motion at hand.
-
-    Raises:
-        InputError: no such number, or values that are not finite or that it can't have.
-    """
+    """Return an axis; its present value is the arm's, or the percentage of the motion at hand."""
     values = np.unique(np.asarray(values, float))
     name = "=".join(paths)
     if not np.isfinite(values).all():

@@ -107,11 +107,7 @@ def apply(
 
 
 def check_path(arm: Arm, path: str) -> None:
-    """Refuse what is no number of the arm, or none that a motion at hand depends on.
-
-    Raises:
-        InputError: no such number; the nearest names are suggested.
-    """
+    """Refuse what is no number of the arm, or none that a motion at hand depends on."""
     if arm.stroke and path.split(".")[0] == arm.stroke.name:
         remedy = "sweep 'speed', the percentage; other strokes are other motions"
         raise InputError(Problem("", path, "a number of the arm itself", remedy))
@@ -127,10 +123,6 @@ def check(arm: Arm, variable: Variable, extents: Extents | None = None) -> None:
         arm: the arm as it is.
         variable: what shall be changed.
         extents: of its bodies; a mass centre must stay within.
-
-    Raises:
-        InputError: no such number, bounds that are not finite, in the wrong order, not above zero for what must be, or
-            that do not hold the present value, or a mass centre outside its body.
     """
     for path in variable.paths:
         check_path(arm, path)

@@ -51,11 +51,7 @@ class Amplitude(eqx.Module):
 
 
 def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
-    """Return a measure for a motion sampled at a rate.
-
-    Raises:
-        InputError: no such measure, or a residual of a motion that ends with its arrival.
-    """
+    """Return a measure for a motion sampled at a rate."""
     if measure not in MEASURES:
         remedy = did_you_mean(measure, MEASURES, "choose one of them")
         raise InputError(Problem("", quoted(measure), f"one of {', '.join(MEASURES)}", remedy, "measure"))

@@ -13,7 +13,7 @@ from ident.arm.linalg import solve_positive
 from ident.arm.multibody import Multibody
 from ident.arm.multibody_dynamics import residual
 from ident.arm.multibody_kinematics import Command
-from ident.errors import ModelError
+from ident.errors import ConvergenceError, ModelError
 from ident.jit import jit
 from ident.vibrate.motion.motion import Motion
 
@@ -101,7 +101,7 @@ def integrate(
         The solution; where the user interrupts, up to the section before, which it says.
 
     Raises:
-        ModelError: the tolerance cannot be met.
+        ConvergenceError: the tolerance cannot be met.
 
     References:
         Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.5, II.10.
@@ -119,7 +119,7 @@ def integrate(
             state = parts[-1][0][:, -1], parts[-1][1][:, -1]
             solved, y, yd, took = _solve(model, motion, state, jnp.asarray(sections[k]), *tolerances, method, max_steps)
             if not solved:
-                raise ModelError(
+                raise ConvergenceError(
                     f"the simulation cannot meet its tolerance from {sections[k][0]:.4g} to {sections[k][-1]:.4g} s; "
                     "loosen the tolerance, or check stiffness, damping and motion there"
                 )

@@ -47,9 +47,6 @@ def outline(
         times: (F,) [s] moments; the nearest samples are taken.
         factor: () [-] of the vibration, above 0.
         loads: the load case that was simulated.
-
-    Raises:
-        InputError: the response is of several sets, a moment is outside it, or the factor can't be.
     """
     clock, moments = np.asarray(response.time), np.asarray(times, float)
     if response.y.ndim > 2:

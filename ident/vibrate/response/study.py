@@ -205,9 +205,6 @@ def against(
         values: by direction `x`, `y`, `z` [m or m/s^2]
         kind: `displacement` or `acceleration`.
         band: [Hz] of the dominant frequency.
-
-    Raises:
-        InputError: see `compare`.
     """
     comparisons, at = {}, np.asarray(response.time)
     for direction, measured in values.items():

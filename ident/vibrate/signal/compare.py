@@ -104,10 +104,6 @@ def compare(
 
     Returns:
         Sizes of both, and their ratios.
-
-    Raises:
-        InputError: a trace has gaps or is not uniform, the traces share too little time, the measured one is
-            constant, or a measured displacement would have to be differentiated.
     """
     refuse([*_quantity_problems(simulated, measured), *band_problems(*band)])
     ours, theirs = samples(simulated.time, simulated.values), samples(measured.time, measured.values)

@@ -23,9 +23,6 @@ def second_derivative(time: ArrayLike, values: ArrayLike) -> Float[np.ndarray, "
     Returns:
         (T, ...) [m/s^2].
 
-    Raises:
-        InputError: the trace is not uniform or has gaps.
-
     References:
         Lanczos, "Discourse on Fourier Series", 1966, section 16. Brandt, 2nd ed., 2023, section 3.4.
     """

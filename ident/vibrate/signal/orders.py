@@ -62,9 +62,6 @@ def order_tracking(
     Returns:
         The amplitudes, in the values' own unit.
 
-    Raises:
-        InputError: the pulley does not turn a whole block one way, or an order is too low for the block.
-
     References:
         Brandt, "Noise and Vibration Analysis", 2nd ed., 2023, chapter 12. Fyfe, Munck, "Analysis of computed order
         tracking", Mech. Syst. Signal Process. 11 (1997).

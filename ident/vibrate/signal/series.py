@@ -52,10 +52,6 @@ def samples(time: ArrayLike, values: ArrayLike) -> Samples:
 
     Returns:
         The trace in double precision.
-
-    Raises:
-        InputError: shapes differ, there are fewer than 16 samples, a value is not finite, or a time step deviates
-            from the mean one by more than UNIFORM.
     """
     t, x = np.asarray(time, float), np.asarray(values, float)
     refuse(_shape_problems(t, x))

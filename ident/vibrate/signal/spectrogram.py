@@ -64,9 +64,6 @@ def spectrogram(
     Returns:
         The spectrogram, in the values' own unit.
 
-    Raises:
-        InputError: the trace is not uniform or has gaps, or a segment is too short or longer than half the trace.
-
     References:
         Brandt, "Noise and Vibration Analysis", 2nd ed., 2023, section 11.1. Heinzel et al., 2002, section 8.
     """

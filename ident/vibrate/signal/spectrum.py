@@ -91,9 +91,6 @@ def amplitude_spectrum(
     Returns:
         The spectrum, in the values' own unit.
 
-    Raises:
-        InputError: the trace is not uniform, has gaps, or is too short for so many segments.
-
     References:
         Welch, IEEE Trans. Audio Electroacoust. 15 (1967). Heinzel et al., 2002, eqs. (19), (23).
     """
@@ -129,9 +126,6 @@ def peaks(spectrum: Spectrum, count: int, between: tuple[float, float] = (0.0, n
         count: largest number of peaks to return; there may be fewer.
         between: [Hz] band in which the refined frequencies lie.
 
-    Raises:
-        InputError: the spectrum is one of several traces, or the band is none.
-
     References:
         Smith, Serra, "PARSHL", Proc. ICMC 1987. Brandt, 2nd ed., section 9.3.
     """
@@ -156,9 +150,6 @@ def band_rms(spectrum: Spectrum, low: float, high: float) -> Float[np.ndarray, "
 
     Returns:
         (...) [unit of the values].
-
-    Raises:
-        InputError: no bin of the spectrum lies in the band.
 
     References:
         Heinzel et al., 2002, section 9. Brandt, 2nd ed., section 10.3.

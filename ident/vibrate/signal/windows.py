@@ -21,11 +21,7 @@ WINDOWS = {
 
 
 def window_samples(window: str, count: int) -> Float[np.ndarray, "N"]:
-    """Return the periodic (DFT-even) form of a window, (N,) [-].
-
-    Raises:
-        InputError: there is no window of this name.
-    """
+    """Return the periodic (DFT-even) form of a window, (N,) [-]."""
     refuse(_window_problems(window))
     return np.asarray(get_window(window, count, fftbins=True))
 

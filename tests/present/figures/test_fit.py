@@ -77,10 +77,11 @@ def test_lengths_are_drawn_as_shifts():
 
 def test_contradictions_are_told_in_words():
     result = fitted("table1")
-    prediction = CrossPrediction("deflection", (2,), np.array([0.022]), np.array([0.0316]), np.array([0.00076]))
+    measured, predicted = np.array([0.022]), np.array([0.0316])
+    prediction = CrossPrediction("deflection", (2,), measured, predicted, np.array([-4.1]), 17.0, 1.0, 1.0)
     said = [t.get_text() for a in fit_figure(replace(result, cross_predictions=(prediction,))).axes for t in a.texts]
     assert any("CONTRADICTION" in text for text in said)
-    assert any("31.6 ± 0.76 mm, 12.6 sd" in text for text in said)
+    assert any("lead to 31.6 mm, 4.1 sd" in text for text in said)
 
 
 def test_hostile_names_are_drawn_as_they_are(tmp_path):

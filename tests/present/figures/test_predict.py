@@ -3,6 +3,7 @@ from arms import lcd_arm
 from figures import HOSTILE, assert_tidy
 
 from ident.arm.arm import Arm
+from ident.assess.prediction import Prediction
 from ident.identify.modal_analysis import modal_analysis
 from ident.present.figures.predict import frequency_figure, mode_figure
 from ident.present.files.png import save
@@ -11,7 +12,7 @@ MOTION = (1.0, -2.0, 1.0)
 
 
 def along_motion(arm, *alpha):
-    return [modal_analysis(arm, tuple(a * m for m in MOTION), modes=2) for a in alpha]
+    return [Prediction(modal_analysis(arm, tuple(a * m for m in MOTION), modes=2)) for a in alpha]
 
 
 def test_modes_are_drawn_in_two_views(tmp_path):

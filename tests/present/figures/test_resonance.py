@@ -1,16 +1,13 @@
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import DATA, lcd_arm
+from arms import lcd_arm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation
 
-from ident.assess.basis import Basis
-from ident.description.file import read_arm
 from ident.present.figures.resonance import resonance_figure
-from ident.present.files.resonance import resonance_document
+from ident.present.files.resonance import resonance_rows
 from ident.present.text.resonance import resonance_report, verdict
 from ident.present.text.resonance_words import grouped, same_lines, sources_words
 from ident.vibrate.modal.branches import branches
@@ -111,18 +108,12 @@ def test_the_words_follow_the_share_that_builds_up(plain):
         assert expected in text
 
 
-def test_document_is_json_with_all_of_it(with_sets):
-    found, driven, met = with_sets
-    basis = Basis(read_arm(DATA / "lcd_arm" / "arm.toml"), lcd_arm(), MOTION, 10.0)
-    document = json.loads(json.dumps(resonance_document(basis, *with_sets, {})))
-    assert document["format"] == "ident-resonance/2"
-    assert document["draws"] == 5
-    assert np.asarray(document["branches"][0]["band_5_95"]).shape == (2, len(TIMES))
-    assert np.asarray(document["branches"][1]["frequency"]) == pytest.approx(found.median[1])
-    crossings = document["resonance_crossings"]
-    assert [crossing["drive"] for crossing in crossings] == [crossing.source.drive for crossing in met]
-    assert [crossing["number"] for crossing in crossings] == sorted(crossing["number"] for crossing in crossings)
-    assert len(document["excitation"]) == len(driven.sources)
+def test_rows_are_numbered_as_in_the_report(with_sets):
+    _, _, met = with_sets
+    rows = resonance_rows(met)
+    assert [row["drive"] for row in rows] == [crossing.source.drive for crossing in met]
+    assert [row["number"] for row in rows] == sorted(row["number"] for row in rows)
+    assert [row["natural"] for row in rows] == [crossing.natural for crossing in met]
 
 
 def test_pulleys_that_turn_alike_are_one_line():

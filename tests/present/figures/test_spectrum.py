@@ -5,7 +5,6 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
-from ident.errors import InputError
 from ident.present.figures.spectrum import spectrogram_figure, spectrum_figure
 from ident.present.files.png import save
 from ident.vibrate.signal.spectrogram import spectrogram
@@ -94,22 +93,6 @@ def test_a_single_direction_needs_no_columns(tmp_path):
     assert (tmp_path / "one.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(
-    ("series", "text"),
-    [
-        ({}, "series: got no spectrum, expected one or more"),
-        (
-            {"measured": amplitude_spectrum(TIME, BOTH[:, 0])},
-            "series measured: got amplitudes (1001,), expected (1001, 2), a column for each of X, Z",
-        ),
-    ],
-)
-def test_spectrum_figure_refuses(series, text):
-    with pytest.raises(InputError) as error:
-        spectrum_figure(series)
-    assert text in str(error.value)
-
-
 def grown():
     return spectrogram(TIME, BOTH, segment_seconds=1.0)
 
@@ -142,8 +125,3 @@ def test_colours_of_a_spectrogram(decibel, top, bottom):
     assert corners[-1, -1, 1] - corners[-2, -1, 1] == pytest.approx(1.0)
     assert figure.axes[1].get_ylabel() == f"amplitude, 0-peak [{'dB re 1 mm' if decibel else 'mm'}]"
     drawn(figure)
-
-
-def test_spectrogram_figure_refuses_several_traces():
-    with pytest.raises(InputError, match=r"a single trace; choose one with spectrogram.column\(i\)"):
-        spectrogram_figure(grown())

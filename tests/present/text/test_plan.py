@@ -1,24 +1,21 @@
 """The plan in words, as a figure and as files."""
 
 import csv
-import json
 import math
 import re
 
 import numpy as np
 import pytest
-from arms import DATA, lcd_arm
+from arms import DATA, loose_arm
 
 from ident.arm.arm import Arm
-from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
 from ident.identify.posture_grid import main_joints
 from ident.measure import read_campaign
 from ident.present.figures.plan import plan_figure
-from ident.present.files.document import write_json
-from ident.present.files.plan import plan_document, write_form
+from ident.present.files.plan import write_form
 from ident.present.files.png import save
 from ident.present.text.plan import plan_report
 
@@ -26,7 +23,7 @@ from ident.present.text.plan import plan_report
 @pytest.fixture(scope="module")
 def plan():
     return plan_campaign(
-        lcd_arm(), settings=PlanSettings(step=math.radians(45.0), draws=2, count=3, costs={"dial": 1.0})
+        loose_arm(), settings=PlanSettings(step=math.radians(45.0), draws=2, count=3, costs={"dial": 1.0})
     )
 
 
@@ -51,8 +48,8 @@ def test_the_report_says_what_to_do_and_what_it_gives(plan):
 def test_a_fit_in_doubt_is_said():
     table = read_campaign(DATA / "lcd_arm" / "table1.csv")
     doubtful = plan_campaign(
-        lcd_arm(),
-        fit_campaign(lcd_arm(), table, starts=2),
+        loose_arm(),
+        fit_campaign(loose_arm(), table, starts=2),
         settings=PlanSettings(step=math.radians(90.0), draws=1, count=1),
     )
     report = plan_report(doubtful)
@@ -84,27 +81,17 @@ def test_joints_that_do_not_matter_are_not_drawn(plan):
 
 
 def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):
-    sampled = plan_campaign(lcd_arm(), settings=PlanSettings(step=math.radians(4.0), draws=0, count=1))
+    sampled = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(4.0), draws=0, count=1))
     assert sampled.grid.sampled
     assert "a sample" in plan_report(sampled)
     save(plan_figure(sampled), tmp_path / "sampled.png")
-    arm = lcd_arm()
+    arm = loose_arm()
     last = arm.joints[-1]
     points = [point for point in arm.points if point.joint == last.name]
     single = Arm("single", (last,), tuple(points))
     alone = plan_campaign(single, settings=PlanSettings(step=math.radians(45.0), draws=0, count=2, modes=2))
     assert len(alone.predictions.postures) == 1, "about a vertical axis nothing changes"
     assert "joint3 [deg]" in texts(plan_figure(alone))
-
-
-def test_the_document_is_plain_json(plan, tmp_path):
-    arm_file = read_arm(DATA / "lcd_arm" / "arm.toml")
-    write_json(plan_document("ident-plan/2", plan, arm_file, {"count": 3}), tmp_path / "p.json")
-    read = json.loads((tmp_path / "p.json").read_text())
-    assert read["format"] == "ident-plan/2"
-    assert [experiment["nats"] for experiment in read["batch"]] == pytest.approx([step.nats for step in plan.steps])
-    assert read["inputs"]["campaign"] is None
-    assert len(read["ranking"]) == len(plan.predictions.postures)
 
 
 def test_the_form_is_refused_empty_and_read_when_filled_in(plan, tmp_path):

@@ -3,6 +3,7 @@ import pytest
 from arms import lcd_arm, random_arm, two_equal_arm
 
 from ident.arm.arm import Arm
+from ident.assess.prediction import Prediction
 from ident.errors import InputError, ModelError
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load
@@ -73,7 +74,7 @@ def test_an_arm_that_collapses_is_told():
 
 
 def test_report_shows_modes_shares_and_deflections():
-    report = predict_report(modal_analysis(lcd_arm(), UNFOLDED, Load(), 4))
+    report = predict_report([Prediction(modal_analysis(lcd_arm(), UNFOLDED, Load(), 4))])
     assert report.startswith("LCD transfer arm at (0, 0, 0) deg, load: own weight\n")
     assert "4.8000  vertical bending 1     0.30 %    43    0    35    0    22    0" in report
     assert "-26.300" in report
@@ -82,14 +83,14 @@ def test_report_shows_modes_shares_and_deflections():
 
 def test_report_warns_of_joint_limits():
     limit = np.radians(95.0)
-    assert "WARNING" not in predict_report(modal_analysis(lcd_arm(), (limit, 0.0, 0.0), Load(), 1))
-    report = predict_report(modal_analysis(lcd_arm(), (0.0, 0.0, np.radians(-100.0)), Load(), 1))
+    assert "WARNING" not in predict_report([Prediction(modal_analysis(lcd_arm(), (limit, 0.0, 0.0), Load(), 1))])
+    report = predict_report([Prediction(modal_analysis(lcd_arm(), (0.0, 0.0, np.radians(-100.0)), Load(), 1))])
     assert "WARNING: joint3 at -100 deg is outside its limits, -95 to 95 deg" in report
 
 
 @pytest.mark.parametrize("arm", [two_equal_arm(), random_arm(np.random.default_rng(3), 2)], ids=["equal", "random"])
 def test_any_arm_is_reported_in_straight_columns(arm):
-    report = predict_report(modal_analysis(arm, (0.3,) * len(arm.driven), Load(), 99))
+    report = predict_report([Prediction(modal_analysis(arm, (0.3,) * len(arm.driven), Load(), 99))])
     rows = [line for line in report.splitlines() if line[2:6].strip().isdigit()]
     assert len(rows) == 3 * len(arm.joints)
     assert len({len(row) for row in rows}) == 1

@@ -1,20 +1,17 @@
 """Report, result file and figure of profiles: what is open, bounded or in doubt is said, and nothing overlaps."""
 
-import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import lcd_arm
 from figures import assert_tidy, boxes, made_up
 
-from ident.description.file import ArmFile
 from ident.inference.parameters import Parameter
 from ident.inference.profile import Interval, Profile, half_width
 from ident.inference.profile_path import Ending
 from ident.present.figures.profile import profile_figure
-from ident.present.files.profile import profile_document
+from ident.present.files.profile import profile_rows
 from ident.present.text.profile import interval_text, profile_report, remarks
 
 OPEN, CROSSED, MODEL = Ending.OPEN, Ending.CROSSED, Ending.MODEL
@@ -116,17 +113,11 @@ def test_a_doubtful_fit_has_no_interval_to_quote():
     assert_tidy(figure)
 
 
-def test_the_document_is_json_with_null_for_open():
-    result, profiles = made_up_profiles(6)
-    document = profile_document(
-        "ident-profile/2", result, profiles, ArmFile(lcd_arm(), "arm.toml", "0" * 64, {}), {"seed": 0}
-    )
-    text = json.dumps(document, allow_nan=False)
-    assert document["format"] == "ident-profile/2"
-    second = json.loads(text)["parameters"][1]
-    assert second["intervals"][-1]["high"] is None
-    assert second["intervals"][-1]["endings"] == ["crossed", "open"]
-    assert len(second["profile"]["value"]) == len(second["profile"]["delta_chi_squared"]) == 23
+def test_an_open_end_is_infinite_in_the_table():
+    _, profiles = made_up_profiles(6)
+    rows = profile_rows(profiles)
+    assert [row["parameter"] for row in rows] == [profile.name for profile in profiles]
+    assert rows[1]["low_95"] < rows[1]["value"] < rows[1]["high_95"] == math.inf
 
 
 @pytest.mark.parametrize("count", [1, 2, 6, 11])

@@ -1,6 +1,5 @@
 """The report of a sweep says what the numbers say; figure and summary agree with it."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +11,11 @@ from ident.assess.basis import Basis
 from ident.assess.sweep import SweepStudy
 from ident.description.file import read_arm
 from ident.present.figures.sweep import sweep_figure
-from ident.present.files.sweep import sweep_document, write_csv
+from ident.present.files.sweep import write_csv
 from ident.present.text.sweep import sweep_report
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.redesign.sweep import Sweep, axis
+from ident.vibrate.redesign.trend import below, curve
 
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 MOTION = stroke(FILE.arm.stroke, percent=10.0, dwell=2.0)
@@ -61,8 +61,10 @@ def test_where_the_limit_is_kept():
     assert "limit of 0.9 mm, in all directions: kept from 4.441e+06 N mm/deg to 9.8" in report
     assert "kept nowhere in the range" in sweep_report(swept(STIFFNESS, limit=0.1e-3))
     assert "limit of 0.5 mm: exceeded in y" in sweep_report(swept(STIFFNESS, limit=0.5e-3))
-    below = sweep_document(swept(STIFFNESS, limit=0.9e-3), {})["sweeps"][0]["below_limit"]
-    assert below[0] == pytest.approx([STIFF.values[1], STIFF.values[3] + 0.25 * (STIFF.values[4] - STIFF.values[3])])
+    values, amplitudes = curve(STIFFNESS)
+    assert below(values, amplitudes[-1], 0.9e-3)[0] == pytest.approx(
+        [STIFF.values[1], STIFF.values[3] + 0.25 * (STIFF.values[4] - STIFF.values[3])]
+    )
 
 
 def test_bands_and_probability():
@@ -72,7 +74,7 @@ def test_bands_and_probability():
     assert f"{low:.4f}-{high:.4f}" in report
     row = next(line for line in report.splitlines() if line.endswith("  present"))
     assert row.split()[-2] == "50%"
-    assert sweep_document(swept(found, limit=0.65e-3), {})["sweeps"][0]["exceeds_in_any"][2] == 0.5
+    assert found.exceeds(0.65e-3)[2] == 0.5
 
 
 def test_a_present_value_out_of_range_is_told():
@@ -90,24 +92,21 @@ def test_a_map_names_its_best_point():
     assert "largest: least 41.0000 mm at joint1.k_tors 1.256e+07 N mm/deg, bracket.com.x 0 m; largest 60.0000" in report
     assert "kept at 10 of 20 points" in report
     assert "least probability of exceeding it: 0%, at joint1.k_tors 1.256e+07 N mm/deg, bracket.com.x 0 m" in report
-    (told,) = sweep_document(swept(found), {})["sweeps"]
-    assert told["least"]["values"] == pytest.approx([STIFF.values[-1], 0.0])
-    assert np.shape(told["band"]["amplitude"]) == (2, 3, 5, 4)
+    assert np.shape(found.band) == (2, 3, 5, 4)
 
 
-def test_the_table_is_long_and_the_summary_is_json(tmp_path):
+def test_the_table_is_long(tmp_path):
     centre = Sweep((CENTRE,), "peak", np.full((3, 4), 1e-3), PRESENT)
     both = swept(drawn(STIFFNESS), drawn(centre))
-    document = sweep_document(both, {})
-    write_csv(both, document, tmp_path / "a.csv")
+    head = {"format": "ident-sweep/3", "created": "now", "software": {"ident": "0.1.0"}}
+    write_csv(both, head, tmp_path / "a.csv")
     lines = (tmp_path / "a.csv").read_text().splitlines()
-    assert lines[0] == f"# ident-sweep/2 {document['created']} ident {document['software']['ident']}"
+    assert lines[0] == "# ident-sweep/3 now ident 0.1.0"
     assert lines[4] == "parameter,value,unit,direction,amplitude [mm],q05 [mm],q95 [mm]"
     assert lines[5] == "joint1.k_tors,179908.7477,N m/rad,x,0.4,0.328,0.472"
     assert len(lines) == 5 + 3 * (5 + 4)
     assert lines[-1].split(",")[:5] == ["bracket.com.x", "0.29", "m", "z", "1"]
-    json.dumps(document, allow_nan=False)
-    write_csv(swept(STIFFNESS), document, tmp_path / "b.csv")
+    write_csv(swept(STIFFNESS), head, tmp_path / "b.csv")
     assert (tmp_path / "b.csv").read_text().splitlines()[5] == "joint1.k_tors,179908.7477,N m/rad,x,0.4,,"
 
 

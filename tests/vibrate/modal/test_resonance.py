@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm, two_equal_arm
+from runs import hold_still
 from scipy.signal import lsim
 
 from ident.arm.arm import Arm
@@ -18,7 +19,7 @@ from ident.vibrate.modal.excitation import Excitation, Source, excitation
 from ident.vibrate.modal.resonance import resonance_crossings
 from ident.vibrate.modal.resonance_passage import magnification, sweep_number
 from ident.vibrate.modal.tracking import track
-from ident.vibrate.motion.motion import Motion, hold_still
+from ident.vibrate.motion.motion import Motion
 from ident.vibrate.motion.stroke import stroke
 
 RATIO = 100.0

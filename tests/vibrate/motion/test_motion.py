@@ -11,11 +11,12 @@ import pytest
 from arms import lcd_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from runs import hold_still
 from scipy.interpolate import PPoly, make_interp_spline
 
 from ident.errors import InputError
 from ident.vibrate.motion.limits import beyond_limits
-from ident.vibrate.motion.motion import Motion, hold_still
+from ident.vibrate.motion.motion import Motion
 
 BREAKS = np.array([0.5, 1.0, 1.7, 3.0])
 
@@ -123,23 +124,6 @@ def test_a_dwell_that_cannot_be(seconds):
     )
 
 
-def test_motions_one_after_the_other():
-    first, back = kinked(), Motion("back", [7.0, 8.0], [[[2.0]], [[0.0]]], arrival=7.5)
-    both = first.then(back)
-    assert (both.name, both.breaks.tolist(), both.arrival) == ("kinked, back", [0.0, 1.0, 2.0, 3.0], 2.5)
-    t = np.linspace(-0.5, 1.99, 20)
-    np.testing.assert_allclose(both(t)[0], first(t)[0], atol=1e-15)
-    np.testing.assert_allclose(both(t + 2.0)[0], back(t + 7.0)[0] * (t >= 0) + first(t + 2.0)[0] * (t < 0), atol=1e-12)
-
-
-def test_motions_that_do_not_join():
-    other = Motion("other", [0.0, 1.0], [[[math.pi / 180]]])
-    assert str(problem(kinked().then, other)) == (
-        "other: got a start at q1 = 1 deg, expected 0 deg, where kinked ends; start where the motion before ends"
-    )
-    assert problem(wavy().then, other).got == "1 joint angles"
-
-
 @given(percent=st.floats(1, 1000), t=st.floats(-1, 4))
 @settings(deadline=None, max_examples=40)
 def test_another_clock(percent, t):
@@ -165,10 +149,6 @@ def test_a_held_pose(q, t):
     still = hold_still(q, 4.0)
     assert (float(still.duration), still.arrival) == (4.0, 0.0)
     np.testing.assert_array_equal(np.stack(still(t)), np.stack([q, 0 * q, 0 * q]))
-
-
-def test_a_held_pose_needs_some_time():
-    assert problem(hold_still, [0.0], 0.0).expected == "a finite time above 0"
 
 
 FLAT = np.zeros((1, 3, 2))

@@ -137,11 +137,6 @@ def test_a_tenth_of_the_speed_is_the_same_path_slower(profile):
         np.testing.assert_allclose(slow, fast / 10**n, rtol=1e-9, atol=1e-9)
 
 
-def test_there_and_back_again():
-    both = stroke(PATH, dwell=0.5).then(stroke(PATH, retract=True))
-    np.testing.assert_allclose(both(1e3)[0], PATH.folded * DIRECTION, atol=1e-14)
-
-
 @pytest.mark.parametrize("percent", [0.0, -1.0, 1000.5, math.nan])
 def test_a_percentage_that_cannot_be(percent):
     (text,) = problems(percent=percent)

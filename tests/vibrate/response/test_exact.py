@@ -17,7 +17,7 @@ from runs import about, along, apart, held, paper, short, still, swing, undamped
 from ident.arm.arm import Arm
 from ident.arm.modes import damped_eigenvalues
 from ident.arm.multibody import multibody
-from ident.errors import ModelError
+from ident.errors import ConvergenceError
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact
 from ident.vibrate.response.quasi_static import quasi_static_deflection
@@ -173,7 +173,9 @@ def test_stiff_arm_takes_the_implicit_method() -> None:
 
 def test_tolerance_that_cannot_be_met() -> None:
     """One line that names the times."""
-    with pytest.raises(ModelError, match=r"^the simulation cannot meet its tolerance from 0 to 0\.5 s; loosen .*$"):
+    with pytest.raises(
+        ConvergenceError, match=r"^the simulation cannot meet its tolerance from 0 to 0\.5 s; loosen .*$"
+    ):
         run(lcd_arm(), swing(), *started(), 0.5, max_steps=10)
 
 

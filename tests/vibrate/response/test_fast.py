@@ -4,10 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
-from runs import apart, paper, swing
+from runs import apart, hold_still, paper, swing
 
 from ident.arm.multibody import multibody
-from ident.vibrate.motion.motion import Motion, hold_still
+from ident.vibrate.motion.motion import Motion
 from ident.vibrate.motion.replay import replay
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.fast import integrate

@@ -16,7 +16,7 @@ from runs import along, paper, short, swing
 from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.errors import InputError, ModelError
-from ident.vibrate.motion.motion import Motion, hold_still
+from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.belt_tension import belt_tension, slack
 from ident.vibrate.response.exact import SAMPLES
 from ident.vibrate.response.response import Response, peak, rms, settling_time
@@ -200,6 +200,6 @@ def test_a_jump_of_speed_is_refused() -> None:
         InputError, match=r"^run: got a jump of joint2's speed by 11\.46 deg/s at 0 s, expected a motion"
     ):
         simulate(lcd_arm(), moving)
-    halves = along(Polynomial([0, 0, 0.1]), 1.0).then(hold_still([0.1, -0.2, 0.1], 1.0))
+    halves = along(Polynomial([0, 0, 0.1]), 1.0).dwell(1.0)
     with pytest.raises(InputError, match=r"a jump of joint2's speed by 22\.92 deg/s at 1 s"):
         simulate(lcd_arm(), halves)

@@ -1,0 +1,94 @@
+"""What an arm does at a posture, and how far a posterior leaves that open."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.errors import ModelError
+from ident.identify.modal_analysis import ModalAnalysis, modal_solution
+from ident.vibrate.modal.tracking import follow
+
+TOGETHER = 64
+"""Draws that are solved at a time: always as many, for one compiled program."""
+LEVELS = (0.05, 0.95)
+"""Quantiles of a band."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Modes and static deflection at a posture, and the same by the draws of a posterior.
+
+    A draw's modes are those whose shapes are most like the arm's own, by mass-weighted MAC, not those of their order.
+
+    Attributes:
+        analysis: of the arm itself.
+        frequency: (m, D) [Hz] by mode of the arm and draw; None without draws.
+        damping_ratio: (m, D) [-]
+        deflection: (3, D) [m] by point name.
+        collapsed: number of draws without a stable equilibrium, which are left out.
+    """
+
+    analysis: ModalAnalysis
+    frequency: Float[np.ndarray, "m D"] | None = None
+    damping_ratio: Float[np.ndarray, "m D"] | None = None
+    deflection: Mapping[str, Float[np.ndarray, "3 D"]] | None = None
+    collapsed: int = 0
+
+    @cached_property
+    def frequency_band(self) -> Float[np.ndarray, "2 m"]:
+        """5 and 95 % quantiles of the natural frequencies [Hz]; NaN without draws."""
+        return _band(self.frequency, len(self.analysis.labels))
+
+    @cached_property
+    def damping_band(self) -> Float[np.ndarray, "2 m"]:
+        """5 and 95 % quantiles of the damping ratios [-]; NaN without draws."""
+        return _band(self.damping_ratio, len(self.analysis.labels))
+
+    @cached_property
+    def deflection_band(self) -> dict[str, Float[np.ndarray, "2 3"]]:
+        """5 and 95 % quantiles of the static deflection [m] by point name; NaN without draws."""
+        draws = self.deflection or {}
+        return {name: _band(draws.get(name), 3) for name in self.analysis.deflection}
+
+
+def predict_draws(analysis: ModalAnalysis, draws: Mapping[str, Float[np.ndarray, "D"]]) -> Prediction:
+    """Return what an arm does at a posture, by draws of some of its numbers as well.
+
+    Args:
+        analysis: of the arm itself, with which the modes of the draws are compared.
+        draws: numbers of the arm [SI], by path.
+
+    Raises:
+        ModelError: there is no stable equilibrium with any draw.
+    """
+    count = len(next(iter(draws.values())))
+    own = modal_solution(analysis.arm, analysis.posture, analysis.load)
+    mass, reference = np.asarray(own.M), np.asarray(own.modes.shape)[:, : len(analysis.labels)]
+    parts = []
+    for start in range(0, count, TOGETHER):
+        some = {path: _padded(values[start : start + TOGETHER]) for path, values in draws.items()}
+        solution = modal_solution(analysis.arm.replace(some), analysis.posture, analysis.load)
+        frequency = np.asarray(solution.modes.frequency)
+        stands = np.isfinite(frequency).all(0) & (np.arange(TOGETHER) < count - start)
+        solved = solution.modes.shape, solution.ratio, solution.moved
+        shape, ratio, moved = (np.asarray(x)[..., stands] for x in solved)
+        place = follow(reference, mass, shape[:, :, None])[0][:, 0]
+        parts.append([*(np.take_along_axis(x, place, 0) for x in (frequency[:, stands], ratio)), moved])
+    frequency, ratio, moved = (np.concatenate(part, -1) for part in zip(*parts, strict=True))
+    if not frequency.size:
+        raise ModelError(f"{analysis.arm.name} has no stable equilibrium there with any draw of the posterior")
+    deflection = {name: moved[:, i] for i, name in enumerate(analysis.deflection)}
+    return Prediction(analysis, frequency, ratio, deflection, count - frequency.shape[1])
+
+
+def _padded(values: Float[np.ndarray, "n"]) -> Float[np.ndarray, "TOGETHER"]:
+    return np.pad(values, (0, TOGETHER - len(values)), mode="edge")
+
+
+def _band(draws: np.ndarray | None, rows: int) -> Float[np.ndarray, "2 rows"]:
+    if draws is None:
+        return np.full((2, rows), np.nan)
+    return np.quantile(draws, LEVELS, axis=1)

@@ -1,0 +1,112 @@
+"""Where the starts of a fit ended: which ends are one optimum, in which order, and how well each is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.inference.convergence import Convergence
+from ident.inference.information import RANK_TOLERANCE, information
+from ident.inference.least_squares import End
+from ident.inference.problem import InverseProblem
+
+Ended = tuple[End, Convergence]
+"""Where a search ended, and how."""
+TIE, DIGITS = 1e-6, 4
+"""Relative difference of two costs that is none; decimals of theta, and of a distance, by which ties are ordered."""
+SAME = 1e-3
+"""Ends nearer to each other than this, in standard deviations of the data or of theta, are one optimum."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Where one or several starts ended.
+
+    Attributes:
+        values: (P,) parameters [SI].
+        theta: (P,) the same, unconstrained.
+        cost: sum of squared residuals, data and prior.
+        starts: number of starts that ended here.
+        converged: whether the next step is negligible, in all directions but the open ones.
+        open: (N, P) directions in theta along which the cost stays flat or still falls over several e-folds.
+        sd: (P,) standard deviation of each theta by data and prior about here.
+    """
+
+    values: Float[np.ndarray, "P"]
+    theta: Float[np.ndarray, "P"]
+    cost: float
+    starts: int
+    converged: bool
+    open: Float[np.ndarray, "N P"]
+    sd: Float[np.ndarray, "P"]
+
+
+def _score(reached: Ended) -> float:
+    return reached[0].score
+
+
+def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
+    """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long and curved.
+
+    Ends that are no optimum are dropped, unless it is the best one.
+    """
+    groups: list[list[Ended]] = []
+    sigma, prior_sd = np.asarray(problem.sigma), normal_prior_sd(problem)
+    for end, how in in_order(problem, ends):
+        for group in groups:
+            first, _ = group[0]
+            step = end.theta - first.theta
+            apart = np.concatenate([first.jacobian @ step / sigma, step / prior_sd])
+            near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
+            level = abs(end.cost - first.cost) < SAME * SAME * (1 + end.cost)
+            if near or (level and _is_valley(first.jacobian / sigma[:, None], prior_sd)):
+                group.append((end, how))
+                break
+        else:
+            groups.append([(end, how)])
+    optima = [group for i, group in enumerate(groups) if i == 0 or any(how.converged for _, how in group)]
+    return tuple(_optimum(problem, group) for group in optima)
+
+
+def in_order(problem: InverseProblem, ends: list[Ended]) -> list[Ended]:
+    """Sort ends by score; ties by the distance from the priors' centre, then by theta: the same on any machine."""
+    parameters = problem.parameters
+    centre, scale = np.asarray(parameters.theta(parameters.column("centre"))), np.minimum(parameters.normal_sd, 1.0)
+    ranks: list[tuple[int, float, tuple[float, ...], int]] = []
+    ends = sorted(ends, key=_score)
+    for i, (end, _) in enumerate(ends):
+        level = ranks[-1][0] if i and is_tie(_score(ends[i - 1]), _score(ends[i])) else i
+        off = (end.theta - centre) / scale
+        ranks.append((level, round(float(off @ off), DIGITS), tuple(np.round(end.theta, DIGITS).tolist()), i))
+    return [ends[rank[-1]] for rank in sorted(ranks)]
+
+
+def is_tie(a: float, b: float) -> bool:
+    """Tell whether two costs are the same but for rounding and where the searches stopped."""
+    return abs(a - b) < TIE * (1 + abs(a))
+
+
+def _optimum(problem: InverseProblem, group: list[Ended]) -> Optimum:
+    first, how = group[0]
+    scaled = first.jacobian / np.asarray(problem.sigma)[:, None]
+    return Optimum(
+        np.asarray(problem.parameters.values(first.theta)),
+        first.theta,
+        float(first.cost),
+        len(group),
+        any(how.converged for _, how in group),
+        how.open,
+        information(scaled, normal_prior_sd(problem), problem.parameters.names).sd,
+    )
+
+
+def normal_prior_sd(problem: InverseProblem) -> np.ndarray:
+    """Return the priors' standard deviations in theta; infinite for flat ones, whose edges are one-sided."""
+    parameters = problem.parameters
+    return np.where(np.asarray(parameters.column("flat")) > 0, np.inf, np.asarray(parameters.column("prior_sd")))
+
+
+def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:
+    """Tell whether data and prior together leave a direction open."""
+    s = np.linalg.svd(np.vstack([scaled, np.diag(1 / prior_sd)]), compute_uv=False)
+    return bool(s[-1] < RANK_TOLERANCE * s[0])

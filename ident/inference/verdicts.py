@@ -1,0 +1,41 @@
+"""From a chance to a verdict: the levels, and the correction for how many values are tested together."""
+
+from collections.abc import Sequence
+from statistics import NormalDist
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+SUSPICIOUS = 3.0
+"""Standard deviations beyond which a single normal value is suspicious; more where many are tested together."""
+RARE = 2 * NormalDist().cdf(-SUSPICIOUS)
+"""The chance of that: of a false alarm among all values, or all kinds of data, that are tested together."""
+IMPROBABLE = 1e-3
+"""Chance of so large a chi-squared below which model or sigmas are called wrong; of so small a one, sigmas or rows."""
+
+
+def rare(chances: Sequence[float]) -> Bool[np.ndarray, "n"]:
+    """Tell which of several chances are too small, with one false alarm in 1 / RARE sets of them at most.
+
+    Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6, 1979: the smallest of n is
+    compared with RARE / n, the next one with RARE / (n - 1), until the first that is larger.
+    """
+    p = np.asarray(chances, float)
+    order = np.argsort(p)
+    rejected = np.logical_and.accumulate(p[order] * np.arange(len(p), 0, -1) < RARE)
+    return rejected[np.argsort(order)]
+
+
+def outlying(residuals: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+    """Tell which of several normal residuals [sd] are too large for so many."""
+    return rare([2 * NormalDist().cdf(-abs(z)) for z in residuals.tolist()])
+
+
+def farthest(count: int) -> float:
+    """Return the limit [sd] for the farthest of so many normal values."""
+    return standard_deviations(RARE / max(count, 1))
+
+
+def standard_deviations(chance: float) -> float:
+    """Return how many standard deviations a normal value exceeds, up or down, with this chance."""
+    return -NormalDist().inv_cdf(chance / 2) if chance > 0 else np.inf

@@ -1,0 +1,122 @@
+"""Rates of the verdicts of a fit: false alarms on right campaigns, power on wrong ones, coverage of what is shown.
+
+`python tests/benchmarks/verdicts.py [--draws 100] [--seed 0] [--resume FILE] [--processes 2] [--case NAME ...]`
+
+The cases and faults are those of tests/support/campaigns.py: the paper's arm with the shipped campaign's rows, and a
+building of four storeys with a log-normal, a flat and a catalogue's prior. Truths are drawn from the prior that the
+fit uses. Wrong campaigns are a quarter as many. Exit code 1 if an alarm rings more often than its level allows (99.9 %
+of the binomial distribution), or too few of the intervals that are shown hold the truth.
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import numpy as np
+from scipy.stats import binom, kstest
+from shell import ROOT
+from timing import machine
+
+sys.path.insert(0, str(ROOT / "tests" / "support"))
+
+from campaigns import CASES, FAULTS, Outcome, outcome
+
+LEVELS = {
+    "kinds": 0.0027,
+    "rows": 0.0027,
+    "chi-squared large": 0.001,
+    "chi-squared small": 0.001,
+    "no optimum": 0.0,
+    "any that withholds": 2 * 0.0027 + 0.001,
+}
+"""By alarm, how often it may ring where all is right."""
+BAND = 0.999
+Key = tuple[str, str, int]
+
+
+def read(file: Path | None, seed: int) -> dict[Key, Outcome]:
+    """Return what an interrupted run has left; a half-written last line is dropped."""
+    if file is None or not file.exists():
+        return {}
+    text = file.read_text()
+    whole = text[: text.rfind("\n") + 1]
+    file.write_text(whole)
+    lines = [json.loads(line) for line in whole.splitlines()]
+    if any(line["seed"] != seed for line in lines):
+        sys.exit(f"{file} is of another seed; name another file")
+    return {(line["case"], line["fault"], line["found"]["draw"]): Outcome(**line["found"]) for line in lines}
+
+
+def run(wanted: Iterable[Key], seed: int, file: Path | None, processes: int) -> dict[Key, Outcome]:
+    """Fit the campaigns that are not in the file yet, and add each to it."""
+    done = read(file, seed)
+    left = [key for key in wanted if key not in done]
+    with (
+        open(file or os.devnull, "a", encoding="utf-8") as out,
+        ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool,
+    ):
+        for key, running in [(key, pool.submit(outcome, *key, seed)) for key in left]:
+            done[key] = running.result()
+            line = {"seed": seed, "case": key[0], "fault": key[1], "found": asdict(done[key])}
+            print(json.dumps(line), file=out, flush=True)
+    return done
+
+
+def report(case: str, found: dict[str, list[Outcome]]) -> bool:
+    """Print what was found of one case, and tell whether it is as it should be."""
+    right, fine = found["none"], True
+    n = len(right)
+    print(f"\n{case}: {n} right campaigns; the fit missed a better optimum in {sum(o.missed for o in right)}")
+    heads = "".join(f"{fault:>12s}" for fault in FAULTS[1:])
+    print(f"  {'alarm':20s}{'right':>8s}{'at most':>9s}{heads}")
+    for alarm, level in LEVELS.items():
+        most, rings = int(binom.ppf(BAND, n, level)), sum(alarm in o.alarms for o in right)
+        power = "".join(f"{f'{sum(alarm in o.alarms for o in found[f])}/{len(found[f])}':>12s}" for f in FAULTS[1:])
+        print(f"  {alarm:20s}{rings:8d}{most:9d}{power}")
+        fine &= rings <= most
+    for kind in sorted({kind for o in right for kind in o.p}):
+        p = np.array([o.p[kind] for o in right if kind in o.p])
+        tenths = " ".join(map(str, np.histogram(p, 10, (0, 1))[0]))
+        print(f"  p of {kind:12s} tenths {tenths}   uniform: p = {kstest(p, 'uniform').pvalue:.2g}")
+    shown, held = (sum(len(getattr(o, name)) for o in right) for name in ("shown", "held"))
+    least = int(binom.ppf(1 - BAND, shown, 0.95))
+    print(f"  95 % intervals shown: {shown}; hold the truth: {held} ({held / max(shown, 1):.1%}; at least {least})")
+    return fine and held >= least
+
+
+def main() -> None:
+    """Run, print, judge."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=100, help="right campaigns a case (100: some minutes)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--resume", type=Path, metavar="FILE", help="JSON lines to go on with, or to begin")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--case", action="append", choices=CASES, help="only this one; may be repeated")
+    asked = parser.parse_args()
+    cases = asked.case or list(CASES)
+    wrong = max(asked.draws // 4, 1)
+    wanted = [(c, f, i) for c in cases for f in FAULTS for i in range(asked.draws if f == "none" else wrong)]
+    commit = subprocess.run(
+        ("git", "rev-parse", "--short", "HEAD"), cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    print(machine(), f"seed {asked.seed}, commit {commit.stdout.strip()}", sep="\n")
+    begin, done = time.perf_counter(), run(wanted, asked.seed, asked.resume, asked.processes)
+    verdicts = [report(c, {f: [done[key] for key in wanted if key[:2] == (c, f)] for f in FAULTS}) for c in cases]
+    print(f"\n{time.perf_counter() - begin:.0f} s in all")
+    sys.exit(not all(verdicts))
+
+
+if __name__ == "__main__":
+    main()

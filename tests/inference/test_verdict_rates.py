@@ -1,0 +1,40 @@
+"""Verdicts by their rates over simulated truths: few alarms where all is right, many where it is not.
+
+A small form; the study, with the paper's arm, is tests/benchmarks/verdicts.py.
+"""
+
+import pytest
+from campaigns import outcome
+from scipy.stats import binom
+
+DRAWS = 30
+WRONG = 6
+
+
+def rate(outcomes, alarm):
+    return sum(alarm in each.alarms for each in outcomes)
+
+
+@pytest.mark.parametrize("case", ["storeys", "storeys, flat prior"])
+def test_right_campaigns_raise_no_alarm_and_their_intervals_hold(case):
+    found = [outcome(case, "none", draw, 0) for draw in range(DRAWS)]
+    assert rate(found, "any that withholds") <= binom.ppf(0.999, DRAWS, 2 * 0.0027 + 0.001)
+    assert rate(found, "chi-squared small") <= binom.ppf(0.999, DRAWS, 0.001)
+    shown, held = sum(len(each.shown) for each in found), sum(len(each.held) for each in found)
+    assert shown > 2 * DRAWS
+    assert held >= binom.ppf(0.001, shown, 0.95)
+    assert sum(p < 0.5 for each in found for p in each.p.values()) >= binom.ppf(0.001, 3 * DRAWS, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("fault", "alarm", "least"),
+    [("swapped", "kinds", 6), ("swapped", "any that withholds", 6), ("outliers", "any that withholds", 3)],
+)
+def test_wrong_campaigns_are_noticed(fault, alarm, least):
+    assert rate([outcome("storeys", fault, draw, 0) for draw in range(WRONG)], alarm) >= least
+
+
+def test_sigmas_ten_times_too_large_are_remarked():
+    found = [outcome("storeys, flat prior", "copied", draw, 0) for draw in range(WRONG)]
+    assert rate(found, "chi-squared small") >= 5
+    assert rate(found, "any that withholds") == 0
