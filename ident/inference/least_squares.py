@@ -185,7 +185,8 @@ class _OneStepMore(optx.LevenbergMarquardt[Any, Any, Any]):
         y, inner, aux = super().step(fn, y, args, options, state.inner, tags)
         ended, result = super().terminate(fn, y, args, options, inner, tags)
         choice = inner.aux.choice  # of the last point that was accepted
-        ended |= (result != optx.RESULTS.successful) | ~(choice.settled | options["to_the_end"])
+        short = jnp.abs(inner.y_eval - y).max() < TOLERANCE * (1 + jnp.abs(y).max())  # else rejected to the last step
+        ended |= short | (result != optx.RESULTS.successful) | ~(choice.settled | options["to_the_end"])
         return y, _Progress(inner, choice.held, ended, state.ended), aux
 
     def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
