@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -99,8 +98,7 @@ def labels_about(
     parameters = problem.parameters
     start = np.asarray(parameters.theta(parameters.column("start")))
     noise = np.random.default_rng(seed).standard_normal((points, len(start))) * np.minimum(parameters.normal_sd, spread)
-    alone = eqx.tree_at(lambda p: p.sigma, problem, np.full_like(problem.sigma, np.inf))
-    ends = [evaluate(alone, theta) for theta in (start, *(start + noise))]
+    ends = [evaluate(problem, theta) for theta in (start, *(start + noise))]
     stable = [end for end in ends if np.isfinite(end.predicted).all()] or ends[:1]
     return np.array([end.choice.cost for end in stable]), np.array([end.predicted for end in stable])
 

@@ -129,10 +129,12 @@ def most_probable(
     Args:
         values: the labelled values.
         modes: all modes of all states.
-        data: what was measured.
-        off: by how much the frequencies are off, as a fraction; see `how_far_off`.
+        data: what was measured; None for the labels alone.
+        off: by how much the frequencies are off, as a fraction, see `how_far_off`; zero where none is fitted.
     """
     modes, data, off = jax.lax.stop_gradient((modes, data, off))
+    if data is not None:
+        off = jnp.where(_fitted(values, data, modes.frequency.ndim - 2).any(0), off, 0.0)
     cost = name_costs(modes, off)
     names = jnp.stack([cost[direction] + cost[kind] for direction, kind in NAMES], 1)
     against = jnp.zeros((len(names), sum(values.top) + 1, *names.shape[2:]))
@@ -145,8 +147,8 @@ def how_far_off(
 ) -> Float[Array, "*batch"]:
     """Return the root mean square of ln(computed / measured) over the labelled frequencies that are fitted."""
     hertz = (modes.frequency[:, values.states] * chosen).sum(0)
-    measured, sigma = _aligned(values, data, hertz.ndim - 1)
-    counts = values.is_frequency.reshape((-1,) + (1,) * (hertz.ndim - 1)) & jnp.isfinite(sigma)
+    measured, _ = _aligned(values, data, hertz.ndim - 1)
+    counts = _fitted(values, data, hertz.ndim - 1)
     squared = jnp.where(counts, jnp.log(jnp.where(counts, hertz / measured, 1.0)) ** 2, 0.0)
     return jax.lax.stop_gradient(jnp.sqrt(squared.sum(0) / jnp.maximum(counts.sum(0), 1)))
 
@@ -160,6 +162,12 @@ def _misfits(values: Labelled, modes: Modes, data: Data | None, off: AnyArray | 
     squared = ((near - measured) / jnp.hypot(sigma, off * measured)) ** 2
     frequency = values.is_frequency.reshape((-1,) + (1,) * (near.ndim - 2))
     return jnp.where(frequency, jnp.minimum(squared, FAR), 0.0)
+
+
+def _fitted(values: Labelled, data: Data, rank: int) -> Bool[Array, "R *batch"]:
+    """Return which labelled values are frequencies that count in the fit."""
+    _, sigma = _aligned(values, data, rank)
+    return values.is_frequency.reshape((-1,) + (1,) * rank) & jnp.isfinite(sigma)
 
 
 def _aligned(values: Labelled, data: Data, rank: int) -> tuple[Array, Array]:

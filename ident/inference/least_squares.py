@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,8 +14,6 @@ from ident.inference.problem import Choice, InverseProblem
 from ident.jit import jit
 
 MAX_STEPS = 200
-LOOKS = 2
-"""Times that the choice is found anew at a point, each time with what the last one left unexplained."""
 WHOLE, NOTHING = np.array(1.0), np.array(0.0)
 TO_THE_END, UNTIL_ANEW = np.array(True), np.array(False)
 STEEP = 1e-2
@@ -46,14 +45,12 @@ class End(NamedTuple):
 def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None) -> End:
     """Return predictions and their Jacobian at theta, or else at the parameters' starting values.
 
-    It is a search in which nothing counts, so that what was compiled for the fit serves here as well.
+    No measured value is used: what values belong to is chosen by what was said of them alone. It is a search in which
+    nothing counts, so that what was compiled for the fit serves here as well.
     """
+    blank = eqx.tree_at(lambda p: p.sigma, problem, np.full_like(problem.sigma, np.inf))
     start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
-    held = problem.unheld()
-    end, _ = search(problem, start, held, TO_THE_END, NOTHING)
-    for _ in range(LOOKS if held is not None else 0):
-        end, _ = search(problem, start, end.choice.held.anew(), TO_THE_END, NOTHING)
-    return end
+    return search(blank, start, problem.unheld(), TO_THE_END, NOTHING)[0]
 
 
 def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None) -> End:
