@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
+from ident.arm.labels import parse_label
 from ident.errors import InputError, ModelError, Problem
 from ident.identify.conditions import BY_MODE
 from ident.identify.label_checks import labels_about
@@ -43,7 +44,8 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
         trusted: rows that are right whatever they look like: their numbers in the file, or `all`.
 
     Raises:
-        InputError: lists the values, each with its row; or a trusted row that is not there.
+        InputError: lists the values, each with its row; or a trusted row that is not there, or whose label no mode of
+            the arm can bear.
     """
     names = row_names(campaign)
     if unknown := [row for row in trusted if row not in (*names, ALL)]:
@@ -51,13 +53,17 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
         raise InputError(Problem("trust_values", quoted(unknown[0]), expected, remedy))
     predicted, missing = _by_labels(problem, campaign, names)
     doubts: list[Problem] = []
+    hopeless: list[Problem] = []
     for i, (name, m) in enumerate(zip(names, campaign, strict=True)):
-        if name not in trusted:
+        if m.mode and math.isnan(predicted[i]):
+            hopeless += _no_such_mode(m, arm, "or leave it empty: trusted or not, there is nothing to fit it to")
+        elif name not in trusted:
             doubts += _beyond_limits(m, arm, name)
-            doubts += _no_such_mode(m, arm, name) if i in missing else _far_off(m, float(predicted[i]), name)
+            remedy = f"leave it empty, or {_right(name)}"
+            doubts += _no_such_mode(m, arm, remedy) if i in missing else _far_off(m, float(predicted[i]), name)
     doubts += _contradictions(campaign, names, trusted)
-    if doubts and ALL not in trusted:
-        raise InputError(doubts)
+    if hopeless or (doubts and ALL not in trusted):
+        raise InputError([*hopeless, *(doubts if ALL not in trusted else ())])
 
 
 def _by_labels(
@@ -143,12 +149,15 @@ def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collectio
         yield Problem(second.where, got, f"about {first.value:.4g}", remedy, "value")
 
 
-def _no_such_mode(m: Measurement, arm: Arm, row: str) -> Iterator[Problem]:
-    """Name the modes that the arm has there; nothing if it has none because it collapses."""
+def _no_such_mode(m: Measurement, arm: Arm, remedy: str) -> Iterator[Problem]:
+    """Name the modes that the arm has there; nothing if it has none because it collapses, or has the one."""
+    label = parse_label(m.mode or "")
     with suppress(ModelError):
-        names = map(str, modal_analysis(arm, m.posture, m.load, 3 * len(arm.joints)).labels)
-        remedy = f"correct the label, leave it empty, or {_right(row)}"
-        yield Problem(m.where, f"'{m.mode}'", f"a mode of the arm at that posture: {', '.join(names)}", remedy, "mode")
+        names = modal_analysis(arm, m.posture, m.load, 3 * len(arm.joints)).labels
+        if label and sum(label.admits(name) for name in names) >= label.ordinal:
+            return  # a wrong label beside it has taken its mode
+        expected = f"a mode of the arm at that posture: {', '.join(map(str, names))}"
+        yield Problem(m.where, f"'{m.mode}'", expected, f"correct the label, {remedy}", "mode")
 
 
 def _beyond_limits(m: Measurement, arm: Arm, row: str) -> Iterator[Problem]:

@@ -8,7 +8,7 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, row_names
-from ident.identify.label_checks import NEAR_DRAW
+from ident.identify.mode_assignment import FAR
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
 from ident.inference.fit import STARTS, Fit, fit
@@ -33,23 +33,22 @@ class CampaignFit(Fit):
         return not self.choice.settled
 
     @property
-    def near_draws(self) -> tuple[int, ...]:
-        """Rows whose label is a near draw at the answer, or not the mode's own: it may be another mode's."""
-        return tuple(np.flatnonzero(np.asarray(self.choice.cost) > NEAR_DRAW).tolist())
+    def renamed(self) -> tuple[int, ...]:
+        """Places of the measurements whose mode has another label on the fitted arm than was measured."""
+        return tuple(np.flatnonzero(np.asarray(self.choice.cost) >= FAR).tolist())
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
-        labels = ("the labels contradict the modes that fit best",) if self.mislabelled else ()
-        return (*labels, *super().doubts)
+        contradict = "the modes that fit best are not those that the labels name: check the labels"
+        return (*((contradict,) if self.mislabelled else ()), *super().doubts)
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What is odd about this fit, though it forbids no interval."""
         names = row_names(self.campaign)
-        draws = ", ".join(f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.near_draws)
-        said = (f"labels that may be another mode's, being near draws at the answer: rows {draws}",) if draws else ()
-        return (*super().remarks, *said)
+        rows = ", ".join(f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.renamed)
+        return (*super().remarks, *((f"on the fitted arm these modes have other labels: rows {rows}",) if rows else ()))
 
     @property
     def fitted_arm(self) -> Arm:

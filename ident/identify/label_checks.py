@@ -1,5 +1,6 @@
 """Which measured modes may be taken for others: names by a near draw, neighbours that nearly cross."""
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -7,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.special import log_ndtr
 
 from ident.arm.arm import Arm
 from ident.arm.equilibrium import static_equilibrium
@@ -23,7 +23,7 @@ from ident.measure import Campaign
 
 NEAR = 0.05
 """Relative distance of two frequencies below which their order may change in the fit."""
-NEAR_DRAW = -2 * float(log_ndtr(AMBIGUOUS / NAMING_SD))
+NEAR_DRAW = -2 * math.log1p(-math.erfc(AMBIGUOUS / NAMING_SD / math.sqrt(2)) / 2)
 """What speaks against a label whose mode is named by a share that is `AMBIGUOUS` from one half."""
 POINTS = 16
 """Points about the starting values at which labels are looked at."""

@@ -32,7 +32,7 @@ class Fit:
     Attributes:
         problem: what was fitted.
         optima: distinct optima by ascending cost; the first one is the answer.
-        failed: number of starts that reached none: no equilibrium, or stuck where a mode changes its label.
+        failed: number of starts that reached none: no equilibrium, or a search that did not end.
         predicted: (D,) [SI] at the answer.
         jacobian: (D, P) d(predicted)/d(theta) there.
         information: what data and prior tell there.
@@ -229,5 +229,5 @@ def _no_optimum(predicted: Array) -> ModelError:
         return ConvergenceError("no start reached an optimum; give other starting values or a prior")
     return ModelError(
         f"the model has no answer for {missing} of {len(predicted)} values at the start: the arm has no stable"
-        " equilibrium there, or no mode of that label; raise the starting stiffness or check the labels"
+        " equilibrium there; raise the starting stiffness, or check loads and masses"
     )

@@ -13,8 +13,13 @@ from scipy.stats import norm
 from ident.arm.equilibrium import static_equilibrium
 from ident.arm.labels import torsion_share, vertical_share
 from ident.arm.modes import modes_about
+from ident.errors import InputError
 from ident.identify.build_problem import build_problem
+from ident.identify.check import check_campaign
 from ident.identify.conditions import bind
+from ident.identify.fit import fit_campaign
+from ident.identify.label_checks import changing_labels
+from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_assignment import NAMING_SD, labelled, most_probable
 from ident.identify.predict import chains
 from ident.inference.least_squares import End, solve
@@ -108,3 +113,58 @@ def test_data_do_not_overrule_clear_names():
     start = problem.parameters.theta(problem.parameters.column("start"))
     hertz = np.asarray(problem.predict(jnp.asarray(start)))
     assert hertz[0] > hertz[1], "vertical bending 1 is the second mode there, whatever was measured"
+
+
+def relabelled(row, mode):
+    """The shipped campaign with another label in one row of the file, which begins in its line 7."""
+    rows = list(read_campaign(DATA / "lcd_arm" / "campaign.csv"))
+    rows[row - 7] = dataclasses.replace(rows[row - 7], mode=mode)
+    return Campaign(measurements=tuple(rows))
+
+
+@pytest.mark.parametrize("trusted", [(), ("7",), ("all",)])
+def test_a_label_that_no_mode_can_bear_is_refused_with_its_row_even_where_it_is_trusted(trusted):
+    with pytest.raises(InputError, match=r"campaign.csv:7, mode: got 'torsion 9', .*or leave it empty") as raised:
+        fit_campaign(lcd_arm(), relabelled(7, "torsion 9"), trusted=trusted)
+    assert len(raised.value.problems) == 1
+
+
+def test_a_label_that_the_arm_never_has_is_refused_and_no_other_row_is_blamed():
+    with pytest.raises(InputError, match=r"campaign.csv:7, mode: got 'vertical torsion 3'.*`trust_values` 7") as raised:
+        check_campaign(lcd_arm(), relabelled(7, "vertical torsion 3"))
+    assert len(raised.value.problems) == 1
+
+
+def test_a_wrong_label_that_is_trusted_withholds_every_interval_and_is_named():
+    found = fit_campaign(lcd_arm(), relabelled(7, "vertical torsion 3"), trusted=("7",), starts=2)
+    assert not found.supported.any()
+    assert 0 in found.renamed
+    assert any("7 ('vertical torsion 3')" in remark for remark in found.remarks)
+
+
+def test_right_labels_leave_nothing_to_remark():
+    found = fit_campaign(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), starts=1)
+    assert found.renamed == ()
+    assert not found.mislabelled
+    assert found.doubts == found.remarks == ()
+
+
+def test_labels_that_change_within_the_prior_are_those_of_modes_near_one_half():
+    """By the shares of torsion and of vertical motion at the same points, straight from the modes."""
+    campaign = read_campaign(DATA / "lcd_arm" / "campaign.csv")
+    problem = build_problem(lcd_arm(), campaign)
+    often = changing_labels(problem, points=8, seed=3)
+    parameters, start = problem.parameters, np.asarray(problem.parameters.theta(problem.parameters.column("start")))
+    points = [start, *(start + np.random.default_rng(3).standard_normal((8, len(start))))]
+    counts = dict.fromkeys(range(len(campaign)), 0)
+    for theta in points:
+        arm = lcd_arm().replace(parameters.by_path(np.asarray(parameters.values(theta))))
+        for i, m in enumerate(campaign):
+            if m.mode:
+                seen = modal_analysis(arm, m.posture, m.load, modes=9)
+                mode = next((k for k, label in enumerate(seen.labels) if str(label) == m.mode), None)
+                squared = seen.modes.motion[:, -1] ** 2
+                sides = seen.modes.tors.sum(0), squared[2] / squared.sum(0)
+                likely = [norm.cdf(abs(float(x[mode]) - 0.5) / 0.05) for x in sides] if mode is not None else [0.0]
+                counts[i] += np.prod(likely) < norm.cdf(2.0)
+    assert often == {i: count / 9 for i, count in counts.items() if count}
