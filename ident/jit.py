@@ -8,6 +8,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ident.programs import Programs
+
 F = TypeVar("F", bound=Callable[..., Any])
 SMALL_KERNELS: Any = {
     "compiler_options": {
@@ -25,14 +27,16 @@ library of neural networks, which hands out sums of a few terms to threads: conv
 def jit(f: F) -> F:
     """Compile f at its first call; arrays in its arguments are traced, all else is static.
 
-    Within another program that is being traced or differentiated, f is a part of that: jax admits compiler options at
-    the outermost one only.
+    What was traced in an earlier process is read from a file, see `ident.programs`. Within another program that is
+    being traced or differentiated, f is a part of that: jax admits compiler options at the outermost one only.
     """
-    outermost, within = eqx.filter_jit(f, **SMALL_KERNELS), eqx.filter_jit(f)
+    outermost, within, known = eqx.filter_jit(f, **SMALL_KERNELS), eqx.filter_jit(f), Programs(f, SMALL_KERNELS)
 
     @wraps(f)
     def call(*args: Any, **more: Any) -> Any:
-        return (within if _traced((args, more)) else outermost)(*args, **more)
+        if _traced((args, more)):
+            return within(*args, **more)
+        return (known.find(args, more) or outermost)(*args, **more)
 
     compiled: Any = call
     return compiled

@@ -11,6 +11,7 @@ from jaxtyping import install_import_hook
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("IDENT_PROGRAMS", "off")  # traced anew, so that shapes and types are checked
 # as `ident.jit` for its programs, and less still: of the thousands of single operations here none runs for long
 QUICKLY = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
 QUICKLY += " --xla_cpu_use_fusion_emitters=false"

@@ -1,12 +1,15 @@
 """Units: factors against textbook numbers, and the refusals."""
 
 import math
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from ident.errors import InputError
-from ident.units import NMM_PER_DEG, registry, si_factor, to_si
+from ident.units import COMMON, NMM_PER_DEG, registry, si_factor, to_si
 
 
 @pytest.mark.parametrize(
@@ -75,3 +78,17 @@ def test_a_frequency_per_time_is_ambiguous(unit):
 
 def test_stiffness_in_newton_millimetres_per_degree():
     assert pytest.approx(0.0572957795130823, rel=1e-14) == NMM_PER_DEG
+
+
+@pytest.mark.parametrize("unit", COMMON)
+def test_common_units_are_as_pint_has_them(unit):
+    factor, base = registry().get_base_units(unit)
+    assert COMMON[unit] == (float(factor), str(base))
+
+
+def test_the_shipped_data_are_read_without_pint():
+    data = Path(__file__).parents[1] / "data" / "lcd_arm"
+    lines = f"import sys, ident; ident.read_arm({str(data / 'arm.toml')!r}); "
+    lines += f"ident.read_campaign({str(data / 'campaign.csv')!r}); print('pint' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

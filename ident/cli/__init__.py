@@ -8,7 +8,7 @@ import sys
 
 import typer
 
-from ident.cli import commands  # noqa: F401  (hangs them on the app)
+from ident.cli import commands, times  # noqa: F401  (commands hang themselves on the app)
 from ident.cli.app import app
 from ident.cli.command import SHORT
 from ident.errors import ConvergenceError, IdentError, InputError
@@ -16,6 +16,7 @@ from ident.errors import ConvergenceError, IdentError, InputError
 
 def main() -> None:
     """Run the command line."""
+    times.begin()
     try:
         app()
     except InputError as error:

@@ -10,6 +10,7 @@ import typer
 
 from ident.cli import running
 from ident.cli.app import app
+from ident.cli.times import TIMES
 from ident.errors import InputError
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result
@@ -63,7 +64,10 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
             inputs = {p.name: values[p.name] for p in own}
             try:
                 options = _options(kind, values)
-                running.start()
+                if "out" in inputs:
+                    running.check_folder(inputs["out"])
+                if inputs.get("campaign") is None:
+                    running.start()
                 function(**inputs, options=options)
             except InputError as error:
                 raise InputError(renamed(kind, problem) for problem in error.problems) from None
@@ -132,12 +136,14 @@ def offer(
 
 def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
-    typer.echo(result.report())
-    for path in result.save(out):
-        typer.echo(f"wrote {path}")
-    if not no_figure:
-        for path in result.save_figures(out):
+    with TIMES.on("writing"):
+        typer.echo(result.report())
+        for path in result.save(out):
             typer.echo(f"wrote {path}")
+    if not no_figure:
+        with TIMES.on("drawing"):
+            for path in result.save_figures(out):
+                typer.echo(f"wrote {path}")
 
 
 def leave(result: Result, *, strict: bool) -> None:

@@ -8,6 +8,10 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ident.cli.times import TIMES, watch_jax
+from ident.errors import InputError, Problem
+from ident.text import one_line
+
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.measure import Campaign
@@ -24,15 +28,37 @@ def start() -> None:
     if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         jax.config.update("jax_compilation_cache_dir", str(Path(folder) / "ident" / "jax"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    watch_jax()
 
 
 def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
-    """Read a campaign and its arm: arm.toml beside the campaign if no other is named."""
-    from ident.description.file import read_arm
+    """Read a campaign and its arm, arm.toml beside the campaign if no other is named; and set up jax between them.
+
+    So a campaign that is refused need not wait for jax.
+    """
     from ident.measure import read_campaign
 
-    measured = read_campaign(campaign)
-    return measured, read_arm(arm or campaign.parent / "arm.toml")
+    with TIMES.on("reading"):
+        measured = read_campaign(campaign)
+    start()
+    from ident.description.file import read_arm
+
+    with TIMES.on("reading"):
+        return measured, read_arm(arm or campaign.parent / "arm.toml")
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that can't be written, before anything is computed for it.
+
+    Raises:
+        InputError: it is a file, or lies where nothing can be written.
+    """
+    there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        got = "a file" if not there.is_dir() else "no right to write"
+        raise InputError(
+            Problem(one_line(str(there)), got, "a folder that can be written", "choose another (`folder`)")
+        )
 
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:

@@ -156,4 +156,6 @@ def _toml(text: str, where: str) -> dict[str, Any]:
         if not line and "end of document" in what:
             line = str(text.count("\n") + 1)
         place, column = f"{where}:{line}" if line else where, f"column {column}" if column else ""
+        if where.lower().endswith(".csv"):
+            raise InputError(Problem(where, "a table", "an arm description as TOML", "name the arm's file")) from None
         raise InputError(Problem(place, what.lower(), "TOML", "correct the syntax", column)) from None

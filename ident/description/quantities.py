@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from ident.arm.fields import field_named
 from ident.text import NAME, did_you_mean, quoted
-from ident.units import in_base_units, parse_unit
+from ident.units import in_si
 
 LARGEST = 1e15
 """Largest magnitude of any number: beyond it squares and products would overflow unnoticed."""
@@ -41,7 +41,9 @@ class Table(BaseModel):
 
 def si(value: Any, unit: str) -> Any:
     """Return numbers, written in a unit, in SI units."""
-    return np.asarray(value, dtype=float) * in_base_units(parse_unit(unit))[0]
+    known = in_si(unit)
+    assert known, "it was checked when it was read"
+    return np.asarray(value, dtype=float) * known[0]
 
 
 def _range(name: str) -> Any:
@@ -62,8 +64,8 @@ def _checked_unit(*examples: str) -> AfterValidator:
     """Accept units of the dimension of the examples, the first of which is SI."""
 
     def check(text: str) -> str:
-        unit, expected = parse_unit(text), parse_unit(examples[0])
-        if unit is None or in_base_units(unit)[1] != in_base_units(expected)[1]:
+        unit, expected = in_si(text), in_si(examples[0])
+        if unit is None or expected is None or unit[1] != expected[1]:
             got = f"unknown unit {quoted(text)}" if text and unit is None else quoted(text)
             remedy = did_you_mean(text, examples, "write powers and products as in kg*m^2, N*mm/deg")
             raise complaint(got, f"a unit such as {examples[0]}", remedy)

@@ -1,6 +1,6 @@
 """Numbers that an arm takes over from a fit or from a posterior."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ident.inference.sample import Sample
 
 BEST_ONLY = "draws about the best optimum only; the others are left out"
+OTHER_ARM = "fitted to another arm file, or to this one before it was changed"
 
 
 @dataclass(frozen=True)
@@ -37,19 +38,14 @@ class Values:
 
     @classmethod
     def of_fit(cls, fit: CampaignFit, arm: Arm) -> "Values":
-        """Return the fitted numbers of an arm.
+        """Return the fitted numbers of an arm, with what speaks against the fit.
 
         Raises:
             InputError: the fit has no number of this arm.
         """
         items = fit.problem.parameters.items
         best = {item.paths: np.asarray(value) for item, value in zip(items, fit.best.values, strict=True)}
-        return cls.of_arm(best, arm)
-
-    @classmethod
-    def of_sample(cls, sample: "Sample", arm: Arm, count: int, seed: int | None = None) -> "Values":
-        """Return draws of an arm's numbers; see `Draws.some`."""
-        return Draws.of_sample(sample).some(arm, count, seed)
+        return cls.of_arm(best, arm, remark=doubtful(fit.doubts))
 
     @classmethod
     def of_arm(
@@ -76,6 +72,15 @@ class Values:
         """The median of each number's draws, or the number itself."""
         return {path: float(np.median(values)) for path, values in self.values.items()}
 
+    def remarked(self, remark: str) -> "Values":
+        """Return the same with a further remark."""
+        return replace(self, remark="; ".join(filter(None, (self.remark, remark))))
+
+    def outside(self, draws: "Values") -> tuple[str, ...]:
+        """Return the numbers that lie outside all draws of another."""
+        both = [path for path in self.values if path in draws.values]
+        return tuple(p for p in both if not draws.values[p].min() <= self.medians[p] <= draws.values[p].max())
+
     def shuffled(self, seed: int) -> "Values":
         """Return the same draws in random order, so that any part of them is as good as any other."""
         order = np.random.default_rng(seed).permutation(len(next(iter(self.values.values()))))
@@ -84,6 +89,12 @@ class Values:
     def without(self, paths: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """Return the values of all numbers but those at some paths."""
         return {path: values for path, values in self.values.items() if path not in paths}
+
+
+def doubtful(doubts: Sequence[str]) -> str:
+    """Say that a fit is in doubt; nothing if it is not."""
+    reasons = "; ".join(doubt.removesuffix(" (see below)") for doubt in doubts)
+    return f"the fit is in doubt: {reasons}" if reasons else ""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ FOREIGN = {
     **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), "a spreadsheet"),
     **dict.fromkeys((".uff", ".unv", ".uf", ".bunv"), "a universal file (UFF)"),
     **dict.fromkeys((".mat", ".h5", ".hdf5", ".nc", ".tdms", ".wav", ".npz", ".npy"), "a binary file of samples"),
-    **dict.fromkeys((".json", ".toml", ".html", ".pdf", ".png"), "no table"),
+    **dict.fromkeys((".json", ".html", ".pdf", ".png"), "no table"),
+    ".toml": "an arm description",
 }
 """What a file is by its ending, if that is no table."""
 
@@ -53,6 +54,8 @@ def read_table(path: str | Path) -> bytes:
     """
     if kind := FOREIGN.get(Path(path).suffix.lower()):
         remedy = "export it as CSV; data/README.md shows the columns"
+        if kind == FOREIGN[".toml"]:
+            remedy = "name the measurements instead"
         raise InputError(Problem(one_line(str(path)), kind, "a table as CSV", remedy))
     return read_bytes(path, "a readable CSV file")
 

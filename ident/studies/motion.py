@@ -103,7 +103,7 @@ def basis_of(
     from ident.measure import Load, Log, read_log
 
     arm_file = as_file(arm)
-    fitted = fitted_values(fit, arm_file.arm) if fit is not None else None
+    fitted = fitted_values(fit, arm_file) if fit is not None else None
     central = fitted or posterior
     described = arm_file.arm.replace((central.medians if central else {}) | options.set)
     check_drives(described)
@@ -118,15 +118,26 @@ def basis_of(
     return basis
 
 
-def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm") -> "Values":
-    """Return fitted values, whatever they are in."""
-    from ident.identify.values import Values
+def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm | ArmFile") -> "Values":
+    """Return fitted values, whatever they are in, with what speaks against taking them over.
+
+    Raises:
+        InputError: neither a fit nor its file, or a fit without any number of this arm.
+    """
+    from ident.identify.values import OTHER_ARM, Values
     from ident.present.files.fit import read_fit
     from ident.studies.fit import FitResult
 
+    own = as_file(arm)
     if isinstance(fit, Values):
         return fit
-    return read_fit(FitResult.form, fit, arm) if isinstance(fit, str | Path) else Values.of_fit(fit.fit, arm)
+    if isinstance(fit, str | Path):
+        return read_fit(FitResult.form, fit, own.arm, own.sha256)
+    if not isinstance(fit, FitResult):
+        raise InputError(Problem("fit", f"a {type(fit).__name__}", "a result of ident.fit, or its file", "give that"))
+    values = Values.of_fit(fit.fit, own.arm)
+    other = own.sha256 and fit.arm.sha256 and fit.arm.sha256 != own.sha256
+    return values.remarked(OTHER_ARM) if other else values
 
 
 def drawn_values(
@@ -173,6 +184,9 @@ def _draws(posterior: "SampleResult | str | Path") -> "Draws":
 
     if isinstance(posterior, str | Path):
         return read_posterior(SampleResult.form, posterior)
+    if not isinstance(posterior, SampleResult):
+        got, expected = f"a {type(posterior).__name__}", "a result of ident.sample, or its file"
+        raise InputError(Problem("posterior", got, expected, "give that"))
     return Draws.of_sample(posterior.sample.sample)
 
 

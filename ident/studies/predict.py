@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import radians
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,9 +45,9 @@ class PredictOptions(ArmOptions):
 
     def problems(self) -> list[Problem]:
         """Return a negative mass or stiffness, or a posture that is none."""
-        flat = any(not isinstance(angles, tuple | list) for angles in self.posture)
-        expected, remedy = "postures, each of several angles", "as ((30, -60, 30),)"
-        return [*super().problems(), *([Problem("posture", f"{self.posture}", expected, remedy)] if flat else ())]
+        fine = all(isinstance(q, tuple | list) and all(isinstance(a, Real) for a in q) for q in self.posture)
+        expected, remedy = "postures, each of several angles [deg]", "as ((30, -60, 30),)"
+        return [*super().problems(), *([] if fine else [Problem("posture", f"{self.posture}", expected, remedy)])]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -172,7 +173,7 @@ def predict(
     from ident.measure import Load
 
     options, arm_file = PredictOptions.of(options), as_file(arm)
-    fitted = fitted_values(fit, arm_file.arm) if fit is not None else None
+    fitted = fitted_values(fit, arm_file) if fit is not None else None
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     central = fitted or drawn
     changed = arm_file.arm.replace((central.medians if central else {}) | options.set)

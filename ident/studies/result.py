@@ -1,5 +1,6 @@
 """What every study returns: a frozen result with its report, figures, table and files."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -63,7 +64,8 @@ class Result:
     @property
     def name(self) -> str:
         """What its files are called, without their ends: what was studied, and the study."""
-        return f"{attrgetter(self.subject)(self)}.{self._study}"
+        subject = re.sub(r"[/\\\0]", "_", attrgetter(self.subject)(self))
+        return f"{subject}.{self._study}"
 
     @property
     def short(self) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg as sl
 from peer import Peer
 from scipy.optimize import least_squares
-from shell import DATA, command
+from shell import DATA
 from sizes import MODES, predictor, sizes
 from timing import machine, table, timed
 
@@ -131,7 +131,6 @@ def main() -> None:
     predictions(arm, quick)
     warm_fit(arm, quick)
     sizes(quick)
-    command()
     print(f"\nload at the end {os.getloadavg()[0]:.1f}")
 
 

@@ -1,63 +1,124 @@
-"""`ident fit` as a user meets it: a new process, without and with the compilation cache."""
+"""Every command on the shipped data, each in a process of its own: how long a person waits, and for what.
 
+`python tests/benchmarks/shell.py [--only fit ...] [--repeat 3]`: with nothing compiled, with everything compiled (the
+quickest of some runs), and with everything compiled but for another motion, speed, posture, campaign length or number
+of draws. The line of `IDENT_TIMES` gives the shares; the rest, to the wall clock, is the start and the end of Python.
+Sizes of the programs are those that XLA dumps after optimisation, in a further cold run (`--sizes`).
+"""
+
+import argparse
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "data" / "lcd_arm"
-STAGES = """
-import time; t = [time.perf_counter()]
-from ident.cli import running; running.start()
-import jax, equinox as eqx
-from pathlib import Path
-from ident.description.file import read_arm; from ident.measure import read_campaign
-from ident.inference import fit, least_squares; from ident.identify.build_problem import build_problem
-from ident.jit import SMALL_KERNELS
-t.append(time.perf_counter())
-problem = build_problem(read_arm("ARM").arm, read_campaign("CAMPAIGN"))
-start = problem.parameters.theta(problem.parameters.column("start"))
-t.append(time.perf_counter())
-asked = problem, start, problem.unheld(), least_squares.UNTIL_ANEW, least_squares.WHOLE
-lowered = eqx.filter_jit(least_squares.search.__wrapped__, **SMALL_KERNELS).lower(*asked)
-t.append(time.perf_counter())
-program = lowered.compile()
-t.append(time.perf_counter())
-jax.block_until_ready(program(*asked))
-t.append(time.perf_counter())
-import ident.present.figures.fit
-t.append(time.perf_counter())
-names = "imports", "read and bind", "trace and lower", "compile or load", "one start", "import matplotlib"
-print(", ".join(f"{n} {b - a:.2f}" for n, a, b in zip(names, t, t[1:])))
-"""
+ARM, CAMPAIGN = DATA / "arm.toml", DATA / "campaign.csv"
+RUN = [sys.executable, "-c", "from ident.cli import main; main()"]
+KINDS = ("importing", "tracing", "lowering", "loading", "compiling", "reading", "drawing", "writing", "computing")
 
 
-def run_quietly(line: list[str], environment: dict[str, str]) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(line, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
+@dataclass(frozen=True)
+class Command:
+    """A command, and the same for something that was not seen before.
+
+    Attributes:
+        line: its arguments; `SHORT` stands for a campaign of fewer rows, `FIT` for a result of `ident fit`.
+        other: what is added, or what replaces the line if it begins with the command's name.
+    """
+
+    line: list[str]
+    other: list[str] = field(default_factory=list)
+
+    @property
+    def further(self) -> list[str]:
+        """The arguments for something that was not seen before."""
+        return self.other if self.other[:1] == self.line[:1] else [*self.line, *self.other]
 
 
-def timed(line: list[str], environment: dict[str, str]) -> float:
-    """Return how long a command that must succeed takes [s]."""
+def commands(short: Path) -> dict[str, Command]:
+    """Return the commands by name."""
+    campaign, arm, few = str(CAMPAIGN), str(ARM), str(short)
+    of_campaigns = {name: Command([name, campaign], [name, few, "--arm", arm]) for name in ("check", "fit", "profile")}
+    return {
+        "help": Command(["--help"], ["fit", "--help"]),
+        "refused": Command(["fit", arm], ["fit", str(DATA / "no.csv")]),
+        "predict": Command(["predict", arm], ["-q", "30,-60,30", "-q", "10,-20,10"]),
+        **of_campaigns,
+        "plan": Command(["plan", campaign], ["plan", few, "--arm", arm]),
+        "resonance": Command(["resonance", arm], ["--speed", "37"]),
+        "simulate": Command(["simulate", arm], ["--speed", "37"]),
+        "sweep": Command(["sweep", arm, "--vary", "joint2.k_tors=0.5x:2x:5"], ["--speed", "37"]),
+        "sample": Command(["sample", campaign], ["sample", few, "--arm", arm]),
+        "design": Command(["design", arm, "--limit", "1"], ["--speed", "37"]),
+        "diagnose": Command(["diagnose", campaign, "--limit", "1"], ["diagnose", few, "--arm", arm, "--limit", "1"]),
+    }
+
+
+def run(line: list[str], cache: Path, out: Path, **more: str) -> tuple[float, str, int]:
+    """Run a command with a cache of its own; return seconds, what it says of its time, and the exit status."""
+    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache), "IDENT_TIMES": "1", **more}
     begin = time.perf_counter()
-    done = run_quietly(line, environment)
+    done = subprocess.run([*RUN, *line], env=environment, cwd=out, capture_output=True, text=True, check=False)
     spent = time.perf_counter() - begin
-    if done.returncode:
-        sys.exit(done.stderr)
-    return spent
+    said = next((text for text in reversed(done.stderr.splitlines()) if " programs, " in text), "")
+    return spent, said, done.returncode
 
 
-def command() -> None:
-    """`ident fit` from the shell, the first time and the next."""
-    print("\n`ident fit` from the shell [s], and the stages of one start in a process of its own")
-    with tempfile.TemporaryDirectory() as folder:
-        caches = [{**os.environ, "JAX_COMPILATION_CACHE_DIR": str(Path(folder) / name)} for name in ("shell", "stages")]
-        line = [sys.executable, "-m", "ident", "fit", str(DATA / "table1.csv"), "--out", folder]
-        script = STAGES.replace("ARM", str(DATA / "arm.toml")).replace("CAMPAIGN", str(DATA / "table1.csv"))
-        for run, times in (("first", 1), ("next", 5)):
-            spent = sorted(timed(line, caches[0]) for _ in range(times))
-            shown = run_quietly([sys.executable, "-c", script], caches[1])
-            what = f"{spent[0]:.2f}" + (f" to {spent[-1]:.2f}" if times > 1 else "")
-            print(f"  {run:6s}{what:14s}{shown.stdout.strip() or shown.stderr[-300:]}")
+def in_words(spent: float, said: str) -> str:
+    """Return a row of the table: seconds in all and by kind, the programs."""
+    shares = {kind: float(seconds) for kind, seconds in re.findall(r"(\w+) ([\d.]+)[,;]", said)}
+    rest = spent - sum(shares.values())
+    programs = re.search(r"(\d+) programs, (\d+)", said)
+    counted = f"{programs[1]:>5s}{programs[2]:>5s}" if programs else ""
+    return f"{spent:7.2f} " + "".join(f"{shares.get(kind, 0):7.2f}" for kind in KINDS) + f"{rest:7.2f}{counted}"
+
+
+def sizes(line: list[str], folder: Path) -> str:
+    """Return how many programs a cold run compiles, and their instructions after optimisation."""
+    dump = folder / "dump"
+    dump.mkdir(parents=True)
+    run(line, folder / "cold", folder, XLA_FLAGS=f"--xla_dump_to={dump} --xla_dump_hlo_as_text", IDENT_PROGRAMS="off")
+    files = list(dump.glob("*after_optimizations.txt"))
+    counts = sorted((sum(" = " in row for row in file.open(encoding="utf-8")) for file in files), reverse=True)
+    return f"{len(counts)} programs, {sum(counts)} instructions, the largest of {', '.join(map(str, counts[:4]))}"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", help="these commands")
+    parser.add_argument("--repeat", type=int, default=3, help="runs with everything compiled, of which the quickest")
+    parser.add_argument("--sizes", action="store_true", help="count the instructions of the programs")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        short = folder / "short.csv"
+        rows = CAMPAIGN.read_text().splitlines(keepends=True)
+        short.write_text("".join(rows[:-3]))
+        print(f"cores {os.cpu_count()}, load {os.getloadavg()[0]:.1f}; seconds")
+        print(f"{'':22s}{'all':>7s} " + "".join(f"{kind[:6]:>7s}" for kind in KINDS) + f"{'rest':>7s} prog load")
+        for name, command in commands(short).items():
+            if asked.only and name not in asked.only:
+                continue
+            cache = folder / name
+            rounds = {
+                "cold": [run(command.line, cache, folder)],
+                "compiled": [run(command.line, cache, folder) for _ in range(asked.repeat)],
+                "another": [run(command.further, cache, folder)],
+            }
+            for word, each in rounds.items():
+                spent, said, status = min(each)
+                note = f"  exit {status}" if status not in (0, 2 if name == "refused" else 0) else ""
+                print(f"{name if word == 'cold' else '':12s}{word:10s}{in_words(spent, said)}{note}", flush=True)
+            if asked.sizes:
+                print(f"{'':12s}{sizes(command.line, folder / ('sizes-' + name))}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -37,3 +38,9 @@ def machine() -> str:
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
     versions = f"Python {platform.python_version()}, jax {jax.__version__}, numpy {np.__version__}"
     return f"{model}, {os.cpu_count()} cores, load {load}; {versions}"
+
+
+def commit() -> str:
+    """Return the commit that is measured."""
+    line = ("git", "rev-parse", "--short", "HEAD")
+    return subprocess.run(line, cwd=Path(__file__).parent, capture_output=True, text=True, check=False).stdout.strip()

@@ -89,7 +89,21 @@ def test_bad_options_are_named(run, tmp_path, options, words):
 
 def test_a_result_that_cannot_be_written_leaves_the_old_one(run, tmp_path):
     (tmp_path / "out").write_text("a file, where a folder should be")
-    code, _, err = run("fit", DATA / "table1.csv", "--starts=1")
-    assert code == 2
+    code, out, err = run("fit", DATA / "table1.csv", "--starts=1")
+    assert (code, out) == (2, ""), "before anything is computed"
     assert "--out" in err
     assert files(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("fit", DATA / "arm.toml"), "got an arm description, expected a table as CSV; name the measurements"),
+        (("predict", DATA / "campaign.csv"), "got a table, expected an arm description as TOML; name the arm's file"),
+    ],
+)
+def test_a_file_in_the_other_ones_place_is_named(run, arguments, words):
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert words in err
+    assert len(err.splitlines()) == 1

@@ -180,7 +180,11 @@ def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
 
     document = {
         "format": ident.FitResult.form,
-        "summary": {"parameters": {"joint2.k_tors": 3e5, "joint3.k_tors": 3e5, "discrepancy.deflection": 1.1}},
+        "inputs": {"arm": {"path": "", "sha256": ""}},
+        "summary": {
+            "parameters": {"joint2.k_tors": 3e5, "joint3.k_tors": 3e5, "discrepancy.deflection": 1.1},
+            "doubts": [],
+        },
     }
     (tmp_path / "a.fit.json").write_text(json.dumps(document))
     fit = fitted_values(tmp_path / "a.fit.json", lcd_arm())

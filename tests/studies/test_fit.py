@@ -1,5 +1,7 @@
 """`ident.fit` from Python: what it gives, that it comes back, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
@@ -7,7 +9,10 @@ from results import assert_comes_back, assert_plain
 
 import ident
 from ident.identify.fit import fit_campaign
+from ident.identify.values import Values
+from ident.present.text.basis import values_in_words
 from ident.studies.fit import FitOptions, fit
+from ident.studies.motion import fitted_values
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +90,38 @@ def test_progress_is_told_of_every_start(table_1):
 
     fit(lcd_arm(), table_1, FitOptions(starts=1), progress=progress)
     assert shown == [("starts", 1)]
+
+
+def test_who_takes_over_a_fit_learns_what_speaks_against_it(result, tmp_path):
+    file, own = result.save(tmp_path)[0], ident.read_arm(DATA / "lcd_arm" / "arm.toml")
+    (tmp_path / "arm.toml").write_text((DATA / "lcd_arm" / "arm.toml").read_text() + "# changed\n")
+    for fitted in (result, file):
+        remark = fitted_values(fitted, own).remark
+        assert remark.startswith("the fit is in doubt: the kinds of measurement contradict each other; 2 of 3")
+        other = fitted_values(fitted, ident.read_arm(tmp_path / "arm.toml")).remark
+        assert other == f"{remark}; fitted to another arm file, or to this one before it was changed"
+    assert f"REMARK: {remark}" in ident.predict(own, fit=file).report()
+
+
+def test_a_fit_and_a_posterior_that_exclude_each_other_are_named():
+    fitted = Values("", "", {"joint1.k_bend": np.array(5.0), "joint2.k_bend": np.array(5.0)})
+    draws = Values("", "", {"joint1.k_bend": np.array([4.0, 6.0]), "joint2.k_bend": np.array([6.0, 7.0])})
+    assert fitted.outside(draws) == ("joint2.k_bend",)
+    assert any("exclude each other: joint2.k_bend" in line for line in values_in_words(fitted, draws))
+
+
+def test_what_is_neither_a_fit_nor_a_posterior_is_refused(result):
+    for given in ({"fit": 3.0}, {"posterior": result}):
+        with pytest.raises(
+            ident.InputError, match=f"^{next(iter(given))}: got a .*expected a result of ident"
+        ) as refusal:
+            ident.predict(lcd_arm(), **given)
+        assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_a_name_makes_no_folder(result, tmp_path):
+    named = replace(result, fit=replace(result.fit, campaign=replace(result.fit.campaign, name="../a/b")))
+    assert [path.name for path in named.save(tmp_path)] == [".._a_b.fit.json"]
 
 
 def test_a_damaged_file_is_refused_in_one_line(result, tmp_path):

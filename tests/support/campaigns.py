@@ -3,15 +3,15 @@
 A truth is drawn from the prior, data from the model there. Each case is one problem, so that one program serves all.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from arms import DATA, lcd_arm
+from arms import DATA, lcd_arm, posture_of, random_arm
 from chains import storey_frequencies
 
 from ident.identify.build_problem import build_problem
@@ -19,7 +19,7 @@ from ident.inference.fit import Fit, fit
 from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
-from ident.measure import Campaign, Load, read_campaign
+from ident.measure import Campaign, Load, Measurement, read_campaign
 
 FAULTS = ("none", "swapped", "payload", "outliers", "copied")
 """What is wrong: nothing; two frequencies exchanged; deflections under more load than told; 10 % of the values (one at
@@ -36,6 +36,7 @@ class Case:
     Attributes:
         problem: its sigmas are replaced where `relative` are given.
         relative: sigma as a fraction of the true value by kind.
+        least: what is added to sigma by kind, as for a dial gauge's scale.
         swap: places of the two values that a wrong label exchanges.
         loaded: the same model, deflections under a load that nobody told; None for a factor `WEIGHT`.
         starts: of the fit.
@@ -46,6 +47,7 @@ class Case:
     swap: tuple[int, int]
     loaded: InverseProblem | None = None
     starts: int = 16
+    least: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ def _campaign(kind: Case, fault: str, rng: np.random.Generator) -> tuple[np.ndar
         if np.isfinite(values).all():
             break
     sigma = np.array([kind.relative[k] for k in kind.problem.kinds]) * np.abs(values)
+    sigma += np.array([kind.least.get(k, 0.0) for k in kind.problem.kinds])
     if fault == "payload":
         off = np.array(kind.problem.kinds) == "deflection"
         values = (
@@ -135,6 +138,21 @@ def _paper() -> Case:
     return Case(told, {"frequency": 0.005, "deflection": 0.02}, (0, 1), loaded)
 
 
+def _six_axes() -> Case:
+    """A random six-axis arm: the six lowest frequencies and the tip's deflection at each of eight postures."""
+    rng = np.random.default_rng(0)
+    arm = random_arm(rng, 6)
+    payload, rows, more = Load.parse("2 kg @ tip"), [], []
+    for _ in range(8):
+        posture = tuple(np.asarray(posture_of(arm, rng)).tolist())
+        modal = [Measurement(kind="frequency", posture=posture, value=1.0 + i, sigma=1.0) for i in range(6)]
+        static = Measurement(kind="deflection", posture=posture, value=1.0, sigma=1.0, point="tip")
+        rows += [*modal, static]
+        more += [*modal, replace(static, load=payload)]
+    told, loaded = (build_problem(arm, Campaign(measurements=tuple(each))) for each in (rows, more))
+    return Case(told, {"frequency": 0.005, "deflection": 0.02}, (0, 1), loaded, least={"deflection": 2e-5})
+
+
 def _storeys(prior: dict[str, float]) -> Case:
     """A building of four storeys: its frequencies, and what a force on each floor moves that floor [m]."""
     names = tuple(f"k{i}" for i in range(1, 5))
@@ -151,6 +169,7 @@ def _storeys(prior: dict[str, float]) -> Case:
 
 CASES: dict[str, Callable[[], Case]] = {
     "paper": _paper,
+    "six axes": _six_axes,
     "storeys": lambda: _storeys({"prior_sd": 0.5}),
     "storeys, flat prior": lambda: _storeys({"prior_sd": 0.01, "flat": 1.0}),
     "storeys, catalogue": lambda: _storeys({"prior_sd": 0.1, "flat": 0.3}),

@@ -7,7 +7,7 @@ from typing import Any
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
-from ident.identify.values import Values
+from ident.identify.values import OTHER_ARM, Values, doubtful
 from ident.measure import Campaign
 from ident.present.files.document import check_format, read_document
 from ident.present.text.units import unit_of
@@ -34,17 +34,27 @@ def fit_rows(fit: CampaignFit) -> list[dict[str, Any]]:
     ]
 
 
-def read_fit(form: str, path: str | Path, arm: Arm) -> Values:
-    """Return the fitted values of a result file of this format."""
+def read_fit(form: str, path: str | Path, arm: Arm, sha256: str = "") -> Values:
+    """Return the fitted values of a result file of this format, with what speaks against the fit.
+
+    Args:
+        form: the format.
+        path: the file.
+        arm: whose numbers are looked for.
+        sha256: hash of the arm's file; where the fit is of another one, a remark says so.
+    """
     where, document = one_line(str(path)), read_document(path, EXPECTED)
     check_format(document["format"], form, where, EXPECTED)
     try:
         best: dict[tuple[str, ...], float] = {
             (name,): float(value) for name, value in document["summary"]["parameters"].items()
         }
+        doubts, fitted = document["summary"]["doubts"], document["inputs"]["arm"]["sha256"]
+        remark = doubtful(doubts)
     except (ValueError, KeyError, TypeError, AttributeError):
         raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident fit wrote")) from None
-    return Values.of_arm(best, arm, where, hashlib.sha256(read_bytes(path, EXPECTED)).hexdigest())
+    values = Values.of_arm(best, arm, where, hashlib.sha256(read_bytes(path, EXPECTED)).hexdigest(), remark)
+    return values.remarked(OTHER_ARM) if sha256 and fitted and sha256 != fitted else values
 
 
 def rows(campaign: Campaign) -> dict[str, list[Any]]:

@@ -48,6 +48,8 @@ def values_in_words(fit: Values | None, posterior: Values | None) -> Iterator[st
         yield from _taken_over(values, what) if values else ()
     if posterior and not fit:
         yield "  the arm itself has the medians of these draws"
+    if fit and posterior and (outside := fit.outside(posterior)):
+        yield f"  WARNING: fit and draws exclude each other: {', '.join(outside)} of the fit beyond all draws"
 
 
 def changes_in_words(changed: Mapping[str, float]) -> Iterator[str]:
@@ -104,7 +106,7 @@ def _taken_over(values: Values, what: str) -> Iterator[str]:
     if values.left_out:
         yield f"    left out, no number of the arm: {', '.join(values.left_out)}"
     if values.remark:
-        yield f"    {values.remark}"
+        yield f"    REMARK: {values.remark}"
 
 
 def _wrapped(start: str, words: Sequence[str], width: int = 116) -> Iterator[str]:

@@ -1,0 +1,241 @@
+"""Traced programs that are kept from run to run: a known one is neither traced nor lowered again.
+
+A program is exported (`jax.export`, StableHLO) into a file beside jax's compilation cache, with the tree that its
+arrays come back in. A later process reads it by a key of all that it may depend on: the structure of the arguments with
+their shapes, dtypes, weak types and static values; the compiler's options; and the circumstances, such as the package's
+own source files. What the key can't name, a function from outside the package say, is not kept.
+
+Without a compilation cache nothing is kept, nor where `IDENT_PROGRAMS` is `off`. Nothing is unpickled; a folder that
+others can write is not used, and a damaged or foreign file is passed over.
+"""
+
+import hashlib
+import json
+import os
+import platform
+import shutil
+import sys
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax import export
+
+from ident.codec import CodecError, decode, encode
+from ident.errors import IdentError
+from ident.files import replace_file
+
+LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "diffrax", "numpy")
+"""What programs are made with."""
+UNIMPORTANT = ("cache", "log", "dump", "traceback", "profil")
+"""Words in the names of jax's settings that no program depends on."""
+UNCHECKED = [export.DisabledSafetyCheck.custom_call(name) for name in ("lapack_dormqr_ffi",)]
+"""What jax may change from version to version: the key names the version."""
+OLD = 30 * 86400
+"""Age [s] from which programs of another version of the package are thrown away."""
+PLAIN: tuple[type, ...] = (float, complex, bytes, np.dtype)
+"""Types whose values say all of themselves in writing."""
+Place = np.uint16
+"""Marks, in the tree of what comes back, where the array of this number belongs."""
+
+
+class NotKeptError(IdentError):
+    """A program depends on something that its key can't name."""
+
+
+class Programs:
+    """The programs of one function, by the structure of its arguments.
+
+    Args:
+        f: the function.
+        options: for `jax.jit`.
+    """
+
+    def __init__(self, f: Callable[..., Any], options: Mapping[str, Any]):
+        self.f, self.options = f, options
+        self.loaded: dict[Any, Callable[..., Any] | None] = {}
+
+    def find(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
+        """Return what computes f of these arguments without tracing it, or None where there is no such thing."""
+        leaves, tree = jax.tree.flatten((args, more))
+        arrays = tuple(_aval(leaf) for leaf in leaves if eqx.is_array(leaf))
+        key = tree, tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf)), arrays
+        try:
+            if key not in self.loaded:
+                self.loaded[key] = self._program(args, more)
+        except TypeError:  # a static value that has no hash, or what the function itself will raise again
+            return None
+        return self.loaded[key]
+
+    def _program(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
+        """Read a program from its file, or trace it and write it there."""
+        folder = own_folder()
+        if folder is None:
+            return None
+        try:
+            key = json.dumps([described(self.f), described((args, more)), described(dict(self.options))])
+        except NotKeptError:
+            return None
+        path = folder / f"{self.f.__name__}-{hashlib.sha256(key.encode()).hexdigest()[:24]}.program"
+        found = _read(path, key)
+        if found is None:
+            try:
+                found = self._traced(args, more)
+            except (CodecError, ValueError, NotImplementedError):  # what jax can't export, such as a callback
+                found = b"", None
+            with suppress(IdentError):  # a full disk, say
+                replace_file(path, lambda file: file.write(_packed(key, *found)))
+        exported, document = found
+        return self._callable(exported, document) if exported else None
+
+    def _traced(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> tuple[bytes, Any]:
+        arrays, static = eqx.partition((args, more), eqx.is_array)
+        leaves, tree = jax.tree.flatten(arrays)
+        shapes: list[Any] = []
+
+        def flat(*leaves: Any) -> list[Any]:
+            args, more = eqx.combine(jax.tree.unflatten(tree, leaves), static)
+            arrays, rest = eqx.partition(self.f(*args, **more), eqx.is_array)
+            outputs, out_tree = jax.tree.flatten(arrays)
+            places = jax.tree.unflatten(out_tree, [Place(i) for i in range(len(outputs))])
+            shapes.append(encode(eqx.combine(places, rest)))
+            return outputs
+
+        exported = export.export(jax.jit(flat), disabled_checks=UNCHECKED)(*leaves)
+        return bytes(exported.serialize()), shapes[0]
+
+    def _callable(self, exported: bytes, document: Any) -> Callable[..., Any]:
+        run = jax.jit(export.deserialize(bytearray(exported)).call, **self.options)
+        marks, tree = jax.tree.flatten(decode(document))
+
+        def call(*args: Any, **more: Any) -> Any:
+            arrays = run(*filter(eqx.is_array, jax.tree.leaves((args, more))))
+            return jax.tree.unflatten(tree, [arrays[int(m)] if isinstance(m, np.generic) else m for m in marks])
+
+        return call
+
+
+def own_folder() -> Path | None:
+    """Return the folder for programs under these circumstances; None where there is none, or others can write it."""
+    cache_folder = jax.config.values["jax_compilation_cache_dir"]
+    if not cache_folder or os.environ.get("IDENT_PROGRAMS") == "off":
+        return None
+    above = Path(cache_folder) / "ident-programs"
+    folder = above / environment()
+    try:
+        if not folder.exists():
+            folder.mkdir(mode=0o700, parents=True)
+            above.chmod(0o700)
+            _throw_away_old(above)
+        return folder if all(map(_only_ours, (above, folder))) else None
+    except OSError:
+        return None
+
+
+def _only_ours(folder: Path) -> bool:
+    status = folder.lstat()
+    return folder.is_dir() and not folder.is_symlink() and status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+def _throw_away_old(above: Path) -> None:
+    for folder in above.iterdir():
+        if time.time() - folder.stat().st_mtime > OLD:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def environment() -> str:
+    """Return a hash of what all programs depend on."""
+    every = {"sources": _own_sources(), **circumstances()}
+    return hashlib.sha256(json.dumps(every, sort_keys=True).encode()).hexdigest()[:24]
+
+
+def circumstances() -> dict[str, Any]:
+    """Return what all programs depend on beside the sources: libraries, configuration, machine."""
+    settings = jax.config.values.items()
+    return {
+        "libraries": [version(name) for name in LIBRARIES],
+        "python": sys.version,
+        "jax": {name: str(value) for name, value in settings if not any(word in name for word in UNIMPORTANT)},
+        "flags": os.environ.get("XLA_FLAGS"),
+        "machine": [jax.default_backend(), platform.machine(), _processor()],
+    }
+
+
+def sources(package: Path) -> str:
+    """Return a hash of all source files of a package."""
+    own = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        own.update(f"{path.relative_to(package)}\0".encode() + path.read_bytes() + b"\0")
+    return own.hexdigest()
+
+
+@cache
+def _own_sources() -> str:
+    return sources(Path(__file__).parent)
+
+
+def _processor() -> str:
+    """Return what the processor can do."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
+
+
+def _aval(array: Any) -> tuple[Any, ...]:
+    return array.shape, array.dtype, getattr(array, "weak_type", False)
+
+
+def described(value: Any) -> Any:
+    """Return all of a value that a program can depend on, as data for JSON; of an array what is traced of it."""
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, PLAIN):
+        return [type(value).__name__, repr(value)]
+    if eqx.is_array(value):
+        return ["array", *map(str, _aval(value))]
+    if isinstance(value, Enum):
+        return ["enum", _name(type(value)), value.name]
+    if isinstance(value, Mapping):
+        return ["map", _name(type(value)), [[described(k), described(v)] for k, v in value.items()]]
+    if isinstance(value, tuple | list):
+        return [_name(type(value)), *map(described, value)]
+    if isinstance(value, type) or (callable(value) and not is_dataclass(value)):
+        return ["name", _name(value)]
+    if is_dataclass(value):
+        return [_name(type(value)), {f.name: described(getattr(value, f.name, None)) for f in fields(value)}]
+    raise NotKeptError(f"a {type(value).__name__}")
+
+
+def _name(thing: Any) -> str:
+    """Return the name under which a class or a function of the package or of Python itself is found again."""
+    module, name = getattr(thing, "__module__", ""), getattr(thing, "__qualname__", "")
+    if module.partition(".")[0] not in ("ident", "builtins") or "<" in name or getattr(thing, "__closure__", None):
+        raise NotKeptError(f"{module}.{name}")
+    return f"{module}.{name}"
+
+
+def _packed(key: str, exported: bytes, document: Any) -> bytes:
+    head = {"key": key, "sha256": hashlib.sha256(exported).hexdigest(), "out": document}
+    return json.dumps(head).encode() + b"\n" + exported
+
+
+def _read(path: Path, key: str) -> tuple[bytes, Any] | None:
+    """Return what a file holds: a program, empty where there can be none, and the tree of what it returns."""
+    try:
+        text, _, exported = path.read_bytes().partition(b"\n")
+        head = json.loads(text)
+        whole = head["key"] == key and head["sha256"] == hashlib.sha256(exported).hexdigest()
+        return (exported, head["out"]) if whole else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -1,0 +1,146 @@
+"""Traced programs that are kept: the same numbers without tracing, and never a wrong or a foreign program."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from ident import programs
+from ident.programs import NotKeptError, Programs, circumstances, described, environment, own_folder, sources
+
+SUPPORT = Path(__file__).parent / "support"
+
+
+def in_another_process(cache: Path, **environment: str) -> dict:
+    own = {name: value for name, value in os.environ.items() if name not in ("IDENT_PROGRAMS", "PYTEST_CURRENT_TEST")}
+    line = [sys.executable, str(SUPPORT / "kept_program.py"), str(cache)]
+    done = subprocess.run(line, env=own | environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_a_known_program_is_not_traced_again_and_gives_the_same_bits(tmp_path):
+    plain = in_another_process(tmp_path, IDENT_PROGRAMS="off")
+    first, second = in_another_process(tmp_path), in_another_process(tmp_path)
+    assert plain["kept"] is None
+    assert [name.partition("-")[0] for name in first["kept"]] == ["modes", "static_equilibrium"], "not the lambda"
+    assert first["numbers"] == second["numbers"] == plain["numbers"]
+    assert first["trees"] == second["trees"] == plain["trees"]
+    assert second["traced"] == first["traced"] - 2, "neither of the two"
+    for file in (tmp_path / "ident-programs").rglob("*.program"):
+        file.write_bytes(file.read_bytes()[:-100])
+    third, fourth = (
+        in_another_process(tmp_path),
+        in_another_process(tmp_path, XLA_FLAGS="--xla_cpu_enable_fast_math=false"),
+    )
+    assert third["numbers"] == plain["numbers"]
+    assert third["traced"] == first["traced"], "the files are damaged"
+    assert fourth["traced"] == first["traced"], "the flags are others"
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.delenv("IDENT_PROGRAMS", raising=False)
+    before = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    yield tmp_path
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def test_programs_lie_where_only_the_user_writes(cache):
+    folder = own_folder()
+    assert folder.parent == cache / "ident-programs"
+    assert own_folder() == folder
+    for place in (folder, folder.parent):
+        place.chmod(0o777)
+        assert own_folder() is None
+        place.chmod(0o700)
+    folder.rmdir()
+    folder.symlink_to(cache)
+    assert own_folder() is None
+
+
+def test_programs_of_other_versions_are_thrown_away_when_they_are_old(cache):
+    young, old = (cache / "ident-programs" / name for name in ("young", "old"))
+    for folder, age in ((young, 0.9), (old, 1.1)):
+        folder.mkdir(parents=True)
+        (folder / "a.program").write_bytes(b"x")
+        then = folder.stat().st_mtime - age * programs.OLD
+        os.utime(folder, (then, then))
+    own_folder()
+    assert young.exists()
+    assert not old.exists()
+
+
+def test_nothing_is_kept_without_a_cache(cache):
+    jax.config.update("jax_compilation_cache_dir", None)
+    assert own_folder() is None
+
+
+def test_a_changed_source_line_is_another_package(tmp_path):
+    (tmp_path / "arm").mkdir()
+    for name in ("a.py", "arm/b.py"):
+        (tmp_path / name).write_text("x = 1\n")
+    own = sources(tmp_path)
+    assert own == sources(tmp_path)
+    (tmp_path / "arm" / "b.py").write_text("x = 2\n")
+    changed = sources(tmp_path)
+    (tmp_path / "arm" / "b.py").rename(tmp_path / "arm" / "c.py")
+    assert len({own, changed, sources(tmp_path)}) == 3
+
+
+def test_circumstances_are_those_of_every_setting(monkeypatch):
+    own, place = circumstances(), environment()
+    with jax.numpy_rank_promotion("warn"):
+        assert circumstances()["jax"] != own["jax"]
+        assert environment() != place
+    assert environment() == place
+    monkeypatch.setenv("XLA_FLAGS", "--other")
+    assert circumstances()["flags"] != own["flags"]
+    monkeypatch.setattr(sys, "version", "4.0")
+    assert circumstances()["python"] != own["python"]
+    assert all(word in str(own["libraries"]) for word in (jax.__version__, np.__version__))
+
+
+@dataclass(frozen=True)
+class Foreign:
+    x: float = 1.0
+
+
+def test_a_key_names_all_that_a_program_can_depend_on():
+    x = np.ones(3)
+    different = [
+        (x,),
+        [x],
+        (np.ones(4),),
+        (np.ones(3, "f4"),),
+        (jax.numpy.asarray(1.0),),
+        (jax.numpy.asarray(np.array(1.0)),),
+        (np.array(1),),
+        (1,),
+        (1.0,),
+        (True,),
+        (None,),
+        ("1",),
+        ({"a": 1},),
+        ({"b": 1},),
+        (float("nan"),),
+        (np.dtype("f8"),),
+    ]
+    keys = [json.dumps(described(each)) for each in different]
+    assert len(set(keys)) == len(keys)
+    assert described((x,)) == described((np.zeros(3),)), "numbers are traced"
+
+
+@pytest.mark.parametrize("foreign", [Foreign(), np.sin, lambda x: x, Foreign, object(), Path()])
+def test_what_a_key_cannot_name_is_not_kept(foreign, cache):
+    with pytest.raises(NotKeptError):
+        described((1, {"a": foreign}))
+    assert Programs(circumstances, {}).find((foreign,), {}) is None
+    assert Programs(lambda x: x, {}).find((1.0,), {}) is None
