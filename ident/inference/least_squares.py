@@ -50,7 +50,7 @@ def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None)
     """
     blank = eqx.tree_at(lambda p: p.sigma, problem, np.full_like(problem.sigma, np.inf))
     start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
-    return search(blank, start, problem.unheld(), TO_THE_END, NOTHING)[0]
+    return _searched(blank, start, problem.unheld(), TO_THE_END, NOTHING)[0]
 
 
 def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None) -> End:
@@ -92,7 +92,7 @@ def _choosing(problem: InverseProblem, start: Float[AnyArray, "P"]) -> End:
     """Search, beginning anew wherever another choice is more probable, until one stays so or `TURNS` are over."""
     held = problem.unheld()
     for _ in range(TURNS):
-        end, finished = search(problem, start, held, UNTIL_ANEW, WHOLE)
+        end, finished = _searched(problem, start, held, UNTIL_ANEW)
         if end.choice.settled or not np.isfinite(end.cost):
             return end if finished else _held(problem, end.theta, end.choice.held)
         start, held = end.theta, end.choice.held.anew()
@@ -103,11 +103,19 @@ def _held(problem: InverseProblem, start: Float[AnyArray, "P"], held: Any) -> En
     """Search with what is held; afresh after running out of steps, as long as that gains something."""
     before = np.inf
     for _ in range(TURNS):
-        end, finished = search(problem, start, held, TO_THE_END, WHOLE)
+        end, finished = _searched(problem, start, held, TO_THE_END)
         if finished or not before - end.cost > WORTH:
             break
         start, held, before = end.theta, end.choice.held, end.cost
     return end
+
+
+def _searched(
+    problem: InverseProblem, start: Float[AnyArray, "P"], held: Any, to_the_end: np.ndarray, weight: np.ndarray = WHOLE
+) -> tuple[End, bool]:
+    """Search from and to host arrays: one program is loaded, whatever the start comes from."""
+    found: tuple[End, bool] = jax.device_get(search(problem, np.asarray(start), held, to_the_end, weight))
+    return found
 
 
 @jit
