@@ -114,8 +114,8 @@ def _searched(
     problem: InverseProblem, start: Float[AnyArray, "P"], held: Any, to_the_end: np.ndarray, weight: np.ndarray = WHOLE
 ) -> tuple[End, bool]:
     """Search from and to host arrays: one program is loaded, whatever the start comes from."""
-    found: tuple[End, bool] = jax.device_get(search(problem, np.asarray(start), held, to_the_end, weight))
-    return found
+    end, finished = jax.device_get(search(problem, np.asarray(start), held, to_the_end, weight))
+    return end, bool(finished)
 
 
 @jit
