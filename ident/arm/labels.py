@@ -31,6 +31,10 @@ class Label:
     kind: str | None
     ordinal: int
 
+    def admits(self, other: "Label") -> bool:
+        """Whether what this says of direction and kind is true of the other."""
+        return self.direction in (None, other.direction) and self.kind in (None, other.kind)
+
     def __str__(self) -> str:
         return " ".join(str(part) for part in (self.direction, self.kind, self.ordinal) if part)
 

@@ -96,7 +96,9 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     own = set(arm.paths())
     fitted = arm.replace({path: value for path, value in fit.parameters.items() if path in own})
     pieces = cut(fitted)
-    found: Slopes = jax.device_get(slopes(fitted, pieces, bind(arm, campaign)))
+    held = fit.choice.held
+    chosen = None if held is None else np.asarray(held.place)
+    found: Slopes = jax.device_get(slopes(fitted, pieces, bind(arm, campaign), chosen))
     names, changes = zip(*_each(fitted, pieces, found), strict=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where(found.predicted != 0, fit.predicted / found.predicted, 1.0)

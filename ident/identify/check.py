@@ -1,6 +1,6 @@
 """All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,7 @@ from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, contradictory_repeats
-from ident.identify.label_checks import LabelDoubt, label_doubts
+from ident.identify.label_checks import LabelDoubt, changing_labels, label_doubts
 from ident.identify.unknowns import Unknowns
 from ident.inference.consistency import Consistency, consistency
 from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
@@ -27,6 +27,7 @@ class CampaignCheck(Check):
         consistency: the data among themselves; None where the model has no answer at the start.
         cross_predictions: each kind of measurement against the others, by fits from a few starts.
         labels: measurements whose mode is not sure.
+        changing: at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
         repeats: pairs of rows that measured the same and contradict each other; refused unless one is trusted.
     """
 
@@ -35,6 +36,7 @@ class CampaignCheck(Check):
     consistency: Consistency | None
     cross_predictions: tuple[CrossPrediction, ...]
     labels: tuple[LabelDoubt, ...]
+    changing: Mapping[int, float]
     repeats: tuple[tuple[int, int], ...]
 
     @property
@@ -75,5 +77,6 @@ def check_campaign(
         consistency=consistency(compared),
         cross_predictions=cross_predictions(compared, [start], seed=seed)[0],
         labels=label_doubts(arm, campaign),
+        changing=changing_labels(problem, seed=seed),
         repeats=tuple(contradictory_repeats(campaign)),
     )

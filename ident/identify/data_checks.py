@@ -7,12 +7,15 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+from jaxtyping import Float
 
 from ident.arm.arm import Arm
+from ident.arm.labels import parse_label
 from ident.errors import InputError, ModelError, Problem
 from ident.identify.conditions import BY_MODE
+from ident.identify.label_checks import labels_about
 from ident.identify.modal_analysis import modal_analysis
-from ident.inference.least_squares import evaluate
+from ident.identify.mode_assignment import FAR
 from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import SUSPICIOUS, farthest
 from ident.measure import Campaign, Measurement
@@ -41,24 +44,50 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
         trusted: rows that are right whatever they look like: their numbers in the file, or `all`.
 
     Raises:
-        InputError: lists the values, each with its row; or a trusted row that is not there.
+        InputError: lists the values, each with its row; or a trusted row that is not there, or whose label no mode of
+            the arm can bear.
     """
     names = row_names(campaign)
     if unknown := [row for row in trusted if row not in (*names, ALL)]:
         expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
         raise InputError(Problem("trust_values", quoted(unknown[0]), expected, remedy))
-    predicted = np.asarray(evaluate(problem).predicted)
+    predicted, missing = _by_labels(problem, campaign, names)
     doubts: list[Problem] = []
-    for name, m, expected in zip(names, campaign, predicted, strict=True):
-        if name in trusted:
-            continue
-        doubts += _beyond_limits(m, arm, name)
-        if m.mode and math.isnan(expected):
-            doubts += _no_such_mode(m, arm, name)
-        doubts += _far_off(m, float(expected), name)
+    hopeless: list[Problem] = []
+    for i, (name, m) in enumerate(zip(names, campaign, strict=True)):
+        if m.mode and math.isnan(predicted[i]):
+            hopeless += _no_such_mode(m, arm, "or leave it empty: trusted or not, there is nothing to fit it to")
+        elif name not in trusted:
+            doubts += _beyond_limits(m, arm, name)
+            remedy = f"leave it empty, or {_right(name)}"
+            doubts += _no_such_mode(m, arm, remedy) if i in missing else _far_off(m, float(predicted[i]), name)
     doubts += _contradictions(campaign, names, trusted)
-    if doubts and ALL not in trusted:
-        raise InputError(doubts)
+    if hopeless or (doubts and ALL not in trusted):
+        raise InputError([*hopeless, *(doubts if ALL not in trusted else ())])
+
+
+def _by_labels(
+    problem: InverseProblem, campaign: Campaign, names: Sequence[str]
+) -> tuple[Float[np.ndarray, "D"], set[int]]:
+    """Return what the arm file predicts by the labels alone, and the rows whose label it never has.
+
+    Where a label's mode is none at the file's values, or far off, it may be another one for an arm nearby: then what is
+    predicted there counts, if it is plausible.
+    """
+
+    def is_far_off(i: int, expected: float) -> bool:
+        return any(_far_off(campaign.measurements[i], float(expected), names[i]))
+
+    costs, about = labels_about(problem, 0)
+    predicted = about[0].copy()
+    odd = [i for i, m in enumerate(campaign) if m.mode and (costs[0, i] >= FAR or is_far_off(i, predicted[i]))]
+    if not odd:
+        return predicted, set()
+    costs, about = labels_about(problem)
+    for i in odd:
+        fine = [x for x, cost in zip(about[:, i], costs[:, i], strict=True) if cost < FAR]
+        predicted[i] = next((x for x in fine if not is_far_off(i, x)), predicted[i])
+    return predicted, {i for i in odd if (costs[:, i] >= FAR).all()}
 
 
 def row_names(campaign: Campaign) -> list[str]:
@@ -120,12 +149,15 @@ def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collectio
         yield Problem(second.where, got, f"about {first.value:.4g}", remedy, "value")
 
 
-def _no_such_mode(m: Measurement, arm: Arm, row: str) -> Iterator[Problem]:
-    """Name the modes that the arm has there; nothing if it has none because it collapses."""
+def _no_such_mode(m: Measurement, arm: Arm, remedy: str) -> Iterator[Problem]:
+    """Name the modes that the arm has there; nothing if it has none because it collapses, or has the one."""
+    label = parse_label(m.mode or "")
     with suppress(ModelError):
-        names = map(str, modal_analysis(arm, m.posture, m.load, 3 * len(arm.joints)).labels)
-        remedy = f"correct the label, leave it empty, or {_right(row)}"
-        yield Problem(m.where, f"'{m.mode}'", f"a mode of the arm at that posture: {', '.join(names)}", remedy, "mode")
+        names = modal_analysis(arm, m.posture, m.load, 3 * len(arm.joints)).labels
+        if label and sum(label.admits(name) for name in names) >= label.ordinal:
+            return  # a wrong label beside it has taken its mode
+        expected = f"a mode of the arm at that posture: {', '.join(map(str, names))}"
+        yield Problem(m.where, f"'{m.mode}'", expected, f"correct the label, {remedy}", "mode")
 
 
 def _beyond_limits(m: Measurement, arm: Arm, row: str) -> Iterator[Problem]:

@@ -3,10 +3,13 @@
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ident.arm.arm import Arm
 from ident.identify.assumptions import Assumptions, assumptions
 from ident.identify.build_problem import build_problem
-from ident.identify.data_checks import check_values
+from ident.identify.data_checks import check_values, row_names
+from ident.identify.mode_assignment import FAR
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
 from ident.inference.fit import STARTS, Fit, fit
@@ -26,6 +29,29 @@ class CampaignFit(Fit):
     arm: Arm
     campaign: Campaign
     assumptions: Assumptions | None = None
+
+    @property
+    def mislabelled(self) -> bool:
+        """Whether the modes that fit best are not those that labels and values make most probable."""
+        return not self.choice.settled
+
+    @property
+    def renamed(self) -> tuple[int, ...]:
+        """Places of the measurements whose mode has another label on the fitted arm than was measured."""
+        return tuple(np.flatnonzero(np.asarray(self.choice.cost) >= FAR).tolist())
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
+        contradict = "the modes that fit best are not those that the labels name: check the labels"
+        return (*((contradict,) if self.mislabelled else ()), *super().doubts)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is odd about this fit, though it forbids no interval."""
+        names = row_names(self.campaign)
+        rows = ", ".join(f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.renamed)
+        return (*super().remarks, *((f"on the fitted arm these modes have other labels: rows {rows}",) if rows else ()))
 
     @property
     def fitted_arm(self) -> Arm:

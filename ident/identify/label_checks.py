@@ -1,5 +1,6 @@
 """Which measured modes may be taken for others: names by a near draw, neighbours that nearly cross."""
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,15 +11,24 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.equilibrium import static_equilibrium
-from ident.arm.labels import Label, is_ambiguous, mode_labels
+from ident.arm.labels import AMBIGUOUS, Label, is_ambiguous, mode_labels
 from ident.arm.modes import modes_about
 from ident.identify.conditions import Conditions, Modal, bind
+from ident.identify.mode_assignment import NAMING_SD
 from ident.identify.predict import chains, mode_choice
+from ident.inference.least_squares import evaluate
+from ident.inference.problem import InverseProblem
 from ident.jit import jit
 from ident.measure import Campaign
 
 NEAR = 0.05
 """Relative distance of two frequencies below which their order may change in the fit."""
+NEAR_DRAW = -2 * math.log1p(-math.erfc(AMBIGUOUS / NAMING_SD / math.sqrt(2)) / 2)
+"""What speaks against a label whose mode is named by a share that is `AMBIGUOUS` from one half."""
+POINTS = 16
+"""Points about the starting values at which labels are looked at."""
+NEARBY, FREE = 0.4, 1.0
+"""Their standard deviation in theta, where the prior is not narrower: where values are judged; where labels are."""
 ALIKE = 3.0
 """Standard deviations within which two values of different modes may be of one mode that was measured twice."""
 
@@ -52,13 +62,45 @@ def label_doubts(arm: Arm, campaign: Campaign) -> tuple[LabelDoubt, ...]:
         InputError: campaign and arm do not fit together.
     """
     conditions = bind(arm, campaign)
-    modal = [m for m in (conditions.frequency, conditions.damping) if m.rows]
-    if not modal or not arm.points:
+    modal = conditions.frequency, conditions.damping
+    if not any(m.rows for m in modal) or not arm.points:
         return ()
     states = jax.device_get(_modes_of_states(arm, conditions))
     pairs = zip(modal, states.choice, strict=True)
-    doubts = [doubt for m, choice in pairs for doubt in _doubts(campaign, m, states, choice)]
+    doubts = [doubt for m, choice in pairs if m.rows for doubt in _doubts(campaign, m, states, choice)]
     return tuple(sorted(doubts, key=lambda doubt: doubt.row))
+
+
+def changing_labels(problem: InverseProblem, *, points: int = POINTS, seed: int = 0) -> dict[int, float]:
+    """Return at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
+
+    Args:
+        problem: of an arm and a campaign.
+        points: number of points that are tried.
+        seed: of the points.
+    """
+    costs, _ = labels_about(problem, points, FREE, seed)
+    often = (costs > NEAR_DRAW).mean(0) if len(costs) else np.zeros(len(problem.kinds))
+    return {int(row): float(often[row]) for row in np.flatnonzero(often)}
+
+
+def labels_about(
+    problem: InverseProblem, points: int = POINTS, spread: float = NEARBY, seed: int = 0
+) -> tuple[Float[np.ndarray, "points D"], Float[np.ndarray, "points D"]]:
+    """Return what speaks against each label and what is predicted, by labels alone, at the starting values and about.
+
+    Args:
+        problem: of an arm and a campaign.
+        points: number of points, besides the starting values.
+        spread: their standard deviation in theta, where the prior is not narrower.
+        seed: of the points.
+    """
+    parameters = problem.parameters
+    start = np.asarray(parameters.theta(parameters.column("start")))
+    noise = np.random.default_rng(seed).standard_normal((points, len(start))) * np.minimum(parameters.normal_sd, spread)
+    ends = [evaluate(problem, theta) for theta in (start, *(start + noise))]
+    stable = [end for end in ends if np.isfinite(end.predicted).all()] or ends[:1]
+    return np.array([end.choice.cost for end in stable]), np.array([end.predicted for end in stable])
 
 
 class _States(NamedTuple):
@@ -73,8 +115,7 @@ class _States(NamedTuple):
 def _modes_of_states(arm: Arm, conditions: Conditions) -> _States:
     chain = chains(arm, {}, conditions)
     modes = modes_about(chain, static_equilibrium(chain))
-    choice = [mode_choice(m, modes) for m in (conditions.frequency, conditions.damping) if m.rows]
-    return _States(modes, is_ambiguous(modes), choice)
+    return _States(modes, is_ambiguous(modes), mode_choice(conditions, modes))
 
 
 def _doubts(campaign: Campaign, modal: Modal, states: _States, choice: Float[np.ndarray, "m D"]) -> list[LabelDoubt]:

@@ -1,17 +1,19 @@
 """The one function that all inference calls: from an arm's numbers to what a campaign would measure."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads, at_posture
 from ident.arm.equilibrium import StaticEquilibrium, deflection, static_equilibrium
-from ident.arm.labels import fits
+from ident.arm.mechanics import mass_matrix
 from ident.arm.modes import (
     Modes,
     damped_eigenvalues,
@@ -21,45 +23,95 @@ from ident.arm.modes import (
     to_hertz,
 )
 from ident.identify.conditions import Conditions, Modal
+from ident.identify.mode_assignment import AT_FIRST, how_far_off, labelled, most_probable, overlap, said_costs
+from ident.inference.parameters import AnyArray
+from ident.inference.problem import Choice, Choosing, Data
 
 
-class ArmModel(eqx.Module):
+class Held(eqx.Module):
+    """How labelled values know their modes from one step of a fit to the next.
+
+    Attributes:
+        shape: (n, R) mass-normalised shape of each labelled value.
+        place: (n, R) one for its place among the modes in ascending order, zero for the others.
+        off: by how much the frequencies were off, as a fraction.
+        fresh: whether the most probable modes are taken instead.
+        in_order: whether the place counts, not the shape.
+    """
+
+    shape: Float[AnyArray, "n R"]
+    place: Float[AnyArray, "n R"]
+    off: Float[AnyArray, ""]
+    fresh: Bool[AnyArray, ""]
+    in_order: Bool[AnyArray, ""]
+
+    def anew(self) -> "Held":
+        """Return what lets the most probable modes be taken at the next point."""
+        return replace(self, fresh=np.array(True), in_order=np.array(False))
+
+    def ordered(self) -> "Held":
+        """Return what holds places, not shapes."""
+        return replace(self, in_order=np.array(True))
+
+    def likened(self) -> "Held":
+        """Return what holds shapes, not places."""
+        return replace(self, in_order=np.array(False))
+
+
+class ArmModel(eqx.Module, Choosing):
     """An arm and the conditions of a campaign, as the model of an `InverseProblem`."""
 
     arm: Arm
     conditions: Conditions
 
-    def __call__(self, parameters: Mapping[str, Any]) -> Float[Array, "D *batch"]:
+    def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
         """Predict the campaign's values [SI] for these numbers of the arm."""
-        return predict(self.arm, parameters, self.conditions)
+        return predict(self.arm, parameters, self.conditions, data)
+
+    def unheld(self) -> Held | None:
+        """Return what is held before the first step; None where nothing is labelled."""
+        count = len(labelled(self.conditions).labels)
+        blank, no = np.zeros((3 * len(self.arm.joints), count)), np.array(False)
+        return Held(blank, blank, np.array(AT_FIRST), np.array(True), no) if count else None
+
+    def holding(self, parameters: Mapping[str, Any], data: Data, held: Held) -> tuple[Float[Array, "D"], Choice]:
+        """Predict the campaign's values, each label at the mode whose shape it holds."""
+        values, chain = labelled(self.conditions), chains(self.arm, parameters, self.conditions)
+        at = static_equilibrium(chain)
+        modes = modes_about(chain, at)
+        wanted = most_probable(values, modes, data, held.off)
+        shapes, M = modes.shape[:, :, values.states], mass_matrix(chain, at.phi)[:, :, values.states]
+        likeness = jnp.where(held.in_order, held.place, overlap(shapes, M, held.shape))
+        same = (jnp.argmax(likeness, 0) == jnp.arange(len(likeness))[:, None]).astype(float)
+        chosen = jax.lax.stop_gradient(jnp.where(held.fresh, wanted, same))
+        cost = jnp.zeros_like(data.sigma).at[values.rows].set(said_costs(values, modes, chosen))
+        off, no = how_far_off(values, modes, data, chosen), jnp.array(False)
+        now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
+        choice = Choice(now, (chosen == wanted).all(), cost)
+        return _values(chain, at, self.conditions, modes, chosen), jax.lax.stop_gradient(choice)
 
 
-def predict(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> Float[Array, "D *batch"]:
+def predict(
+    arm: Arm, parameters: Mapping[str, Any], conditions: Conditions, data: Data | None = None
+) -> Float[Array, "D *batch"]:
     """Predict what the campaign would measure on an arm with these numbers; differentiable.
 
     Args:
         arm: the arm.
         parameters: numbers by path, `()` or `(*batch)` each, in place of the arm's own.
         conditions: from `bind`.
+        data: what was measured: it helps to tell which mode a label means.
 
     Returns:
         `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], damping ratios [-]. NaN where the arm
-        has no stable equilibrium, or no mode that a label names.
+        has no stable equilibrium.
     """
-    chain = chains(arm, parameters, conditions)
+    values, chain = labelled(conditions), chains(arm, parameters, conditions)
     at = static_equilibrium(chain)
-    rows: list[int] = []
-    values: list[Array] = []
-    if conditions.frequency.rows:
-        rows += conditions.frequency.rows
-        values.append(_frequencies(chain, at, conditions.frequency))
-    if conditions.damping.rows:
-        rows += conditions.damping.rows
-        values.append(_damping_ratios(chain, at, conditions.damping))
-    if conditions.deflected:
-        rows += conditions.deflected
-        values.append(read_points(deflection(chain, at.phi), conditions))
-    return jnp.concatenate(values)[np.argsort(rows)]
+    if not values.labels:
+        return _values(chain, at, conditions, None, None)
+    modes = modes_about(chain, at)
+    return _values(chain, at, conditions, modes, most_probable(values, modes, data, 0.0))
 
 
 def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> Chain:
@@ -74,43 +126,70 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
     return at_posture(arm.replace(parameters), lift(conditions.posture), loads)
 
 
-def _frequencies(chain: Chain, at: StaticEquilibrium, modal: Modal) -> Float[Array, "D *batch"]:
-    if not any(modal.labels):
+def _values(
+    chain: Chain, at: StaticEquilibrium, conditions: Conditions, modes: Modes | None, chosen: Array | None
+) -> Float[Array, "D *batch"]:
+    """Return all values, given the mode of each labelled one."""
+    rows: list[int] = []
+    values: list[Array] = []
+    count = sum(label is not None for label in conditions.frequency.labels)
+    if conditions.frequency.rows:
+        rows += conditions.frequency.rows
+        first = None if chosen is None else chosen[:, :count]
+        values.append(_frequencies(chain, at, conditions.frequency, modes, first))
+    if conditions.damping.rows and modes is not None and chosen is not None:
+        rows += conditions.damping.rows
+        values.append(pick(_damping_ratios(chain, at), chosen[:, count:], conditions.damping))
+    if conditions.deflected:
+        rows += conditions.deflected
+        values.append(read_points(deflection(chain, at.phi), conditions))
+    return jnp.concatenate(values)[np.argsort(rows)]
+
+
+def _frequencies(
+    chain: Chain, at: StaticEquilibrium, modal: Modal, modes: Modes | None, chosen: Array | None
+) -> Float[Array, "D *batch"]:
+    if modes is None or chosen is None or not any(modal.labels):
         count = max(modal.ordinals)
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         return hertz[np.array(modal.ordinals) - 1, np.array(modal.states)]
-    modes = modes_about(chain, at)
-    return pick(modes.frequency, mode_choice(modal, modes), modal)
+    return pick(modes.frequency, _with_unlabelled(modal, chosen), modal)
 
 
-def _damping_ratios(chain: Chain, at: StaticEquilibrium, modal: Modal) -> Float[Array, "D *batch"]:
+def _damping_ratios(chain: Chain, at: StaticEquilibrium) -> Float[Array, "m S *batch"]:
     s = damped_eigenvalues(linearize(chain, at))
-    ratio = -s.real / jnp.abs(s)
-    return pick(ratio, mode_choice(modal, modes_about(chain, at)), modal)
+    return -s.real / jnp.abs(s)
 
 
-def mode_choice(modal: Modal, modes: Modes) -> Float[Array, "m D *batch"]:
-    """Return one for the mode that each value belongs to, zero for the others.
+def mode_choice(
+    conditions: Conditions, modes: Modes, chosen: Float[AnyArray, "m R *batch"] | None = None
+) -> tuple[Float[Array, "m D *batch"], Float[AnyArray, "m R *batch"]]:
+    """Return one for the mode that each frequency, and each damping ratio, belongs to.
 
-    A labelled value belongs to the n-th mode with its direction and kind; those without a label, to the lowest of the
-    modes that no label of the same state has taken, in ascending order.
+    Args:
+        conditions: from `bind`.
+        modes: all modes of all states.
+        chosen: one for the mode of each labelled value; by default as the labels alone have it.
     """
-    state, ordinal = np.array(modal.states), np.array(modal.ordinals)
-    rank = modes.frequency.ndim - 2
-    ordinal = ordinal.reshape((-1,) + (1,) * rank)
-    named = np.array([label is not None for label in modal.labels])
-    admitted = jnp.stack(
-        [
-            (fits(label, modes) if label else jnp.ones(modes.frequency.shape, bool))[:, s]
-            for label, s in zip(modal.labels, modal.states, strict=True)
-        ],
-        1,
-    )
-    chosen = admitted & (jnp.cumsum(admitted, 0) == ordinal)
-    together = ((state[:, None] == state) & named[:, None] & ~named).astype(float)
-    taken = jnp.einsum("mr...,rs->ms...", chosen.astype(float), together) > 0
-    free = admitted & ~taken
-    return (free & (jnp.cumsum(free, 0) == ordinal)).astype(float)
+    values = labelled(conditions)
+    count = sum(label is not None for label in conditions.frequency.labels)
+    if chosen is None:
+        chosen = most_probable(values, modes, None, 0.0) if values.labels else jnp.zeros((len(modes.frequency), 0))
+    return _with_unlabelled(conditions.frequency, jnp.asarray(chosen[:, :count])), chosen[:, count:]
+
+
+def _with_unlabelled(modal: Modal, chosen: Float[Array, "m R *batch"]) -> Float[Array, "m D *batch"]:
+    """Add those without a label: in ascending order, the lowest modes that no label of the same state has taken."""
+    state, named = np.array(modal.states), np.array([label is not None for label in modal.labels])
+    if named.all():
+        return chosen
+    rank = chosen.ndim - 2
+    together = (state[named][:, None] == state[~named]).astype(float)
+    free = jnp.einsum("mr...,rs->ms...", chosen, together) == 0
+    ordinal = np.array(modal.ordinals)[~named].reshape((-1,) + (1,) * rank)
+    lowest = (free & (jnp.cumsum(free, 0) == ordinal)).astype(float)
+    order = np.argsort(np.concatenate([np.flatnonzero(named), np.flatnonzero(~named)]))
+    return jnp.concatenate([chosen, lowest], 1)[:, order]
 
 
 def pick(values: Float[Array, "m S *batch"], choice: Array, modal: Modal) -> Float[Array, "D *batch"]:

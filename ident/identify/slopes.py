@@ -49,7 +49,7 @@ class Slopes(NamedTuple):
 
 
 @jit
-def slopes(arm: Arm, cut: CutArm, conditions: Conditions) -> Slopes:
+def slopes(arm: Arm, cut: CutArm, conditions: Conditions, chosen: Float[np.ndarray, "m R"] | None = None) -> Slopes:
     """Differentiate what a campaign would measure, exactly, by compliances at zero and by given numbers.
 
     A hinge of compliance c P, P a projector, turns by psi = -c P g, where g is the potential's gradient by psi. So,
@@ -68,6 +68,7 @@ def slopes(arm: Arm, cut: CutArm, conditions: Conditions) -> Slopes:
         arm: the arm as it was fitted.
         cut: the same arm, cut at hinges.
         conditions: those of the campaign.
+        chosen: one for the mode that each labelled value was taken for; by default as the labels alone have it.
 
     References:
         Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964. For hinges: ours,
@@ -98,10 +99,11 @@ def slopes(arm: Arm, cut: CutArm, conditions: Conditions) -> Slopes:
     change = change.at[: len(yielded)].add(-yielded) + jnp.einsum("mans,eans->ems", by_phi[:, :, own], moves)
     hertz, ways = change / (8 * jnp.pi**2 * modes.frequency), turns.at[:, :, own].set(moves)
     points = jax.vmap(lambda way: jax.jvp(lambda phi: point_positions(still, phi), (rest,), (way,))[1])(ways)
-    rows = jax.vmap(lambda f, r: _rows(f, r, modes, conditions))(hertz, points)
+    choice, _ = mode_choice(conditions, modes, chosen)
+    rows = jax.vmap(lambda f, r: _rows(f, r, choice, conditions))(hertz, points)
     resting = point_positions(still, rest) - straight_positions(still)
     parts = np.cumsum([len(hinges), len(hinges), count, count])
-    return Slopes(_rows(modes.frequency, resting, modes, conditions), *jnp.split(rows, parts))
+    return Slopes(_rows(modes.frequency, resting, choice, conditions), *jnp.split(rows, parts))
 
 
 def _at_rest(
@@ -151,11 +153,11 @@ def _solve(W: Array, force: Phi) -> Phi:
 
 
 def _rows(
-    frequency: Float[Array, "m S"], moved: Float[Array, "3 P S"], modes: Modes, conditions: Conditions
+    frequency: Float[Array, "m S"], moved: Float[Array, "3 P S"], choice: Float[Array, "m D"], conditions: Conditions
 ) -> Float[Array, "D"]:
     modal = conditions.frequency
     rows = np.array([*modal.rows, *conditions.deflected], int)
-    values = [pick(frequency, mode_choice(modal, modes), modal)] if modal.rows else []
+    values = [pick(frequency, choice, modal)] if modal.rows else []
     values += [read_points(moved, conditions)] if conditions.deflected else []
     count = len(rows) + len(conditions.damping.rows)
     return jnp.zeros(count).at[rows].set(jnp.concatenate(values)) if values else jnp.zeros(count)

@@ -69,9 +69,8 @@ class ConstrainedFit:
 
     def start(self) -> Point:
         """Return the optimum."""
-        theta = self.fit.best.theta
-        _, slope = _weighed(self.fit.problem, End(theta, 0.0, theta, self.fit.predicted, self.fit.jacobian))
-        return Point(theta, 0.0, self.fit.best.converged, self._tangent(np.asarray(slope)))
+        _, slope = _weighed(self.fit.problem, self._end)
+        return Point(self.fit.best.theta, 0.0, self.fit.best.converged, self._tangent(np.asarray(slope)))
 
     def at(self, theta: float, near: Sequence[Point]) -> Point | None:
         """Fit all others with the held one at theta; None where the model has no answer.
@@ -85,7 +84,7 @@ class ConstrainedFit:
         points: list[Point] = []
 
         def converges(guess: np.ndarray) -> bool:
-            point = self._point(solve(problem, jnp.asarray(guess)))
+            point = self._point(solve(problem, jnp.asarray(guess), self._end))
             points.extend([] if point is None else [point])
             return point is not None and point.converged
 
@@ -99,6 +98,12 @@ class ConstrainedFit:
             if converges(_best(points).theta):
                 break
         return _best(points) if points else None
+
+    @property
+    def _end(self) -> End:
+        """The optimum as the end of a search, whose choice others may take over."""
+        theta = self.fit.best.theta
+        return End(theta, 0.0, theta, self.fit.predicted, self.fit.jacobian, self.fit.choice)
 
     def _held(self, theta: float) -> InverseProblem:
         items = list(self.fit.problem.parameters.items)

@@ -245,7 +245,8 @@ def _minimum(problem: InverseProblem, starts: Sequence[Float[np.ndarray, "P"]], 
     """Return the best of several searches, or what is known; None where the model has no answer at any start."""
     ends = [solve(problem, start) for start in starts]
     finite = [jax.device_get(end) for end in ends if np.isfinite(end.cost)]
-    return min([*finite, known] if known else finite, key=lambda end: float(end.cost), default=None)
+    order = [*finite, known] if known else finite
+    return min(order, key=lambda end: (not end.choice.settled, float(end.cost)), default=None)
 
 
 def _fitted(problem: InverseProblem, rows: Bool[np.ndarray, "D"]) -> InverseProblem:

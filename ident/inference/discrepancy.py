@@ -10,14 +10,14 @@ from jaxtyping import Array, Float
 
 from ident.errors import InputError, Problem
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.problem import InverseProblem
+from ident.inference.problem import Choice, Choosing, Data, InverseProblem
 from ident.text import did_you_mean
 
 PREFIX = "discrepancy."
 """What the names of discrepancies begin with; a kind of measurement follows."""
 
 
-class Discrepant(eqx.Module):
+class Discrepant(eqx.Module, Choosing):
     """A model whose predictions of one kind are all off by an unknown factor.
 
     A common factor, because geometry and masses that are taken wrong shift all values of a kind alike; scatter from
@@ -31,15 +31,37 @@ class Discrepant(eqx.Module):
         kinds: (D,) kind of each value.
     """
 
-    model: Callable[[Mapping[str, Any]], Float[Array, "D *batch"]]
+    model: Callable[..., Float[Array, "D *batch"]]
     kinds: tuple[str, ...] = eqx.field(static=True)
 
-    def __call__(self, parameters: Mapping[str, Any]) -> Float[Array, "D *batch"]:
+    def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
         """Predict values for parameters among which `discrepancy.KIND` are the factors."""
-        values = self.model({name: x for name, x in parameters.items() if not name.startswith(PREFIX)})
+        rest, factor = self._split(parameters)
+        return factor * (self.model(rest) if data is None else self.model(rest, _before(data, factor)))
+
+    def unheld(self) -> Any:
+        """Return what the model holds before the first step."""
+        return self.model.unheld() if isinstance(self.model, Choosing) else None
+
+    def holding(self, parameters: Mapping[str, Any], data: Data, held: Any) -> tuple[Float[Array, "D"], Choice]:
+        """Predict values by the choice that is held."""
+        rest, factor = self._split(parameters)
+        assert isinstance(self.model, Choosing)
+        values, choice = self.model.holding(rest, _before(data, factor), held)
+        return values * factor, choice
+
+    def _split(self, parameters: Mapping[str, Any]) -> tuple[dict[str, Any], Float[Array, "D *batch"]]:
+        """Return the model's own parameters, and the factor on each value."""
         off = {name.removeprefix(PREFIX): x for name, x in parameters.items() if name.startswith(PREFIX)}
-        factors = [jnp.broadcast_to(off.get(kind, 1.0), values.shape[1:]) for kind in self.kinds]
-        return values * jnp.stack(factors)
+        batch = np.broadcast_shapes(*(jnp.shape(x) for x in parameters.values()))
+        factor = jnp.stack([jnp.broadcast_to(off.get(kind, 1.0), batch) for kind in self.kinds])
+        return {name: x for name, x in parameters.items() if not name.startswith(PREFIX)}, factor
+
+
+def _before(data: Data, factor: Float[Array, "D *batch"]) -> Data:
+    """Return the data as the model without its discrepancy would show them."""
+    measured, sigma = (jnp.reshape(x, x.shape + (1,) * (factor.ndim - x.ndim)) for x in data)
+    return Data(measured / factor, sigma / factor)
 
 
 def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> InverseProblem:

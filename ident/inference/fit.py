@@ -13,7 +13,7 @@ from ident.inference.cross_prediction import CrossPrediction, contradicting, cro
 from ident.inference.information import Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd, rivals, unmet
-from ident.inference.problem import InverseProblem
+from ident.inference.problem import Choice, InverseProblem
 from ident.inference.verdicts import IMPROBABLE, farthest, outlying
 
 STARTS = 16
@@ -34,10 +34,11 @@ class Fit:
     Attributes:
         problem: what was fitted.
         optima: distinct optima by ascending cost; the first one is the answer.
-        failed: number of starts that reached none: no equilibrium, or stuck where a mode changes its label.
+        failed: number of starts that reached none: no equilibrium, or a search that did not end.
         predicted: (D,) [SI] at the answer.
         jacobian: (D, P) d(predicted)/d(theta) there.
         information: what data and prior tell there.
+        choice: what the model takes the values for there.
         cross_predictions: each kind of measurement against the others.
     """
 
@@ -47,6 +48,7 @@ class Fit:
     predicted: Float[np.ndarray, "D"]
     jacobian: Float[np.ndarray, "D P"]
     information: Information
+    choice: Choice
     cross_predictions: tuple[CrossPrediction, ...] = ()
 
     @property
@@ -135,7 +137,7 @@ class Fit:
     @property
     def ties(self) -> int:
         """Number of optima that fit exactly as well as the best one: then the answer is one of several."""
-        return sum(optimum.converged and is_tie(optimum.cost, self.best.cost) for optimum in self.optima[1:])
+        return sum(optimum.converged and is_tie(optimum.score, self.best.score) for optimum in self.optima[1:])
 
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
         """Return intervals of the parameters [SI] by data and prior, normal in theta.
@@ -147,7 +149,7 @@ class Fit:
         halves = [
             (each.theta, np.sqrt(height - above) * each.sd)
             for each in (self.best, *self.rivals)
-            if (above := each.cost - self.best.cost) < height
+            if (above := each.score - self.best.score) < height
         ]
         low, high = (np.array([theta + sign * half for theta, half in halves]) for sign in (-1, 1))
         return np.asarray(self.problem.parameters.values(np.stack([low.min(0), high.max(0)], 1)))
@@ -191,7 +193,8 @@ def fit(
     optima: tuple[Optimum, ...] = ()
     tried = 0
     for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
-        end = solve(problem, first + noise[tried - 1])
+        example = in_order(problem, reached)[0][0] if reached else None
+        end = solve(problem, first + noise[tried - 1], example)
         if np.isfinite(end.cost):
             reached.append(_measured(problem, end))
             optima = distinct(problem, reached)
@@ -214,7 +217,7 @@ def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:
     best, _ = in_order(problem, reached)[0]
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
     known = information(scaled, normal_prior_sd(problem), problem.parameters.names)
-    return Fit(problem, (), 0, best.predicted, best.jacobian, known)
+    return Fit(problem, (), 0, best.predicted, best.jacobian, known, best.choice)
 
 
 def _measured(problem: InverseProblem, end: End) -> Ended:
@@ -229,5 +232,5 @@ def _no_optimum(predicted: Array) -> ModelError:
         return ConvergenceError("no start reached an optimum; give other starting values or a prior")
     return ModelError(
         f"the model has no answer for {missing} of {len(predicted)} values at the start: the arm has no stable"
-        " equilibrium there, or no mode of that label; raise the starting stiffness or check the labels"
+        " equilibrium there; raise the starting stiffness, or check loads and masses"
     )

@@ -10,32 +10,47 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from ident.inference.parameters import AnyArray
-from ident.inference.problem import InverseProblem
+from ident.inference.problem import Choice, InverseProblem
 from ident.jit import jit
 
 MAX_STEPS = 200
+WHOLE, NOTHING = np.array(1.0), np.array(0.0)
+TO_THE_END, UNTIL_ANEW = np.array(True), np.array(False)
+STEEP = 1e-2
+"""Gradient of the cost by theta above which a search has not ended in an optimum."""
+WORTH = 1e-7
+"""Fall of the cost by a whole search that is worth another one."""
+TURNS = 6
+"""Searches in a row at most, each with another choice of what the values belong to, or more steps."""
 TOLERANCE = 1e-10
 """Relative and absolute change of theta and of the residuals at which a search ends."""
 
 
 class End(NamedTuple):
-    """Where one start ended: theta, sum of squares and its gradient, predictions and their Jacobian."""
+    """Where one start ended: theta, sum of squares and its gradient, predictions and Jacobian, the model's choice."""
 
     theta: Any
     cost: Any
     gradient: Any
     predicted: Any
     jacobian: Any
+    choice: Choice
+
+    @property
+    def score(self) -> float:
+        """Minus twice the logarithm of the probability of data, prior and what was said of each value."""
+        return float(self.cost + self.choice.cost.sum())
 
 
 def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None) -> End:
     """Return predictions and their Jacobian at theta, or else at the parameters' starting values.
 
-    It is a fit without data and prior, so that what was compiled for the fit serves here as well.
+    No measured value is used: what values belong to is chosen by what was said of them alone. It is a search in which
+    nothing counts, so that what was compiled for the fit serves here as well.
     """
     blank = eqx.tree_at(lambda p: p.sigma, without_priors(problem), np.full_like(problem.sigma, np.inf))
     start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
-    return solve(blank, start)
+    return _searched(blank, start, problem.unheld(), TO_THE_END, NOTHING)[0]
 
 
 def without_priors(problem: InverseProblem) -> InverseProblem:
@@ -47,42 +62,124 @@ def without_priors(problem: InverseProblem) -> InverseProblem:
     return eqx.tree_at(lambda p: p.parameters.items, problem, free)
 
 
-@jit
-def solve(problem: InverseProblem, start: Float[AnyArray, "P"]) -> End:
+def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None) -> End:
     """Run Levenberg-Marquardt from one start; the cost is NaN where the model has no answer.
+
+    Where the model chooses what its values belong to, a search holds the choice and ends where another one has become
+    more probable; there the next one begins. Where that finds no end, one with the choice of an example is made.
+
+    Args:
+        problem: model, data and unknowns.
+        start: theta.
+        example: the best end so far, if any.
+    """
+    own = _choosing(problem, start)
+    if own.choice.settled or not np.isfinite(own.cost):
+        return own
+    ends = [_held(problem, own.theta, own.choice.held)]
+    if example is not None:
+        ends += _like(problem, start, example)
+    return min(ends, key=lambda end: (not np.isfinite(end.cost), not end.choice.settled, _is_steep(end), end.cost))
+
+
+def _like(problem: InverseProblem, start: Float[AnyArray, "P"], example: End) -> list[End]:
+    """Search with the order that an example holds; where that is not the most probable choice, go on from there."""
+    first = _held(problem, start, example.choice.held.ordered())
+    if np.isfinite(first.cost) and _is_steep(first):  # held apart where two want to change places
+        first = _held(problem, first.theta, first.choice.held.likened())
+    if first.choice.settled or not np.isfinite(first.cost):
+        return [first]
+    then = _choosing(problem, first.theta)
+    return [first, then if then.choice.settled else _held(problem, then.theta, then.choice.held)]
+
+
+def _is_steep(end: End) -> bool:
+    return not np.abs(end.gradient).max() < STEEP
+
+
+def _choosing(problem: InverseProblem, start: Float[AnyArray, "P"]) -> End:
+    """Search, beginning anew wherever another choice is more probable, until one stays so or `TURNS` are over."""
+    held = problem.unheld()
+    for _ in range(TURNS):
+        end, finished = _searched(problem, start, held, UNTIL_ANEW)
+        if end.choice.settled or not np.isfinite(end.cost):
+            return end if finished else _held(problem, end.theta, end.choice.held)
+        start, held = end.theta, end.choice.held.anew()
+    return end
+
+
+def _held(problem: InverseProblem, start: Float[AnyArray, "P"], held: Any) -> End:
+    """Search with what is held; afresh after running out of steps, as long as that gains something."""
+    before = np.inf
+    for _ in range(TURNS):
+        end, finished = _searched(problem, start, held, TO_THE_END)
+        if finished or not before - end.cost > WORTH:
+            break
+        start, held, before = end.theta, end.choice.held, end.cost
+    return end
+
+
+def _searched(
+    problem: InverseProblem, start: Float[AnyArray, "P"], held: Any, to_the_end: np.ndarray, weight: np.ndarray = WHOLE
+) -> tuple[End, bool]:
+    """Search from and to host arrays: one program is loaded, whatever the start comes from."""
+    end, finished = jax.device_get(search(problem, np.asarray(start), held, to_the_end, weight))
+    return end, bool(finished)
+
+
+@jit
+def search(
+    problem: InverseProblem,
+    start: Float[AnyArray, "P"],
+    held: Any,
+    to_the_end: Bool[AnyArray, ""],
+    weight: Float[AnyArray, ""],
+) -> tuple[End, Array]:
+    """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose anew.
+
+    Returns also whether it has ended before it ran out of steps. Residuals count with their weight.
 
     The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
     affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
     """
 
-    def affine(theta: Array, problem: InverseProblem) -> Any:
+    def affine(theta: Array, args: tuple[InverseProblem, Any, Array]) -> Any:
+        problem, held, weight = args
         here = jax.lax.stop_gradient(theta)
-        predicted, J = _with_jacobian(problem, here)
-        residuals, slope = problem.weigh(predicted, J, here)
-        end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J)
+        predicted, J, choice = _with_jacobian(problem, here, held)
+        residuals, slope = (weight * part for part in problem.weigh(predicted, J, here))
+        end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J, choice)
         return residuals + slope @ (theta - here), end
 
     solver = _OneStepMore(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]  # it inherits its constructor
-    search: Any = optx.least_squares(
-        affine, solver, start, args=problem, max_steps=MAX_STEPS + 1, throw=False, has_aux=True
+    found: Any = optx.least_squares(
+        affine,
+        solver,
+        start,
+        args=(problem, held, weight),
+        options={"to_the_end": to_the_end},
+        max_steps=MAX_STEPS + 1,
+        throw=False,
+        has_aux=True,
     )
-    return search.aux
+    return found.aux, found.stats["num_steps"] <= MAX_STEPS
 
 
 @jit
-def _with_jacobian(problem: InverseProblem, theta: Array) -> tuple[Array, Array]:
+def _with_jacobian(problem: InverseProblem, theta: Array, held: Any) -> tuple[Array, Array, Choice]:
     """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
 
-    def along(direction: Array) -> tuple[Array, Array]:
-        return jax.jvp(problem.predict, (theta,), (direction,))
+    def along(direction: Array) -> tuple[Array, Array, Choice]:
+        return jax.jvp(lambda theta: problem.holding(theta, held), (theta,), (direction,), has_aux=True)
 
-    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(theta.shape[0]))
+    return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(theta.shape[0]))
 
 
 class _Progress(NamedTuple):
-    """State of the solver itself, whether it has ended, and whether it had ended a step before."""
+    """State of the solver itself, what the model holds, whether it has ended, and whether it had a step before."""
 
     inner: Any
+    held: Any
     ended: Bool[Array, ""]
     ended_before: Bool[Array, ""]
 
@@ -94,13 +191,17 @@ class _OneStepMore(optx.LevenbergMarquardt[Any, Any, Any]):
     point comes with one step more. Why the search ended is no matter: the gradient tells whether it is an optimum.
     """
 
-    def init(self, *inputs: Any) -> Any:
-        return _Progress(super().init(*inputs), jnp.array(False), jnp.array(False))
+    def init(self, fn: Any, y: Any, args: Any, *inputs: Any) -> Any:
+        return _Progress(super().init(fn, y, args, *inputs), args[1], jnp.array(False), jnp.array(False))
 
     def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> tuple[Any, Any, Any]:
+        args = args[0], state.held, args[2]
         y, inner, aux = super().step(fn, y, args, options, state.inner, tags)
         ended, result = super().terminate(fn, y, args, options, inner, tags)
-        return y, _Progress(inner, ended | (result != optx.RESULTS.successful), state.ended), aux
+        choice = inner.aux.choice  # of the last point that was accepted
+        short = jnp.abs(inner.y_eval - y).max() < TOLERANCE * (1 + jnp.abs(y).max())  # else rejected to the last step
+        ended |= short | (result != optx.RESULTS.successful) | ~(choice.settled | options["to_the_end"])
+        return y, _Progress(inner, choice.held, ended, state.ended), aux
 
     def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
         return state.ended_before, optx.RESULTS.successful

@@ -31,6 +31,7 @@ class Optimum:
         converged: whether the next step is negligible, in all directions but the open ones.
         open: (N, P) directions in theta along which the cost stays flat or still falls over several e-folds.
         sd: (P,) standard deviation of each theta by data and prior about here.
+        said: minus twice the logarithm of the probability of what was said of the values, such as modes' labels.
     """
 
     values: Float[np.ndarray, "P"]
@@ -40,12 +41,18 @@ class Optimum:
     converged: bool
     open: Float[np.ndarray, "N P"]
     sd: Float[np.ndarray, "P"]
+    said: float = 0.0
+
+    @property
+    def score(self) -> float:
+        """What optima are compared by: the cost, and what speaks against labels."""
+        return self.cost + self.said
 
 
 def rivals(optima: Sequence[Optimum]) -> tuple[Optimum, ...]:
     """Return the further optima that the data do not rule out: of a cost within the 95 % limit of the first one's."""
-    limit = optima[0].cost + half_width(0.95) ** 2
-    return tuple(optimum for optimum in optima[1:] if optimum.converged and optimum.cost < limit)
+    limit = optima[0].score + half_width(0.95) ** 2
+    return tuple(optimum for optimum in optima[1:] if optimum.converged and optimum.score < limit)
 
 
 def unmet(optima: Sequence[Optimum]) -> float:
@@ -63,8 +70,8 @@ def unmet(optima: Sequence[Optimum]) -> float:
     return w * (n - 1) / (n - w - 2) - w if n > w + 2 else np.inf
 
 
-def _cost(reached: Ended) -> float:
-    return float(reached[0].cost)
+def _score(reached: Ended) -> float:
+    return reached[0].score
 
 
 def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
@@ -91,13 +98,13 @@ def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
 
 
 def in_order(problem: InverseProblem, ends: list[Ended]) -> list[Ended]:
-    """Sort ends by cost; exact ties by the distance from the priors' centre, then by theta: the same on any machine."""
+    """Sort ends by score; ties by the distance from the priors' centre, then by theta: the same on any machine."""
     parameters = problem.parameters
     centre, scale = np.asarray(parameters.theta(parameters.column("centre"))), np.minimum(parameters.normal_sd, 1.0)
     ranks: list[tuple[int, float, tuple[float, ...], int]] = []
-    ends = sorted(ends, key=_cost)
+    ends = sorted(ends, key=_score)
     for i, (end, _) in enumerate(ends):
-        level = ranks[-1][0] if i and is_tie(_cost(ends[i - 1]), _cost(ends[i])) else i
+        level = ranks[-1][0] if i and is_tie(_score(ends[i - 1]), _score(ends[i])) else i
         off = (end.theta - centre) / scale
         ranks.append((level, round(float(off @ off), DIGITS), tuple(np.round(end.theta, DIGITS).tolist()), i))
     return [ends[rank[-1]] for rank in sorted(ranks)]
@@ -119,6 +126,7 @@ def _optimum(problem: InverseProblem, group: list[Ended]) -> Optimum:
         any(how.converged for _, how in group),
         how.open,
         information(scaled, normal_prior_sd(problem), problem.parameters.names).sd,
+        float(first.choice.cost.sum()),
     )
 
 

@@ -1,10 +1,11 @@
 """What inference needs of a model and of data, whatever the model: a predict function, values, sigmas, unknowns."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -12,19 +13,62 @@ from ident.errors import InputError, Problem
 from ident.inference.parameters import AnyArray, Parameters, library
 
 
+class Data(NamedTuple):
+    """What was measured, as a model sees it that has to tell what the values belong to.
+
+    Attributes:
+        measured: (D,) SI units.
+        sigma: (D,) standard deviations; infinite for a value that must not help.
+    """
+
+    measured: Any
+    sigma: Any
+
+
+class Choice(NamedTuple):
+    """What the values of a model belong to, where that is not sure from the start.
+
+    Attributes:
+        held: what the choice is known by at the next point; the model's own.
+        settled: whether it is the most probable one here.
+        cost: (D,) minus twice the logarithm of the probability of what was said of each value, such as a mode's label.
+    """
+
+    held: Any
+    settled: Any
+    cost: Any
+
+
+class Choosing:
+    """A model that chooses what the values belong to: anew at any point, or held from a point before.
+
+    What it holds has three methods: `anew` lets it choose at the next point, with what the last one left unexplained;
+    `ordered` and `likened` hold a choice by order and by likeness.
+    """
+
+    def unheld(self) -> Any:
+        """Return what is held before the first step; None where there is nothing to choose."""
+        raise NotImplementedError
+
+    def holding(self, parameters: Mapping[str, Any], data: Data, held: Any) -> tuple[Float[Array, "D"], Choice]:
+        """Predict the values by the choice that is held."""
+        raise NotImplementedError
+
+
 class InverseProblem(eqx.Module):
     """Measured values and the model that predicts them.
 
     Attributes:
         model: `model(parameters) -> values (D, *batch)`, differentiable; parameters by path, `(*batch)` each. A plain
-            function or an `equinox.Module` whose arrays may then change without a new compilation.
+            function or an `equinox.Module` whose arrays may then change without a new compilation. One that chooses
+            what its values belong to takes the data as well, see `Choosing`.
         measured: (D,) SI units.
         sigma: (D,) standard deviations; infinite for a value that is to be predicted but not fitted.
         parameters: the unknowns.
         kinds: (D,) kind of each value, a word.
     """
 
-    model: Callable[[Mapping[str, Any]], Float[Array, "D *batch"]]
+    model: Callable[..., Float[Array, "D *batch"]]
     measured: Float[Array, "D"]
     sigma: Float[Array, "D"]
     parameters: Parameters
@@ -49,8 +93,24 @@ class InverseProblem(eqx.Module):
             raise InputError(problems)
 
     def predict(self, theta: Float[Array, "P *batch"]) -> Float[Array, "D *batch"]:
-        """Predict all values at theta."""
-        return self.model(self.parameters.by_path(self.parameters.values(theta)))
+        """Predict all values at theta, by the most probable choice where the model has one."""
+        parameters = self.parameters.by_path(self.parameters.values(theta))
+        return self.model(parameters) if self.unheld() is None else self.model(parameters, self.data)
+
+    def holding(self, theta: Float[Array, "P"], held: Any) -> tuple[Float[Array, "D"], Choice]:
+        """Predict all values at theta by the choice that is held."""
+        if not isinstance(self.model, Choosing) or held is None:
+            return self.predict(theta), Choice(None, jnp.array(True), jnp.zeros_like(self.sigma))
+        return self.model.holding(self.parameters.by_path(self.parameters.values(theta)), self.data, held)
+
+    def unheld(self) -> Any:
+        """Return what the model holds before the first step; None where it chooses nothing."""
+        return self.model.unheld() if isinstance(self.model, Choosing) else None
+
+    @property
+    def data(self) -> Data:
+        """What was measured."""
+        return Data(self.measured, self.sigma)
 
     def weigh(
         self, predicted: Float[AnyArray, "D"], jacobian: Float[AnyArray, "D P"], theta: Float[AnyArray, "P"]

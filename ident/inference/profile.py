@@ -231,7 +231,7 @@ def _joined(fit: Fit, index: int, levels: Sequence[float], below: Side, above: S
         for level, low, high in zip(levels, below.bounds, above.bounds, strict=True)
     )
     top, last = threshold(levels[-1]), intervals[-1]
-    others = [(float(o.theta[index]), o.cost - fit.best.cost) for o in fit.optima[1:]]
+    others = [(float(o.theta[index]), o.score - fit.best.score) for o in fit.optima[1:]]
     return Profile(
         fit.problem.parameters.items[index],
         optimum,

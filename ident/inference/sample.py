@@ -142,8 +142,8 @@ def sample(
     settings = replace(settings, walkers=_walkers(fit, target, settings))
     _check_bounded(fit, posterior)
     # with noise that is known up to a factor only, so are the costs
-    reach = math.inf if posterior.noise.items else fit.best.cost + RIVAL
-    optima = [i for i, optimum in enumerate(fit.optima) if optimum.cost < reach]
+    reach = math.inf if posterior.noise.items else fit.best.score + RIVAL
+    optima = [i for i, optimum in enumerate(fit.optima) if optimum.score < reach]
     started = [optimum for optimum in optima for _ in range(settings.ensembles)]
     store = Store(folder, {**(provenance or {}), **identity(posterior, _chain_settings(settings, len(optima)))})
     chains = Chains(store, settings.most_draws)

@@ -15,7 +15,7 @@ from ident.inference.fit import fit
 from ident.inference.information import information
 from ident.inference.optima import Optimum
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.problem import InverseProblem
+from ident.inference.problem import Choice, InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
 
 HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
@@ -63,7 +63,8 @@ def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
     )
     predicted = 0.03 + rng.normal(size=measurements) * 1e-4
     optimum = Optimum(values, theta, 1.0, 3, True, np.empty((0, parameters)), known.sd)
-    return CampaignFit(problem, (optimum,), 0, predicted, jacobian, known, arm=lcd_arm(), campaign=campaign)
+    choice = Choice(None, True, np.zeros(measurements))
+    return CampaignFit(problem, (optimum,), 0, predicted, jacobian, known, choice, arm=lcd_arm(), campaign=campaign)
 
 
 def boxes(figure):

@@ -22,6 +22,8 @@ SLIGHT = 0.05
 """Change, relative to the parameter that leads, below which another one hardly takes part in a trade-off."""
 FEW = 24
 """Measurements up to which all are listed; beyond, only those that matter or do not."""
+MOST = 6
+"""Rows named, at most, whose label may change."""
 ENORMOUS = 1e3
 """Factor beyond which it is no longer told how large."""
 
@@ -54,8 +56,8 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
         rows = np.flatnonzero(check.missing).tolist()
         yield from (f"    {_row(check, i)}" for i in rows[:5])
         yield from [f"    and {len(rows) - 5} more"] if len(rows) > 5 else []
-        yield "  The arm has no stable equilibrium there, or no mode of that label: raise the stiffnesses or"
-        yield "  check the labels. Unknown is not fine: no other verdict is given."
+        yield "  The arm has no stable equilibrium there: raise the stiffnesses, or check loads and masses."
+        yield "  Unknown is not fine: no other verdict is given."
 
 
 def _verdicts(check: CampaignCheck) -> Iterator[str]:
@@ -209,6 +211,20 @@ def _labels(check: CampaignCheck) -> Iterator[str]:
     yield "Mode labels, at the arm file's values" + ("" if check.labels else ": none is in doubt")
     for doubt in check.labels:
         yield f"  {_row(check, doubt.row)}: {'; '.join(_doubt(check, doubt))}"
+    yield from _changing(check)
+
+
+def _changing(check: CampaignCheck) -> Iterator[str]:
+    if not check.changing:
+        return
+    yield "Mode labels, on other arms within the prior: named by a near draw, or no mode's, in these rows"
+    rows = sorted(check.changing.items(), key=lambda each: -each[1])
+    for i, often in rows[:MOST]:
+        yield f"  {_row(check, i)}: on {often:.0%} of the arms that were tried"
+    if len(rows) > MOST:
+        yield f"  and {len(rows) - MOST} more"
+    yield "  There the fit tells modes by their frequencies, too. Where you are not sure of a word, leave it out of the"
+    yield "  label (`torsion 2`), or the label out of the row."
 
 
 def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:

@@ -117,7 +117,7 @@ def _stretch(fit: Fit) -> str:
 
 def _rivals(fit: Fit) -> Iterator[str]:
     """Yield that other optima fit as well, or nearly."""
-    costs = [optimum.cost - fit.best.cost for optimum in fit.rivals[fit.ties :]]
+    costs = [optimum.score - fit.best.score for optimum in fit.rivals[fit.ties :]]
     if fit.ties:
         yield f"  NOT UNIQUE: {fit.ties + 1} optima fit exactly as well: globally not identifiable. The answer is"
         yield "  the one nearest to the priors' centre; all are listed below."
