@@ -93,7 +93,7 @@ def labelled(conditions: Conditions) -> Labelled:
     return Labelled(labels, np.array(states, int), np.array(rows, int), frequency, patterns, top, np.array(places, int))
 
 
-def name_costs(modes: Modes, off: Float[AnyArray, "*batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
+def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
     """Return -2 ln(probability) of each word for each mode, as far as the arm's numbers may be off."""
     sd = jnp.hypot(NAMING_SD, SHARES_MOVE * off)
     lean = {"vertical": (vertical_share(modes) - 0.5) / sd, "torsion": (torsion_share(modes) - 0.5) / sd}

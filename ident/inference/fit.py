@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from ident.errors import ConvergenceError, ModelError
 from ident.inference.convergence import convergence
@@ -226,7 +226,7 @@ def _measured(problem: InverseProblem, end: End) -> Ended:
     return end, convergence(problem, end)
 
 
-def _no_optimum(predicted: Array) -> ModelError:
+def _no_optimum(predicted: Float[np.ndarray, "D"]) -> ModelError:
     missing = int(np.isnan(np.asarray(predicted)).sum())
     if not missing:
         return ConvergenceError("no start reached an optimum; give other starting values or a prior")

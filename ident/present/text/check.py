@@ -220,7 +220,8 @@ def _changing(check: CampaignCheck) -> Iterator[str]:
     yield "Mode labels, on other arms within the prior: named by a near draw, or no mode's, in these rows"
     rows = sorted(check.changing.items(), key=lambda each: -each[1])
     for i, often in rows[:MOST]:
-        yield f"  {_row(check, i)}: on {often:.0%} of the arms that were tried"
+        m = check.campaign.measurements[i]
+        yield f"  row {_number(m, i)}, {m.mode}: on {often:.0%} of the arms that were tried"
     if len(rows) > MOST:
         yield f"  and {len(rows) - MOST} more"
     yield "  There the fit tells modes by their frequencies, too. Where you are not sure of a word, leave it out of the"
