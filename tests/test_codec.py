@@ -41,7 +41,9 @@ def through_json(value, arrays=None):
 def test_plain_values_come_back(value):
     again = through_json(value)
     assert again == value
-    assert repr(again) == repr(value), "of the same type, to the sign of a zero"
+    assert type(again) is type(value)
+    if not isinstance(value, frozenset):  # which is written in any order
+        assert repr(again) == repr(value), "to the sign of a zero"
 
 
 def test_nan_comes_back():

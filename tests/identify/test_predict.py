@@ -26,8 +26,9 @@ def frequency(value, posture=UNFOLDED, **more):
 
 
 def predicted(*measurements, parameters=None):
-    campaign = Campaign(measurements=measurements)
-    return np.asarray(jax.jit(lambda: predict(lcd_arm(), parameters or {}, bind(lcd_arm(), campaign)))())
+    arm, campaign = lcd_arm(), Campaign(measurements=measurements)  # not within: what is made there is traced
+    conditions = bind(arm, campaign)
+    return np.asarray(jax.jit(lambda: predict(arm, parameters or {}, conditions))())
 
 
 def exact(posture):
