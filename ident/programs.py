@@ -62,7 +62,8 @@ class Programs:
 
     def __init__(self, f: Callable[..., Any], options: Mapping[str, Any]):
         self.f, self.options = f, options
-        self.loaded: dict[Any, Callable[..., Any] | None] = {}
+        self.loaded: dict[Any, Callable[..., Any]] = {}
+        self.refused: set[int] = set()  # hashes only: what can't be kept must not be held on to either
 
     def find(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
         """Return what computes f of these arguments without tracing it, or None where there is no such thing."""
@@ -70,11 +71,15 @@ class Programs:
         arrays = tuple(_aval(leaf) for leaf in leaves if eqx.is_array(leaf))
         key = tree, tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf)), arrays
         try:
-            if key not in self.loaded:
-                self.loaded[key] = self._program(args, more)
+            if hash(key) in self.refused:
+                return None
+            if key not in self.loaded and (program := self._program(args, more)):
+                self.loaded[key] = program
         except TypeError:  # a static value that has no hash, or what the function itself will raise again
             return None
-        return self.loaded[key]
+        if key not in self.loaded:
+            self.refused.add(hash(key))
+        return self.loaded.get(key)
 
     def _program(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
         """Read a program from its file, or trace it and write it there."""
