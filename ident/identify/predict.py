@@ -162,7 +162,7 @@ def _damping_ratios(chain: Chain, at: StaticEquilibrium) -> Float[Array, "m S *b
 
 
 def mode_choice(
-    conditions: Conditions, modes: Modes, chosen: Float[AnyArray, "m R *batch"] | None = None
+    conditions: Conditions, modes: Modes, chosen: Float[AnyArray, "m labelled *batch"] | None = None
 ) -> tuple[Float[Array, "m D *batch"], Float[AnyArray, "m R *batch"]]:
     """Return one for the mode that each frequency, and each damping ratio, belongs to.
 

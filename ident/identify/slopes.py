@@ -49,7 +49,9 @@ class Slopes(NamedTuple):
 
 
 @jit
-def slopes(arm: Arm, cut: CutArm, conditions: Conditions, chosen: Float[np.ndarray, "m R"] | None = None) -> Slopes:
+def slopes(
+    arm: Arm, cut: CutArm, conditions: Conditions, chosen: Float[Array | np.ndarray, "m R"] | None = None
+) -> Slopes:
     """Differentiate what a campaign would measure, exactly, by compliances at zero and by given numbers.
 
     A hinge of compliance c P, P a projector, turns by psi = -c P g, where g is the potential's gradient by psi. So,
@@ -153,7 +155,7 @@ def _solve(W: Array, force: Phi) -> Phi:
 
 
 def _rows(
-    frequency: Float[Array, "m S"], moved: Float[Array, "3 P S"], choice: Float[Array, "m D"], conditions: Conditions
+    frequency: Float[Array, "m S"], moved: Float[Array, "3 P S"], choice: Float[Array, "m F"], conditions: Conditions
 ) -> Float[Array, "D"]:
     modal = conditions.frequency
     rows = np.array([*modal.rows, *conditions.deflected], int)
