@@ -1,5 +1,6 @@
 """Double precision, run-time checks of shapes and types, and a compilation cache for every test."""
 
+import gc
 import os
 import sys
 import tempfile
@@ -29,16 +30,20 @@ from ident import cli  # noqa: E402
 jax.config.update("jax_enable_x64", True)
 
 
-MAPS = Path("/proc/self/maps")
-MOST_MAPS = 15_000
+MAPS, MEMORY = Path("/proc/self/maps"), Path("/proc/self/statm")
+MOST_MAPS, MOST_PAGES = 15_000, 1_000_000
 
 
 @pytest.fixture(autouse=True, scope="module")
 def few_programs():
-    """Forget compiled programs when they are many: each has memory maps of its own, and Linux admits 65530 in all."""
+    """Forget compiled programs when they are many: each has memory maps of its own, and Linux admits 65530 in all.
+
+    Or when they fill 4 GB, of which each of several workers may have as much.
+    """
     yield
-    if MAPS.exists() and MAPS.read_text().count("\n") > MOST_MAPS:
+    if MAPS.exists() and (MAPS.read_text().count("\n") > MOST_MAPS or int(MEMORY.read_text().split()[1]) > MOST_PAGES):
         jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture
