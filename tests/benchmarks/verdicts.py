@@ -113,7 +113,7 @@ def main() -> None:
     parser.add_argument("--resume", type=Path, metavar="FILE", help="JSON lines to go on with, or to begin")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--case", action="append", choices=CASES, help="only this one; may be repeated")
-    parser.add_argument("--fault", action="append", choices=FAULTS[1:], help="only this one; may be repeated")
+    parser.add_argument("--fault", action="append", choices=FAULTS, help="only this one beside none; may be repeated")
     asked = parser.parse_args()
     faults = {c: [f for f in case(c).faults if f in ("none", *(asked.fault or FAULTS))] for c in asked.case or CASES}
     wrong = max(asked.draws // 4, 1)
