@@ -123,7 +123,7 @@ for row, at_truth in zip(check.table(), ident.check(true_arm, first).table(), st
 # ### The fit agrees
 #
 # Residuals below two sigma throughout, chi-squared small, one optimum only: by its residuals this is a perfect fit.
-# Yet it marks the torsion of joints 2 and 3 as open. What it prints for joint 3 is mostly the prior's choice.
+# Yet it marks the torsion of joints 2 and 3 as weak. What it prints for joint 3 is mostly the prior's choice.
 
 # %%
 before = ident.fit(arm, first)
@@ -133,13 +133,13 @@ print(before)
 before.figures()[""]
 
 # %% [markdown]
-# Here, for once, one can look at the truth. What the fit calls known is right within its intervals; what it calls open
+# Here, for once, one can look at the truth. What the fit calls known is right within its intervals; what it calls weak
 # is wrong by far more than the 0.5 % noise would suggest.
 
 # %%
 for name, value in before.parameters.items():
     ratio = value / float(true_arm.get(name))
-    print(f"{name}: {ratio:5.2f} of the truth, {'known' if before.supported[name] else 'open'}")
+    print(f"{name}: {ratio:5.2f} of the truth, {'known' if before.supported[name] else 'weak'}")
 
 # %% [markdown]
 # ## What to measure next

@@ -61,7 +61,7 @@ def test_each_value_has_its_interval_in_percent(shipped):
         assert float(value) == pytest.approx(best, rel=1e-3)
         assert best * (1 - float(below) / 100) == pytest.approx(low, rel=1e-3)
         assert best * (1 + float(above) / 100) == pytest.approx(high, rel=1e-3)
-    assert "Nothing in the data limits them" in fit_report(shipped)
+    assert "Nothing in the data speaks against them" in fit_report(shipped)
 
 
 def test_what_is_open_is_said_to_be_told_by_no_data_alone(paper):
