@@ -80,7 +80,8 @@ def _either_side(item: Parameter, value: float, interval: np.ndarray) -> str:
 def _limits(fit: CampaignFit) -> Iterator[str]:
     """Yield what speaks against the answer, what else would fit, and what the data leave open."""
     lines = [*_doubts(fit), *_rivals(fit), *what_is_open(fit.information, fit.problem.parameters.items)]
-    yield "What limits them" if lines else "Nothing in the data speaks against them: no doubt, no rival met, no open direction"
+    nothing = "Nothing in the data speaks against them: no doubt, no rival met, no open direction"
+    yield "What limits them" if lines else nothing
     yield from lines
 
 
