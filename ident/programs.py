@@ -5,24 +5,27 @@ arrays come back in. A later process reads it by a key of all that it may depend
 their shapes, dtypes, weak types and static values; the compiler's options; and the circumstances, such as the package's
 own source files. What the key can't name, a function from outside the package say, is not kept.
 
-Without a compilation cache nothing is kept, nor where `IDENT_PROGRAMS` is `off`. Nothing is unpickled; a folder that
-others can write is not used, and a damaged or foreign file is passed over.
+Only where `IDENT_PROGRAMS` is `on`, as the command line sets it, and jax has a compilation cache: a process of Python
+may have changed a constant of the package, which no key can see. Nothing is unpickled; a folder that others can write
+is not used, and a damaged or foreign file is passed over.
 """
 
 import hashlib
 import json
 import os
 import platform
+import re
 import shutil
+import stat
 import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import equinox as eqx
@@ -41,7 +44,7 @@ UNIMPORTANT = ("cache", "log", "dump", "traceback", "profil")
 UNCHECKED = [export.DisabledSafetyCheck.custom_call(name) for name in ("lapack_dormqr_ffi",)]
 """What jax may change from version to version: the key names the version."""
 OLD = 30 * 86400
-"""Age [s] from which programs of another version of the package are thrown away."""
+"""Age [s] from which a folder to which no program was added is thrown away."""
 PLAIN: tuple[type, ...] = (float, complex, bytes, np.dtype)
 """Types whose values say all of themselves in writing."""
 Place = np.uint16
@@ -92,14 +95,16 @@ class Programs:
             return None
         path = folder / f"{self.f.__name__}-{hashlib.sha256(key.encode()).hexdigest()[:24]}.program"
         found = _read(path, key)
-        if found is None:
-            try:
-                found = self._traced(args, more)
-            except (CodecError, ValueError, NotImplementedError):  # what jax can't export, such as a callback
-                found = b"", None
+        if found is not None:
+            with suppress(Exception):  # whatever a file from elsewhere may do
+                return self._callable(*found) if found[0] else None
+        try:
+            exported, document = self._traced(args, more)
+        except (CodecError, ValueError, NotImplementedError):  # what jax can't export, such as a callback
+            exported, document = b"", None
+        if sources(Path(__file__).parent) == SOURCES:
             with suppress(IdentError):  # a full disk, say
-                replace_file(path, lambda file: file.write(_packed(key, *found)))
-        exported, document = found
+                replace_file(path, lambda file: file.write(_packed(key, exported, document)))
         return self._callable(exported, document) if exported else None
 
     def _traced(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> tuple[bytes, Any]:
@@ -132,34 +137,42 @@ class Programs:
 def own_folder() -> Path | None:
     """Return the folder for programs under these circumstances; None where there is none, or others can write it."""
     cache_folder = jax.config.values["jax_compilation_cache_dir"]
-    if not cache_folder or os.environ.get("IDENT_PROGRAMS") == "off":
+    if not cache_folder or os.environ.get("IDENT_PROGRAMS") != "on":
         return None
     above = Path(cache_folder) / "ident-programs"
     folder = above / environment()
     try:
+        above.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _only_ours(above):
+            return None
         if not folder.exists():
-            folder.mkdir(mode=0o700, parents=True)
-            above.chmod(0o700)
+            folder.mkdir(mode=0o700, exist_ok=True)
             _throw_away_old(above)
-        return folder if all(map(_only_ours, (above, folder))) else None
-    except OSError:
+        return folder if _only_ours(folder) else None
+    except (OSError, AttributeError):  # no such place, or a system that knows no owners
         return None
 
 
 def _only_ours(folder: Path) -> bool:
     status = folder.lstat()
-    return folder.is_dir() and not folder.is_symlink() and status.st_uid == os.getuid() and not status.st_mode & 0o022
+    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
 
 
 def _throw_away_old(above: Path) -> None:
+    """Delete folders of programs, and nothing else, to which none was added for a long time."""
     for folder in above.iterdir():
-        if time.time() - folder.stat().st_mtime > OLD:
+        ours = re.fullmatch("[0-9a-f]{24}", folder.name) and _only_ours(folder)
+        if (
+            ours
+            and time.time() - folder.stat().st_mtime > OLD
+            and all(f.suffix == ".program" for f in folder.iterdir())
+        ):
             shutil.rmtree(folder, ignore_errors=True)
 
 
 def environment() -> str:
     """Return a hash of what all programs depend on."""
-    every = {"sources": _own_sources(), **circumstances()}
+    every = {"sources": SOURCES, **circumstances()}
     return hashlib.sha256(json.dumps(every, sort_keys=True).encode()).hexdigest()[:24]
 
 
@@ -183,9 +196,8 @@ def sources(package: Path) -> str:
     return own.hexdigest()
 
 
-@cache
-def _own_sources() -> str:
-    return sources(Path(__file__).parent)
+SOURCES = sources(Path(__file__).parent)
+"""Of this package, when it was imported: what is changed later has not been traced."""
 
 
 def _processor() -> str:
@@ -215,7 +227,7 @@ def described(value: Any) -> Any:
         return ["map", _name(type(value)), [[described(k), described(v)] for k, v in value.items()]]
     if isinstance(value, tuple | list):
         return [_name(type(value)), *map(described, value)]
-    if isinstance(value, type) or (callable(value) and not is_dataclass(value)):
+    if isinstance(value, type | FunctionType):
         return ["name", _name(value)]
     if is_dataclass(value):
         return [_name(type(value)), {f.name: described(getattr(value, f.name, None)) for f in fields(value)}]
@@ -231,8 +243,12 @@ def _name(thing: Any) -> str:
 
 
 def _packed(key: str, exported: bytes, document: Any) -> bytes:
-    head = {"key": key, "sha256": hashlib.sha256(exported).hexdigest(), "out": document}
+    head = {"key": key, "sha256": _sealed(exported, document), "out": document}
     return json.dumps(head).encode() + b"\n" + exported
+
+
+def _sealed(exported: bytes, document: Any) -> str:
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode() + b"\n" + exported).hexdigest()
 
 
 def _read(path: Path, key: str) -> tuple[bytes, Any] | None:
@@ -240,7 +256,7 @@ def _read(path: Path, key: str) -> tuple[bytes, Any] | None:
     try:
         text, _, exported = path.read_bytes().partition(b"\n")
         head = json.loads(text)
-        whole = head["key"] == key and head["sha256"] == hashlib.sha256(exported).hexdigest()
+        whole = head["key"] == key and head["sha256"] == _sealed(exported, head["out"])
         return (exported, head["out"]) if whole else None
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -18,9 +18,9 @@ SUPPORT = Path(__file__).parent / "support"
 
 
 def in_another_process(cache: Path, **environment: str) -> dict:
-    own = {name: value for name, value in os.environ.items() if name not in ("IDENT_PROGRAMS", "PYTEST_CURRENT_TEST")}
     line = [sys.executable, str(SUPPORT / "kept_program.py"), str(cache)]
-    done = subprocess.run(line, env=own | environment, capture_output=True, text=True, check=False)
+    own = {**os.environ, "IDENT_PROGRAMS": "on", **environment}
+    done = subprocess.run(line, env=own, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -46,7 +46,7 @@ def test_a_known_program_is_not_traced_again_and_gives_the_same_bits(tmp_path):
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
-    monkeypatch.delenv("IDENT_PROGRAMS", raising=False)
+    monkeypatch.setenv("IDENT_PROGRAMS", "on")
     before = jax.config.jax_compilation_cache_dir
     jax.config.update("jax_compilation_cache_dir", str(tmp_path))
     yield tmp_path
@@ -67,15 +67,39 @@ def test_programs_lie_where_only_the_user_writes(cache):
 
 
 def test_programs_of_other_versions_are_thrown_away_when_they_are_old(cache):
-    young, old = (cache / "ident-programs" / name for name in ("young", "old"))
-    for folder, age in ((young, 0.9), (old, 1.1)):
+    young, old, other = (cache / "ident-programs" / name for name in (24 * "a", 24 * "b", "mine"))
+    for folder, age in ((young, 0.9), (old, 1.1), (other, 1.1)):
         folder.mkdir(parents=True)
         (folder / "a.program").write_bytes(b"x")
         then = folder.stat().st_mtime - age * programs.OLD
         os.utime(folder, (then, then))
     own_folder()
     assert young.exists()
+    assert other.exists(), "not of ours"
     assert not old.exists()
+
+
+def test_a_link_in_the_place_of_the_folder_is_left_alone(cache):
+    elsewhere = cache / "elsewhere" / (24 * "a")
+    elsewhere.mkdir(parents=True)
+    elsewhere.parent.chmod(0o755)
+    os.utime(elsewhere, (0, 0))
+    (cache / "ident-programs").symlink_to(elsewhere.parent)
+    assert own_folder() is None
+    assert elsewhere.exists()
+    assert elsewhere.parent.stat().st_mode & 0o777 == 0o755
+
+
+def test_a_file_that_was_changed_is_passed_over(cache, monkeypatch):
+    monkeypatch.setattr(programs, "described", lambda value: "as it is")  # a function of the tests has no key
+    x, places = np.arange(3.0), Programs(lambda x: (2 * x, x), {})
+    np.testing.assert_array_equal(places.find((x,), {})(x)[0], 2 * x)
+    (file,) = own_folder().iterdir()
+    changed = file.read_bytes().replace(b'"scalar": 0', b'"scalar": 1')
+    assert changed != file.read_bytes()
+    file.write_bytes(changed)
+    np.testing.assert_array_equal(Programs(lambda x: (2 * x, x), {}).find((x,), {})(x)[0], 2 * x)
+    assert file.read_bytes() != changed, "it was written anew"
 
 
 def test_nothing_is_kept_without_a_cache(cache):
@@ -138,7 +162,7 @@ def test_a_key_names_all_that_a_program_can_depend_on():
     assert described((x,)) == described((np.zeros(3),)), "numbers are traced"
 
 
-@pytest.mark.parametrize("foreign", [Foreign(), np.sin, lambda x: x, Foreign, object(), Path()])
+@pytest.mark.parametrize("foreign", [Foreign(), np.sin, lambda x: x, Foreign, object(), Path(), "".join])
 def test_what_a_key_cannot_name_is_not_kept(foreign, cache):
     with pytest.raises(NotKeptError):
         described((1, {"a": foreign}))

@@ -28,6 +28,7 @@ def start() -> None:
     if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         jax.config.update("jax_compilation_cache_dir", str(Path(folder) / "ident" / "jax"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    os.environ.setdefault("IDENT_PROGRAMS", "on")
     watch_jax()
 
 

@@ -103,7 +103,7 @@ def basis_of(
     from ident.measure import Load, Log, read_log
 
     arm_file = as_file(arm, options.soft_base)
-    fitted = fitted_values(fit, arm_file) if fit is not None else None
+    fitted = fitted_values(fit, arm_file, options.soft_base) if fit is not None else None
     central = fitted or posterior
     described = arm_file.arm.replace((central.medians if central else {}) | options.set)
     check_drives(described)
@@ -118,7 +118,9 @@ def basis_of(
     return basis
 
 
-def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm | ArmFile") -> "Values":
+def fitted_values(
+    fit: "Values | FitResult | str | Path", arm: "Arm | ArmFile", soft_base: float | None = None
+) -> "Values":
     """Return fitted values, whatever they are in, with what speaks against taking them over.
 
     Raises:
@@ -132,12 +134,23 @@ def fitted_values(fit: "Values | FitResult | str | Path", arm: "Arm | ArmFile") 
     if isinstance(fit, Values):
         return fit
     if isinstance(fit, str | Path):
-        return read_fit(FitResult.form, fit, own.arm, own.sha256)
+        values, base = read_fit(FitResult.form, fit, own.arm, own.sha256)
+        return _on_the_same_base(values, base, soft_base)
     if not isinstance(fit, FitResult):
         raise InputError(Problem("fit", f"a {type(fit).__name__}", "a result of ident.fit, or its file", "give that"))
     values = Values.of_fit(fit.fit, own.arm)
     other = own.sha256 and fit.arm.sha256 and fit.arm.sha256 != own.sha256
-    return values.remarked(OTHER_ARM) if other else values
+    values = values.remarked(OTHER_ARM) if other else values
+    return _on_the_same_base(values, fit.options.soft_base, soft_base)
+
+
+def _on_the_same_base(values: "Values", fitted: float | None, asked: float | None) -> "Values":
+    """Refuse values that were fitted on another base: its compliance would count twice, or elsewhere."""
+    if fitted == asked:
+        return values
+    got, expected = (f"a base that gives at {x:g} m" if x else "a rigid base" for x in (fitted, asked))
+    remedy = f"give `soft_base` {fitted:g} here, too" if fitted else "fit with `soft_base`, too"
+    raise InputError(Problem("fit", f"values that were fitted on {got}", expected, remedy))
 
 
 def drawn_values(

@@ -174,7 +174,7 @@ def predict(
 
     options = PredictOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    fitted = fitted_values(fit, arm_file) if fit is not None else None
+    fitted = fitted_values(fit, arm_file, options.soft_base) if fit is not None else None
     drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
     central = fitted or drawn
     changed = arm_file.arm.replace((central.medians if central else {}) | options.set)

@@ -180,6 +180,7 @@ def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
 
     document = {
         "format": ident.FitResult.form,
+        "options": {"soft_base": None},
         "inputs": {"arm": {"path": "", "sha256": ""}},
         "summary": {
             "parameters": {"joint2.k_tors": 3e5, "joint3.k_tors": 3e5, "discrepancy.deflection": 1.1},

@@ -135,6 +135,14 @@ def test_who_takes_over_a_fit_learns_what_speaks_against_it(result, tmp_path):
     assert f"REMARK: {remark}" in " ".join(ident.predict(own, fit=file).report().split())
 
 
+def test_values_of_another_base_are_refused(result, tmp_path):
+    file, height = result.save(tmp_path)[0], ident.PredictOptions(soft_base=0.5)
+    for fitted in (result, file):
+        with pytest.raises(ident.InputError, match="fitted on a rigid base, expected a base") as error:
+            ident.predict(ident.read_arm(DATA / "lcd_arm" / "arm.toml"), height, fit=fitted)
+        assert len(str(error.value).splitlines()) == 1
+
+
 def test_a_fit_and_a_posterior_that_exclude_each_other_are_named():
     fitted = Values("", "", {"joint1.k_bend": np.array(5.0), "joint2.k_bend": np.array(5.0)})
     draws = Values("", "", {"joint1.k_bend": np.array([4.0, 6.0]), "joint2.k_bend": np.array([6.0, 7.0])})

@@ -34,8 +34,8 @@ def fit_rows(fit: CampaignFit) -> list[dict[str, Any]]:
     ]
 
 
-def read_fit(form: str, path: str | Path, arm: Arm, sha256: str = "") -> Values:
-    """Return the fitted values of a result file of this format, with what speaks against the fit.
+def read_fit(form: str, path: str | Path, arm: Arm, sha256: str = "") -> tuple[Values, float | None]:
+    """Return the fitted values of a result file, with what speaks against them, and at which height their base gives.
 
     Args:
         form: the format.
@@ -50,11 +50,11 @@ def read_fit(form: str, path: str | Path, arm: Arm, sha256: str = "") -> Values:
             (name,): float(value) for name, value in document["summary"]["parameters"].items()
         }
         doubts, fitted = document["summary"]["doubts"], document["inputs"]["arm"]["sha256"]
-        remark = doubtful(doubts)
+        remark, soft_base = doubtful(doubts), document["options"]["soft_base"]
     except (ValueError, KeyError, TypeError, AttributeError):
         raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident fit wrote")) from None
     values = Values.of_arm(best, arm, where, hashlib.sha256(read_bytes(path, EXPECTED)).hexdigest(), remark)
-    return values.remarked(OTHER_ARM) if sha256 and fitted and sha256 != fitted else values
+    return (values.remarked(OTHER_ARM) if sha256 and fitted and sha256 != fitted else values), soft_base
 
 
 def rows(campaign: Campaign) -> dict[str, list[Any]]:

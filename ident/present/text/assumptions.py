@@ -22,8 +22,12 @@ def assumption_lines(fit: CampaignFit) -> Iterator[str]:
         if items := of_kind(found.items, kind):
             yield f"  {_line(fit, found, items)}"
     yield "  Plausible: a share of the compliance of joint 1 or the link's joint, of mass or of the link's"
-    yield f"  length; all assumed. The base gives {found.height:.2g} m below bushing 1. sd: of the value's interval."
-    if asked := found.asked_for:
+    rigid = fit.arm.joints[0].driven
+    base = f" The base gives {found.height:.2g} m below bushing 1." if rigid else ""
+    yield f"  length; all assumed.{base} sd: of the value's interval."
+    if found.asked_for and fit.doubts:
+        yield "  What is asked for rests on data that are in doubt: mend these first."
+    elif asked := found.asked_for:
         first = asked[0]
         yield f"  WARNING: the data ask for an assumption to be dropped, most of all: {in_words(first)}"
         yield f"  ({100 * first.test.z * first.test.sd:.2g} % +- {100 * first.test.sd:.2g} % would suit them best)"
