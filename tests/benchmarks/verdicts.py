@@ -10,15 +10,9 @@ that are shown hold the truth.
 """
 
 import argparse
-import json
-import multiprocessing
-import os
-import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 
@@ -27,9 +21,10 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 import numpy as np
+import resumable
 from scipy.stats import binom, kstest
 from shell import ROOT
-from timing import machine
+from timing import commit, machine
 
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
@@ -46,35 +41,11 @@ LEVELS = {
 }
 """By alarm, how often it may ring where all is right."""
 BAND = 0.999
-Key = tuple[str, str, int]
 
 
-def read(file: Path | None, seed: int) -> dict[Key, Outcome]:
-    """Return what an interrupted run has left; a half-written last line is dropped."""
-    if file is None or not file.exists():
-        return {}
-    text = file.read_text()
-    whole = text[: text.rfind("\n") + 1]
-    file.write_text(whole)
-    lines = [json.loads(line) for line in whole.splitlines()]
-    if any(line["seed"] != seed for line in lines):
-        sys.exit(f"{file} is of another seed; name another file")
-    return {(line["case"], line["fault"], line["found"]["draw"]): Outcome(**line["found"]) for line in lines}
-
-
-def run(wanted: Iterable[Key], seed: int, file: Path | None, processes: int) -> dict[Key, Outcome]:
-    """Fit the campaigns that are not in the file yet, and add each to it."""
-    done = read(file, seed)
-    left = [key for key in wanted if key not in done]
-    with (
-        open(file or os.devnull, "a", encoding="utf-8") as out,
-        ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool,
-    ):
-        for key, running in [(key, pool.submit(outcome, *key, seed)) for key in left]:
-            done[key] = running.result()
-            line = {"seed": seed, "case": key[0], "fault": key[1], "found": asdict(done[key])}
-            print(json.dumps(line), file=out, flush=True)
-    return done
+def work(case: str, fault: str, draw: int, seed: int) -> dict[str, object]:
+    """Fit one campaign."""
+    return asdict(outcome(case, fault, draw, seed))
 
 
 def report(name: str, found: dict[str, list[Outcome]]) -> bool:
@@ -118,12 +89,11 @@ def main() -> None:
     faults = {c: [f for f in case(c).faults if f in ("none", *(asked.fault or FAULTS))] for c in asked.case or CASES}
     wrong = max(asked.draws // 4, 1)
     wanted = [(c, f, i) for c in faults for f in faults[c] for i in range(asked.draws if f == "none" else wrong)]
-    commit = subprocess.run(
-        ("git", "rev-parse", "--short", "HEAD"), cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    print(machine(), f"seed {asked.seed}, commit {commit.stdout.strip()}", sep="\n")
-    begin, done = time.perf_counter(), run(wanted, asked.seed, asked.resume, asked.processes)
-    verdicts = [report(c, {f: [done[key] for key in wanted if key[:2] == (c, f)] for f in faults[c]}) for c in faults]
+    print(machine(), f"seed {asked.seed}, commit {commit()}", sep="\n")
+    begin, seed = time.perf_counter(), asked.seed
+    done = resumable.run(work, [(*key, seed) for key in wanted], {"seed": seed}, asked.resume, asked.processes)
+    found = {key[:3]: Outcome(**each) for key, each in done.items()}
+    verdicts = [report(c, {f: [found[key] for key in wanted if key[:2] == (c, f)] for f in faults[c]}) for c in faults]
     print(f"\n{time.perf_counter() - begin:.0f} s in all")
     sys.exit(not all(verdicts))
 
