@@ -124,7 +124,7 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
     rank = max((jnp.ndim(value) for value in parameters.values()), default=0)
 
     def lift(x: AnyArray) -> Array:
-        return jnp.reshape(x, x.shape + (1,) * rank)
+        return jnp.asarray(x).reshape(x.shape + (1,) * rank)
 
     loads = conditions.loads
     loads = Loads(lift(loads.payload), lift(loads.mass), lift(loads.force))
