@@ -148,7 +148,7 @@ def test_a_value_that_is_predicted_only_tells_nothing():
 
 @pytest.mark.parametrize(("width", "verdict"), [(0.4, "weak"), (1e-4, "open")])
 def test_a_derivative_that_vanishes_at_the_start_only_does_not_mislead(width, verdict):
-    """Half of 100 a^2 at a = 0; and a narrow prior keeps the points where it is still nearly zero: as open as in a fit."""
+    """Half of 100 a^2 at a = 0; and a narrow prior keeps the points where it is still nearly zero: as a fit, open."""
     problem = problem_of(lambda p: jnp.stack([50 * p["a"] ** 2, 10 * p["b"]]), 2, [0.0, 0.0], prior_sd=width)
     found = check(problem)
     assert found.data_sd[0, 0] == np.inf
