@@ -6,8 +6,8 @@ their shapes, dtypes, weak types and static values; the compiler's options; and 
 own source files. What the key can't name, a function from outside the package say, is not kept.
 
 Only where `IDENT_PROGRAMS` is `on`, as the command line sets it, or `1`, and jax has a compilation cache: a process of
-Python may have changed a constant of the package, which no key can see. Nothing is unpickled; a folder that others can write
-is not used, and a damaged or foreign file is passed over.
+Python may have changed a constant of the package, which no key can see. Nothing is unpickled; a folder that others can
+write is not used, and a damaged or foreign file is passed over.
 """
 
 import hashlib
