@@ -7,7 +7,7 @@ import numpy as np
 from ident.identify.assumptions import KINDS, Assumption, Assumptions, of_kind
 from ident.identify.fit import CampaignFit
 from ident.present.text.units import MM, is_length, unit_of
-from ident.present.text.words import cut, in_percent
+from ident.present.text.words import cut, in_percent, percent
 
 HEAD = "What this fit takes for granted"
 
@@ -35,7 +35,7 @@ def asked_for_lines(fit: CampaignFit) -> Iterator[str]:
         yield f"  REMARK: {asked}. As they are in doubt, a wrong value may be the cause: look for one first."
         return
     yield f"  WARNING: {asked}"
-    share = f"{100 * first.test.z * first.test.sd:.2g} % +- {100 * first.test.sd:.2g} %"
+    share = f"{percent(first.test.z * first.test.sd)} +- {percent(first.test.sd)}"
     yield f"  ({share} of {KINDS[first.kind].of} would suit them best)."
     yield "  The intervals hold as far as what is taken for granted does: see there by how much they may be off."
     if first.kind.startswith("base"):
