@@ -36,6 +36,7 @@ from ident.present.figures.style import (
     titled,
 )
 from ident.present.text.agreement import chance
+from ident.present.text.assumptions import in_words
 from ident.present.text.fit import why_no_interval
 from ident.present.text.units import MM, in_read_unit, is_length, read_unit
 from ident.present.text.words import cut, direction_name, short
@@ -247,6 +248,8 @@ def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
     p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ": nothing is left to test the model with"
     yield f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}", False
     yield from ((f"{doubt[0].upper()}{doubt[1:]}", True) for doubt in fit.doubts if "(see below)" not in doubt)
+    if fit.assumptions and fit.assumptions.asked_for and not fit.doubts:
+        yield f"The data ask for an assumption to be dropped: {in_words(fit.assumptions.asked_for[0])}", True
     for each in fit.exchanges[:1]:
         one, other = (cut(short(fit.campaign.measurements[row]), 60) for row in each.rows)
         yield f"With two values exchanged chi-squared would be {each.chi_squared:.3g}:", True

@@ -11,8 +11,10 @@ from matplotlib.image import imread
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
+from ident.identify.assumptions import Assumption, Assumptions
 from ident.inference.cross_prediction import CrossPrediction
 from ident.inference.exchange import Exchange
+from ident.inference.score import ScoreTest
 from ident.present.figures.fit import fit_figure
 from ident.present.files.png import save
 
@@ -79,6 +81,15 @@ def test_a_fit_in_doubt_says_withheld_and_rims_what_lies_too_far_off():
     said = " ".join(text.get_text() for axes in figure.axes for text in axes.texts)
     assert "2 of 20 measurements lie too far from the fit" in said
     assert "With two values exchanged chi-squared would be 9.5" in said
+    assert_tidy(figure)
+
+
+def test_what_the_data_ask_for_is_named():
+    test = ScoreTest(0.2, True, np.zeros(6), True, 0.5, 6.0, 0.02)
+    asking = Assumptions((Assumption("base rocks", "", test),), 0.5)
+    figure = fit_figure(replace(fitted("campaign"), assumptions=asking))
+    said = " ".join(text.get_text() for axes in figure.axes for text in axes.texts)
+    assert "The data ask for an assumption to be dropped: base rocks" in said
     assert_tidy(figure)
 
 
