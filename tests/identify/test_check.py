@@ -411,3 +411,26 @@ def test_the_problem_that_check_and_fit_pose_is_the_same():
     found = check_campaign(lcd_arm(), campaign, Unknowns(fixed=fixed, prior_sd=0.5))
     assert found.problem.parameters.names == build_problem(lcd_arm(), campaign, Unknowns(fixed=fixed)).parameters.names
     assert found.verdicts == ("identifiable",) * 2
+
+
+def test_two_rows_with_one_label_may_be_a_wrong_label():
+    """Rather than a wrong value; and both are told in the unit that they were written in."""
+    campaign = read_campaign(DATA / "campaign.csv")
+    rows = list(campaign.measurements)
+    rows[6] = dataclasses.replace(rows[6], mode=rows[5].mode)
+    wrong = dataclasses.replace(campaign, measurements=tuple(rows))
+    with pytest.raises(InputError) as refused:
+        check_campaign(lcd_arm(), wrong)
+    (problem,) = refused.value.problems
+    assert problem.got == "5.05 Hz, 18 sd from row 12, which has the label 'lateral torsion 1', too"
+    assert problem.remedy.startswith("correct one of the labels, drop the wrong one")
+    assert problem.column == ""
+    rows = list(campaign.measurements)
+    rows[4] = dataclasses.replace(rows[4], value=10 * rows[4].value)
+    with pytest.raises(
+        InputError, match=r"got 265.8 mm, 10.1 times what the arm file predicts, expected about 26.3 mm"
+    ):
+        check_campaign(lcd_arm(), dataclasses.replace(campaign, measurements=tuple(rows)))
+    rows[4] = dataclasses.replace(rows[4], unit="by eye")
+    with pytest.raises(InputError, match=r"got 0.2658 m, 10.1 times"):
+        check_campaign(lcd_arm(), dataclasses.replace(campaign, measurements=tuple(rows)))
