@@ -58,16 +58,6 @@ def vertical_share(modes: Modes) -> Float[Array, "m *batch"]:
     return squared[2] / squared.sum(0)
 
 
-def fits(label: Label, modes: Modes) -> Bool[Array, "m *batch"]:
-    """Tell which modes have the label's direction and kind."""
-    which = jnp.ones(modes.frequency.shape, bool)
-    if label.kind:
-        which &= (torsion_share(modes) > 0.5) == (label.kind == "torsion")
-    if label.direction:
-        which &= (vertical_share(modes) > 0.5) == (label.direction == "vertical")
-    return which
-
-
 def mode_labels(modes: Modes) -> list[Label]:
     """Name the modes of one chain (no batch), ascending."""
     return labels_of_shares(np.asarray(torsion_share(modes)), np.asarray(vertical_share(modes)))

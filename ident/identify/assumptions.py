@@ -98,7 +98,10 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     pieces = cut(fitted)
     held = fit.choice.held
     chosen = None if held is None else np.asarray(held.place)
-    found: Slopes = jax.device_get(slopes(fitted, pieces, bind(arm, campaign), chosen))
+    conditions, source = bind(arm, campaign).padded()
+    places = np.unique(source, return_index=True)[1]
+    whole: Slopes = jax.device_get(slopes(fitted, pieces, conditions, chosen))
+    found = Slopes(*(each[..., places] for each in whole))
     names, changes = zip(*_each(fitted, pieces, found), strict=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where(found.predicted != 0, fit.predicted / found.predicted, 1.0)

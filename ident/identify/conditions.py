@@ -5,58 +5,117 @@ from collections.abc import Iterator, Sequence
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float, Int
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.arm.labels import Label, parse_label
+from ident.arm.labels import parse_label
 from ident.errors import InputError, Problem
+from ident.identify.mode_assignment import Named, name_modes
+from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
 from ident.text import did_you_mean
 
 BY_MODE = ("frequency", "damping_ratio")
+State = tuple[tuple[float, ...], Load]
 
 
-class Modal(eqx.Module):
-    """Which mode each value of one kind belongs to.
+class Unnamed(eqx.Module):
+    """Measured frequencies without a label: in ascending order, the lowest modes that no label of their state takes.
 
     Attributes:
-        rows: places of the values in the campaign.
-        states: state of each value.
-        labels: label of each value; None to match those of a state in ascending order.
-        ordinals: place among the modes that the label admits, from 1.
+        rows: (n,) their places in the campaign.
+        states: (n,) state of each.
+        ordinals: (n,) place among those of its state, from 1.
+        highest: largest of these places, 0 for none.
     """
 
-    rows: tuple[int, ...] = eqx.field(static=True)
-    states: tuple[int, ...] = eqx.field(static=True)
-    labels: tuple[Label | None, ...] = eqx.field(static=True)
-    ordinals: tuple[int, ...] = eqx.field(static=True)
+    rows: Int[AnyArray, "n"]
+    states: Int[AnyArray, "n"]
+    ordinals: Int[AnyArray, "n"]
+    highest: int = eqx.field(static=True)
+
+
+class Readings(eqx.Module):
+    """Measured deflections, and their differences.
+
+    Attributes:
+        rows: (n,) their places in the campaign.
+        states: (n,) state of each.
+        references: (n,) state that a difference is counted from; -1 for none.
+        points: (n,) point that was read.
+        direction: (3, n) unit vector along which it was read.
+    """
+
+    rows: Int[AnyArray, "n"]
+    states: Int[AnyArray, "n"]
+    references: Int[AnyArray, "n"]
+    points: Int[AnyArray, "n"]
+    direction: Float[AnyArray, "3 n"]
 
 
 class Conditions(eqx.Module):
     """The states (posture and load case) in which an arm was measured, and what was read in each.
 
+    All are arrays, so that another campaign of the same sizes finds its program compiled; `padded` makes few of them.
+
     Attributes:
         posture: (joints, S) [rad]
         loads: load cases, batch (S).
-        frequency: mode of each measured frequency.
-        damping: mode of each measured damping ratio.
-        deflected: places of the deflections, and of their differences, in the campaign.
-        state: state of each deflection.
-        reference: state that a difference is counted from; -1 for none.
-        point: point that was read.
-        direction: (3, n) unit vector along which it was read.
+        named: values of modes that have a label.
+        unnamed: frequencies without.
+        readings: deflections, and their differences.
+        order: (D,) place of each of the campaign's values among the named, the unnamed and the readings in turn.
     """
 
-    posture: Float[Array, "joints S"]
+    posture: Float[AnyArray, "joints S"]
     loads: Loads
-    frequency: Modal
-    damping: Modal
-    deflected: tuple[int, ...] = eqx.field(static=True)
-    state: tuple[int, ...] = eqx.field(static=True)
-    reference: tuple[int, ...] = eqx.field(static=True)
-    point: tuple[int, ...] = eqx.field(static=True)
-    direction: Float[Array, "3 n"]
+    named: Named
+    unnamed: Unnamed
+    readings: Readings
+    order: Int[AnyArray, "D"]
+
+    def padded(self) -> tuple["Conditions", np.ndarray]:
+        """Return the conditions of a larger campaign, of one of few sizes, that repeats values and states of this one.
+
+        Its values come by kind, so that their order is the same for all campaigns of a size.
+
+        Returns:
+            Also the value that each of its values repeats; the first that does stands for it.
+        """
+        named, unnamed, readings = jax.device_get((self.named, self.unnamed, self.readings))
+        state = _repeated(np.arange(self.posture.shape[1]))
+        label = _repeated(*np.split(np.arange(len(named.rows)), [named.frequencies]))
+        other, difference = _repeated(np.arange(len(unnamed.rows))), readings.references >= 0
+        reading = _repeated(np.flatnonzero(~difference), np.flatnonzero(difference))
+        source = np.concatenate([named.rows[label], unnamed.rows[other], readings.rows[reading]])
+        rows = np.split(np.arange(len(source)), np.cumsum([len(label), len(other)]))
+        ratios = int((label >= named.frequencies).sum())
+        more = Conditions(
+            np.asarray(self.posture)[:, state],
+            jax.tree.map(lambda x: np.asarray(x)[..., state], self.loads),
+            Named(
+                rows[0],
+                named.states[label],
+                named.ordinals[label],
+                named.words[label],
+                named.places[label],
+                named.asked[:, state],
+                ratios,
+                named.patterns,
+                named.top,
+            ),
+            Unnamed(rows[1], unnamed.states[other], unnamed.ordinals[other], unnamed.highest),
+            Readings(
+                rows[2],
+                readings.states[reading],
+                readings.references[reading],
+                readings.points[reading],
+                readings.direction[:, reading],
+            ),
+            np.arange(len(source)),
+        )
+        return more, source
 
 
 def bind(arm: Arm, campaign: Campaign) -> Conditions:
@@ -70,26 +129,33 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         problems = [Problem(campaign.path, "no measurement", "at least one", "add a row")]
     if problems:
         raise InputError(problems)
-    states: dict[tuple[tuple[float, ...], Load], int] = {}
+    states: dict[State, int] = {}
     for m in campaign:
         states.setdefault((m.posture, m.load), len(states))
         if m.kind == "deflection_difference":
             states.setdefault((m.posture, m.reference_load), len(states))
-    reads = [(i, m) for i, m in enumerate(campaign) if m.kind not in BY_MODE]
-    names = [point.name for point in arm.points]
-    return Conditions(
-        posture=jax.device_put(np.array([posture for posture, _ in states], float).T),
-        loads=_columns(arm, [load for _, load in states]),
-        frequency=_modal(campaign, "frequency", states),
-        damping=_modal(campaign, "damping_ratio", states),
-        deflected=tuple(i for i, _ in reads),
-        state=tuple(states[m.posture, m.load] for _, m in reads),
-        reference=tuple(
-            states[m.posture, m.reference_load] if m.kind == "deflection_difference" else -1 for _, m in reads
-        ),
-        point=tuple(names.index(m.point or "") for _, m in reads),
-        direction=jax.device_put(np.array([m.direction for _, m in reads], float).reshape(-1, 3).T),
-    )
+    named = _named(campaign, states)
+    unnamed, readings = _unnamed(campaign, states), _readings(arm, campaign, states)
+    order = np.argsort(np.concatenate([named.rows, unnamed.rows, readings.rows]))
+    posture = np.array([posture for posture, _ in states], float).T
+    loads = _columns(arm, [load for _, load in states])
+    return jax.device_put(Conditions(posture, loads, named, unnamed, readings, order))
+
+
+def _repeated(*groups: np.ndarray) -> np.ndarray:
+    """Return the entries of each group, the first one repeated at its end until their number is one of few."""
+    sizes = [roomy(len(group)) for group in groups]
+    return np.concatenate(
+        [[*g, *[g[0]] * (n - len(g))] if n else g for g, n in zip(groups, sizes, strict=True)]
+    ).astype(int)
+
+
+def roomy(count: int) -> int:
+    """Return the next of 0, 4, 8, 16, 24, 32, 48, 64, 96, ...: at most half as many again, where there are many."""
+    if not count:
+        return 0
+    power = max(4, 1 << (count - 1).bit_length())
+    return 3 * power // 4 if power > 16 and count <= 3 * power // 4 else power
 
 
 def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
@@ -114,14 +180,34 @@ def loads_of(arm: Arm, load: Load) -> Loads:
     return Loads(bound.payload[:, 0], bound.mass[:, 0], bound.force[:, :, 0])
 
 
-def _modal(campaign: Campaign, kind: str, states: dict[tuple[tuple[float, ...], Load], int]) -> Modal:
-    values = [(i, m, states[m.posture, m.load]) for i, m in enumerate(campaign) if m.kind == kind]
-    labels = [parse_label(m.mode) if m.mode else None for _, m, _ in values]
-    ordinals = []
-    for (_, m, state), label in zip(values, labels, strict=True):
-        unnamed = sorted(n.value for _, n, other in values if other == state and not n.mode)
-        ordinals.append(label.ordinal if label else unnamed.index(m.value) + 1)
-    return Modal(tuple(i for i, _, _ in values), tuple(state for _, _, state in values), tuple(labels), tuple(ordinals))
+def _named(campaign: Campaign, states: dict[State, int]) -> Named:
+    found = [(i, m) for kind in BY_MODE for i, m in enumerate(campaign) if m.kind == kind and m.mode]
+    labels = [label for _, m in found if (label := parse_label(m.mode or ""))]
+    own = [states[m.posture, m.load] for _, m in found]
+    ratios = sum(m.kind == "damping_ratio" for _, m in found)
+    return name_modes(labels, np.array([i for i, _ in found], int), np.array(own, int), len(states), ratios)
+
+
+def _unnamed(campaign: Campaign, states: dict[State, int]) -> Unnamed:
+    found = [(i, m) for i, m in enumerate(campaign) if m.kind == "frequency" and not m.mode]
+    own = np.array([states[m.posture, m.load] for _, m in found], int)
+    values = np.array([m.value for _, m in found])
+    ordinals = [1 + sorted(values[own == state]).index(value) for state, value in zip(own, values, strict=True)]
+    rows = np.array([i for i, _ in found], int)
+    return Unnamed(rows, own, np.array(ordinals, int), max(ordinals, default=0))
+
+
+def _readings(arm: Arm, campaign: Campaign, states: dict[State, int]) -> Readings:
+    found = [(i, m) for i, m in enumerate(campaign) if m.kind not in BY_MODE]
+    names, difference = [point.name for point in arm.points], "deflection_difference"
+    against = [states[m.posture, m.reference_load] if m.kind == difference else -1 for _, m in found]
+    return Readings(
+        np.array([i for i, _ in found], int),
+        np.array([states[m.posture, m.load] for _, m in found], int),
+        np.array(against, int),
+        np.array([names.index(m.point or "") for _, m in found], int),
+        np.array([m.direction for _, m in found], float).reshape(-1, 3).T,
+    )
 
 
 def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:

@@ -1,7 +1,8 @@
 """Which measured modes may be taken for others: names by a near draw, neighbours that nearly cross."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -13,8 +14,8 @@ from ident.arm.arm import Arm
 from ident.arm.equilibrium import static_equilibrium
 from ident.arm.labels import AMBIGUOUS, Label, is_ambiguous, mode_labels
 from ident.arm.modes import modes_about
-from ident.identify.conditions import Conditions, Modal, bind
-from ident.identify.mode_assignment import NAMING_SD
+from ident.identify.conditions import Conditions, Unnamed, bind
+from ident.identify.mode_assignment import NAMING_SD, Named
 from ident.identify.predict import chains, mode_choice
 from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
@@ -61,14 +62,16 @@ def label_doubts(arm: Arm, campaign: Campaign) -> tuple[LabelDoubt, ...]:
     Raises:
         InputError: campaign and arm do not fit together.
     """
-    conditions = bind(arm, campaign)
-    modal = conditions.frequency, conditions.damping
-    if not any(m.rows for m in modal) or not arm.points:
+    conditions, source = bind(arm, campaign).padded()
+    values: tuple[Named | Unnamed, ...] = (conditions.named, conditions.unnamed)
+    if not any(len(each.rows) for each in values) or not arm.points:
         return ()
     states = jax.device_get(_modes_of_states(arm, conditions))
-    pairs = zip(modal, states.choice, strict=True)
-    doubts = [doubt for m, choice in pairs if m.rows for doubt in _doubts(campaign, m, states, choice)]
-    return tuple(sorted(doubts, key=lambda doubt: doubt.row))
+    doubts: dict[int, LabelDoubt] = {}
+    for each, choice in zip(values, states.choice, strict=True):
+        of_campaign = replace(each, rows=source[each.rows])
+        doubts |= {doubt.row: doubt for doubt in _doubts(campaign, of_campaign, states, choice)}
+    return tuple(doubts[row] for row in sorted(doubts))
 
 
 def changing_labels(problem: InverseProblem, *, points: int = POINTS, seed: int = 0) -> dict[int, float]:
@@ -118,33 +121,32 @@ def _modes_of_states(arm: Arm, conditions: Conditions) -> _States:
     return _States(modes, is_ambiguous(modes), mode_choice(conditions, modes))
 
 
-def _doubts(campaign: Campaign, modal: Modal, states: _States, choice: Float[np.ndarray, "m D"]) -> list[LabelDoubt]:
-    matched = np.argmax(choice, 0)
-    doubts = []
-    for i, (row, state, label) in enumerate(zip(modal.rows, modal.states, modal.labels, strict=True)):
+def _doubts(
+    campaign: Campaign, values: Named | Unnamed, states: _States, choice: Float[np.ndarray, "m n"]
+) -> Iterator[LabelDoubt]:
+    named, matched = isinstance(values, Named), np.argmax(choice, 0)
+    for i, (row, state) in enumerate(zip(values.rows.tolist(), values.states, strict=True)):
         hertz, mode = states.modes.frequency[:, state], matched[i]
         if not (choice[:, i].any() and np.isfinite(hertz).all()):
             continue
         beside = [j for j in (mode - 1, mode + 1) if 0 <= j < len(hertz) and _near(hertz[j], hertz[mode])]
-        near = [] if label else beside
-        other = None if label else _row_alike(campaign, modal, i)
-        drawn = bool(label) and bool(states.near_draw[mode, state])
+        near = [] if named else beside
+        other = _row_alike(campaign, values, i) if isinstance(values, Unnamed) else None
+        drawn = named and bool(states.near_draw[mode, state])
         if near or drawn or other is not None:
             names = mode_labels(jax.tree.map(lambda x, s=state: jnp.asarray(x[..., s]), states.modes))
-            doubts.append(LabelDoubt(row, names[mode], drawn, tuple(names[j] for j in near), other))
-    return doubts
+            yield LabelDoubt(row, names[mode], drawn, tuple(names[j] for j in near), other)
 
 
 def _near(a: float, b: float) -> bool:
     return bool(abs(a - b) < NEAR * min(a, b))
 
 
-def _row_alike(campaign: Campaign, modal: Modal, i: int) -> int | None:
+def _row_alike(campaign: Campaign, values: Unnamed, i: int) -> int | None:
     """Return the row of the first value without label in the same state that is nearly the same."""
-    own = campaign.measurements[modal.rows[i]]
-    for j, row in enumerate(modal.rows):
-        other = campaign.measurements[row]
-        same = j != i and modal.states[j] == modal.states[i] and modal.labels[j] is None
-        if same and abs(own.value - other.value) < ALIKE * np.hypot(own.sigma, other.sigma):
-            return row
+    own = campaign.measurements[values.rows[i]]
+    for j in np.flatnonzero(values.states == values.states[i]):
+        other = campaign.measurements[values.rows[j]]
+        if values.rows[j] != values.rows[i] and abs(own.value - other.value) < ALIKE * np.hypot(own.sigma, other.sigma):
+            return int(values.rows[j])
     return None

@@ -26,17 +26,17 @@ References:
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import log_ndtr
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from ident.arm.labels import AMBIGUOUS, Label, fits, torsion_share, vertical_share
+from ident.arm.labels import AMBIGUOUS, Label, torsion_share, vertical_share
 from ident.arm.modes import Modes
-from ident.identify.conditions import Conditions
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Data
 
@@ -51,46 +51,62 @@ AT_FIRST = 0.3
 NEVER = 1e12
 """Cost of what cannot be."""
 
+WORDS = (None, "vertical", "lateral"), (None, "torsion", "bending")
+"""What a label may say of direction and of kind."""
 NAMES = tuple((direction, kind) for direction in ("vertical", "lateral") for kind in ("bending", "torsion"))
 
 
-class Labelled(NamedTuple):
-    """The labelled values of a campaign: frequencies, then damping ratios.
+class Named(eqx.Module):
+    """Values of modes that have a label: frequencies, then damping ratios.
 
     Attributes:
-        labels: label of each.
-        states: state of each.
-        rows: its place in the campaign.
-        is_frequency: whether it is a frequency.
-        patterns: the different pairs of direction and kind.
+        rows: (R,) place of each in the campaign.
+        states: (R,) its state.
+        ordinals: (R,) the number in its label.
+        words: (R, 2) what its label says of direction and kind, as places in `WORDS`.
+        places: (R,) place of its label in the table of labels, ordered by pattern and ordinal.
+        asked: (patterns, S) largest ordinal of each pattern that was seen in each state.
+        ratios: how many of them, the last ones, are damping ratios.
+        patterns: the different pairs of direction and kind, as places in `WORDS`.
         top: largest ordinal of each.
-        places: place of each value's label in the table of labels, ordered by pattern and ordinal.
     """
 
-    labels: tuple[Label, ...]
-    states: np.ndarray
-    rows: np.ndarray
-    is_frequency: np.ndarray
-    patterns: tuple[tuple[str | None, str | None], ...]
-    top: tuple[int, ...]
-    places: np.ndarray
+    rows: Int[AnyArray, "R"]
+    states: Int[AnyArray, "R"]
+    ordinals: Int[AnyArray, "R"]
+    words: Int[AnyArray, "R 2"]
+    places: Int[AnyArray, "R"]
+    asked: Int[AnyArray, "patterns S"]
+    ratios: int = eqx.field(static=True)
+    patterns: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    top: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def frequencies(self) -> int:
+        """Number of those that are frequencies."""
+        return len(self.rows) - self.ratios
 
 
-def labelled(conditions: Conditions) -> Labelled:
-    """Collect the labelled values."""
-    found = [
-        (label, state, row)
-        for modal in (conditions.frequency, conditions.damping)
-        for label, state, row in zip(modal.labels, modal.states, modal.rows, strict=True)
-        if label
-    ]
-    labels, states, rows = zip(*found, strict=True) if found else ((), (), ())
-    patterns = tuple(dict.fromkeys((label.direction, label.kind) for label in labels))
-    top = tuple(max(la.ordinal for la in labels if (la.direction, la.kind) == pattern) for pattern in patterns)
-    first = np.concatenate([[0], np.cumsum(top)])
-    places = [first[patterns.index((la.direction, la.kind))] + la.ordinal - 1 for la in labels]
-    frequency = np.isin(rows, conditions.frequency.rows)
-    return Labelled(labels, np.array(states, int), np.array(rows, int), frequency, patterns, top, np.array(places, int))
+def name_modes(labels: Sequence[Label], rows: np.ndarray, states: np.ndarray, count: int, ratios: int) -> Named:
+    """Collect the values that have labels.
+
+    Args:
+        labels: of frequencies, then of damping ratios.
+        rows: (R,) place of each in the campaign.
+        states: (R,) state of each.
+        count: number of states.
+        ratios: number of damping ratios.
+    """
+    ordinals = np.array([label.ordinal for label in labels], int)
+    says = [(WORDS[0].index(label.direction), WORDS[1].index(label.kind)) for label in labels]
+    patterns = tuple(sorted(set(says)))
+    own = np.array([patterns.index(pair) for pair in says], int)
+    asked = np.zeros((len(patterns), count), int)
+    np.maximum.at(asked, (own, states), ordinals)
+    top = tuple(asked.max(1).tolist())
+    places = np.concatenate([[0], np.cumsum(top, dtype=int)])[own] + ordinals - 1
+    words = np.array(says, int).reshape(-1, 2)
+    return Named(rows, states, ordinals, words, places, asked, ratios, patterns, top)
 
 
 def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
@@ -102,27 +118,36 @@ def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> d
     return cost | {word: -2 * log_ndtr(-lean[other]) for word, other in opposite.items()}
 
 
-def label_costs(values: Labelled, modes: Modes) -> Float[Array, "m R *batch"]:
+def label_costs(values: Named, modes: Modes) -> Float[Array, "m R *batch"]:
     """Return -2 ln(probability) that each mode bears the words of each value's label."""
     cost = name_costs(modes)
-    words = [[word for word in (label.direction, label.kind) if word] for label in values.labels]
-    return jnp.stack([sum(cost[w][:, s] for w in ws) for ws, s in zip(words, values.states, strict=True)], 1)
+    said = [jnp.stack([cost[word] if word else jnp.zeros_like(modes.frequency) for word in axis]) for axis in WORDS]
+    direction, kind = (said[axis][values.words[:, axis], :, values.states] for axis in (0, 1))
+    return jnp.moveaxis(direction + kind, 0, 1)
 
 
-def said_costs(values: Labelled, modes: Modes, chosen: Float[Array, "m R *batch"]) -> Float[Array, "R *batch"]:
+def _fitting(values: Named, modes: Modes) -> Bool[Array, "m R *batch"]:
+    """Tell which modes have the direction and kind of each value's label."""
+    fits = []
+    for axis, share in enumerate((vertical_share(modes), torsion_share(modes))):
+        which = jnp.stack([jnp.ones_like(share, bool), share > 0.5, ~(share > 0.5)])
+        fits.append(which[values.words[:, axis], :, values.states])
+    return jnp.moveaxis(fits[0] & fits[1], 0, 1)
+
+
+def said_costs(values: Named, modes: Modes, chosen: Float[Array, "m R *batch"]) -> Float[Array, "R *batch"]:
     """Return what speaks against each label where it is put: -2 ln(probability of its words), and `FAR` for a number.
 
     The number is wrong where not just so many modes up to there move as the label says rather than otherwise.
     """
     cost, rank = label_costs(values, modes), modes.frequency.ndim - 2
-    likely = jnp.stack([fits(label, modes)[:, s] for label, s in zip(values.labels, values.states, strict=True)], 1)
-    count = (jnp.cumsum(likely, 0) * chosen).sum(0)
-    ordinal = np.array([label.ordinal for label in values.labels]).reshape((-1,) + (1,) * rank)
+    count = (jnp.cumsum(_fitting(values, modes), 0) * chosen).sum(0)
+    ordinal = jnp.reshape(values.ordinals, (-1,) + (1,) * rank)
     return (cost * chosen).sum(0) + FAR * (count != ordinal)
 
 
 def most_probable(
-    values: Labelled, modes: Modes, data: Data | None, off: Float[AnyArray, "*batch"] | float
+    values: Named, modes: Modes, data: Data | None, off: Float[AnyArray, "*batch"] | float
 ) -> Float[Array, "m R *batch"]:
     """Return one for the mode that each labelled value belongs to by the most probable naming, zero for the others.
 
@@ -142,9 +167,7 @@ def most_probable(
     return _best_naming(values, names, against)[:, values.places, values.states]
 
 
-def how_far_off(
-    values: Labelled, modes: Modes, data: Data, chosen: Float[Array, "m R *batch"]
-) -> Float[Array, "*batch"]:
+def how_far_off(values: Named, modes: Modes, data: Data, chosen: Float[Array, "m R *batch"]) -> Float[Array, "*batch"]:
     """Return the root mean square of ln(computed / measured) over the labelled frequencies that are fitted."""
     hertz = (modes.frequency[:, values.states] * chosen).sum(0)
     measured, _ = _aligned(values, data, hertz.ndim - 1)
@@ -153,24 +176,27 @@ def how_far_off(
     return jax.lax.stop_gradient(jnp.sqrt(squared.sum(0) / jnp.maximum(counts.sum(0), 1)))
 
 
-def _misfits(values: Labelled, modes: Modes, data: Data | None, off: AnyArray | float) -> Float[Array, "m R *batch"]:
+def _misfits(values: Named, modes: Modes, data: Data | None, off: AnyArray | float) -> Float[Array, "m R *batch"]:
     """Return the squared misfit of each labelled frequency with each mode, in sigma; zero for a damping ratio."""
     near = modes.frequency[:, values.states]
     if data is None:
         return jnp.zeros_like(near)
     measured, sigma = _aligned(values, data, near.ndim - 2)
     squared = ((near - measured) / jnp.hypot(sigma, off * measured)) ** 2
-    frequency = values.is_frequency.reshape((-1,) + (1,) * (near.ndim - 2))
-    return jnp.where(frequency, jnp.minimum(squared, FAR), 0.0)
+    return jnp.where(_are_frequencies(values, near.ndim - 2), jnp.minimum(squared, FAR), 0.0)
 
 
-def _fitted(values: Labelled, data: Data, rank: int) -> Bool[Array, "R *batch"]:
+def _fitted(values: Named, data: Data, rank: int) -> Bool[Array, "R *batch"]:
     """Return which labelled values are frequencies that count in the fit."""
     _, sigma = _aligned(values, data, rank)
-    return jnp.logical_and(values.is_frequency.reshape((-1,) + (1,) * rank), jnp.isfinite(sigma))
+    return jnp.logical_and(_are_frequencies(values, rank), jnp.isfinite(sigma))
 
 
-def _aligned(values: Labelled, data: Data, rank: int) -> tuple[Array, Array]:
+def _are_frequencies(values: Named, rank: int) -> Bool[np.ndarray, "R *ones"]:
+    return np.reshape(np.arange(len(values.rows)) < values.frequencies, (-1,) + (1,) * rank)
+
+
+def _aligned(values: Named, data: Data, rank: int) -> tuple[Array, Array]:
     measured, sigma = (jnp.reshape(x, x.shape + (1,) * (1 + rank - x.ndim))[values.rows] for x in data)
     return measured, sigma
 
@@ -180,7 +206,7 @@ def overlap(shapes: Float[Array, "n m R"], M: Float[Array, "n n R"], reference: 
     return (shapes * (M * reference[None]).sum(1)[:, None]).sum(0) ** 2
 
 
-def _best_naming(values: Labelled, names: Float[Array, "m 4 *batch"], against: Float[Array, "m T *batch"]) -> Array:
+def _best_naming(values: Named, names: Float[Array, "m 4 *batch"], against: Float[Array, "m T *batch"]) -> Array:
     """Return one where a mode has the label of a place by the naming of least cost, zero for the others (m, T, *batch).
 
     The least cost of naming all modes from one on depends on the number of each name before it, and so is found from
@@ -188,7 +214,7 @@ def _best_naming(values: Labelled, names: Float[Array, "m 4 *batch"], against: F
     """
     follow, given = _steps(values)
     shape, rank = names.shape[2:], names.ndim - 2
-    to_go = jnp.where(_complete(values, shape[0]).reshape((-1, shape[0]) + (1,) * (rank - 1)), 0.0, NEVER)
+    to_go = jnp.where(_complete(values).reshape((-1, shape[0]) + (1,) * (rank - 1)), 0.0, NEVER)
 
     def name_one(to_go: Array, mode: tuple[Array, Array]) -> tuple[Array, Array]:
         cost = mode[0][None] + mode[1][given].sum(2) + to_go[follow]
@@ -205,7 +231,7 @@ def _best_naming(values: Labelled, names: Float[Array, "m 4 *batch"], against: F
     return (jnp.moveaxis(places, -1, 1)[:, :, None] == numbers).any(1).astype(float)
 
 
-def _steps(values: Labelled) -> tuple[np.ndarray, np.ndarray]:
+def _steps(values: Named) -> tuple[np.ndarray, np.ndarray]:
     """Return, for each number of names before a mode and each name of it, these numbers after it (C, 4).
 
     And the places of the labels that it then has (C, 4, n), one that is none's where there are fewer. Beyond the
@@ -214,7 +240,8 @@ def _steps(values: Labelled) -> tuple[np.ndarray, np.ndarray]:
     sizes = [top + 1 for top in values.top]
     first = np.concatenate([[0], np.cumsum(values.top)])
     nothing = int(first[-1])
-    borne = [[axis for axis, pattern in enumerate(values.patterns) if _bears(name, pattern)] for name in NAMES]
+    said = [(WORDS[0][direction], WORDS[1][kind]) for direction, kind in values.patterns]
+    borne = [[axis for axis, pattern in enumerate(said) if _bears(name, pattern)] for name in NAMES]
     follow = np.zeros((math.prod(sizes), len(NAMES)), int)
     given = np.full((*follow.shape, max(map(len, borne))), nothing)
     for before, count in enumerate(np.ndindex(*sizes)):
@@ -232,12 +259,7 @@ def _bears(name: tuple[str, str], pattern: tuple[str | None, str | None]) -> boo
     return all(word in (None, own) for word, own in zip(pattern, name, strict=True))
 
 
-def _complete(values: Labelled, states: int) -> Bool[np.ndarray, "C S"]:
+def _complete(values: Named) -> Bool[Array, "C S"]:
     """Return at which numbers of names a state has all the labels that were seen in it."""
-    asked = np.zeros((len(values.patterns), states), int)
-    for label, state in zip(values.labels, values.states, strict=True):
-        place = values.patterns.index((label.direction, label.kind))
-        asked[place, state] = max(asked[place, state], label.ordinal)
     counts = np.indices([top + 1 for top in values.top]).reshape(len(values.top), -1)
-    enough: np.ndarray = np.all(counts[:, :, None] >= asked[:, None], 0)
-    return enough
+    return jnp.all(counts[:, :, None] >= values.asked[:, None], 0)

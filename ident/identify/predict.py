@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads, at_posture
@@ -22,10 +22,10 @@ from ident.arm.modes import (
     modes_about,
     to_hertz,
 )
-from ident.identify.conditions import Conditions, Modal
-from ident.identify.mode_assignment import AT_FIRST, how_far_off, labelled, most_probable, overlap, said_costs
+from ident.identify.conditions import Conditions, Readings
+from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
 from ident.inference.parameters import AnyArray
-from ident.inference.problem import Choice, Choosing, Data
+from ident.inference.problem import Choice, Choosing, Data, Growing
 
 
 class Held(eqx.Module):
@@ -58,7 +58,7 @@ class Held(eqx.Module):
         return replace(self, in_order=np.array(False))
 
 
-class ArmModel(eqx.Module, Choosing):
+class ArmModel(eqx.Module, Choosing, Growing):
     """An arm and the conditions of a campaign, as the model of an `InverseProblem`."""
 
     arm: Arm
@@ -68,15 +68,20 @@ class ArmModel(eqx.Module, Choosing):
         """Predict the campaign's values [SI] for these numbers of the arm."""
         return predict(self.arm, parameters, self.conditions, data)
 
+    def padded(self) -> tuple["ArmModel", np.ndarray]:
+        """Return a model of more values, and which of its own each of them repeats."""
+        conditions, source = self.conditions.padded()
+        return ArmModel(self.arm, conditions), source
+
     def unheld(self) -> Held | None:
         """Return what is held before the first step; None where nothing is labelled."""
-        count = len(labelled(self.conditions).labels)
+        count = len(self.conditions.named.rows)
         blank, no = np.zeros((3 * len(self.arm.joints), count)), np.array(False)
         return Held(blank, blank, np.array(AT_FIRST), np.array(True), no) if count else None
 
     def holding(self, parameters: Mapping[str, Any], data: Data, held: Held) -> tuple[Float[Array, "D"], Choice]:
         """Predict the campaign's values, each label at the mode whose shape it holds."""
-        values, chain = labelled(self.conditions), chains(self.arm, parameters, self.conditions)
+        values, chain = self.conditions.named, chains(self.arm, parameters, self.conditions)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at)
         wanted = most_probable(values, modes, data, held.off)
@@ -106,9 +111,9 @@ def predict(
         `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], damping ratios [-]. NaN where the arm
         has no stable equilibrium.
     """
-    values, chain = labelled(conditions), chains(arm, parameters, conditions)
+    values, chain = conditions.named, chains(arm, parameters, conditions)
     at = static_equilibrium(chain)
-    if not values.labels:
+    if not len(values.rows):
         return _values(chain, at, conditions, None, None)
     modes = modes_about(chain, at)
     return _values(chain, at, conditions, modes, most_probable(values, modes, data, 0.0))
@@ -118,8 +123,8 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
     """Hold the arm with these numbers in every state of the campaign; batch `(S, *batch)`."""
     rank = max((jnp.ndim(value) for value in parameters.values()), default=0)
 
-    def lift(x: Array) -> Array:
-        return x.reshape(x.shape + (1,) * rank)
+    def lift(x: AnyArray) -> Array:
+        return jnp.asarray(x).reshape(x.shape + (1,) * rank)
 
     loads = conditions.loads
     loads = Loads(lift(loads.payload), lift(loads.mass), lift(loads.force))
@@ -130,30 +135,21 @@ def _values(
     chain: Chain, at: StaticEquilibrium, conditions: Conditions, modes: Modes | None, chosen: Array | None
 ) -> Float[Array, "D *batch"]:
     """Return all values, given the mode of each labelled one."""
-    rows: list[int] = []
+    named, unnamed, readings = conditions.named, conditions.unnamed, conditions.readings
+    first = named.frequencies
     values: list[Array] = []
-    count = sum(label is not None for label in conditions.frequency.labels)
-    if conditions.frequency.rows:
-        rows += conditions.frequency.rows
-        first = None if chosen is None else chosen[:, :count]
-        values.append(_frequencies(chain, at, conditions.frequency, modes, first))
-    if conditions.damping.rows and modes is not None and chosen is not None:
-        rows += conditions.damping.rows
-        values.append(pick(_damping_ratios(chain, at), chosen[:, count:], conditions.damping))
-    if conditions.deflected:
-        rows += conditions.deflected
-        values.append(read_points(deflection(chain, at.phi), conditions))
-    return jnp.concatenate(values)[np.argsort(rows)]
-
-
-def _frequencies(
-    chain: Chain, at: StaticEquilibrium, modal: Modal, modes: Modes | None, chosen: Array | None
-) -> Float[Array, "D *batch"]:
-    if modes is None or chosen is None or not any(modal.labels):
-        count = max(modal.ordinals)
-        hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
-        return hertz[np.array(modal.ordinals) - 1, np.array(modal.states)]
-    return pick(modes.frequency, _with_unlabelled(modal, chosen), modal)
+    if (modes is None or chosen is None) and unnamed.highest:
+        hertz = to_hertz(lowest_eigenpairs(chain, at, count=unnamed.highest)[0])
+        values.append(hertz[unnamed.ordinals - 1, unnamed.states])
+    if modes is not None and chosen is not None:
+        values = [pick(modes.frequency, chosen[:, :first], named.states[:first])]
+        if named.ratios:
+            values.append(pick(_damping_ratios(chain, at), chosen[:, first:], named.states[first:]))
+        if unnamed.highest:
+            values.append(pick(modes.frequency, lowest_left(conditions, chosen), unnamed.states))
+    if len(readings.rows):
+        values.append(read_points(deflection(chain, at.phi), readings))
+    return jnp.concatenate(values)[conditions.order]
 
 
 def _damping_ratios(chain: Chain, at: StaticEquilibrium) -> Float[Array, "m S *batch"]:
@@ -162,48 +158,43 @@ def _damping_ratios(chain: Chain, at: StaticEquilibrium) -> Float[Array, "m S *b
 
 
 def mode_choice(
-    conditions: Conditions, modes: Modes, chosen: Float[AnyArray, "m labelled *batch"] | None = None
-) -> tuple[Float[Array, "m D *batch"], Float[AnyArray, "m R *batch"]]:
-    """Return one for the mode that each frequency, and each damping ratio, belongs to.
+    conditions: Conditions, modes: Modes, chosen: Float[AnyArray, "m R *batch"] | None = None
+) -> tuple[Float[Array, "m R *batch"], Float[Array, "m n *batch"]]:
+    """Return one for the mode that each named value, and each unnamed one, belongs to.
 
     Args:
         conditions: from `bind`.
         modes: all modes of all states.
-        chosen: one for the mode of each labelled value; by default as the labels alone have it.
+        chosen: one for the mode of each named value; by default as the labels alone have it.
     """
-    values = labelled(conditions)
-    count = sum(label is not None for label in conditions.frequency.labels)
     if chosen is None:
-        chosen = most_probable(values, modes, None, 0.0) if values.labels else jnp.zeros((len(modes.frequency), 0))
-    return _with_unlabelled(conditions.frequency, jnp.asarray(chosen[:, :count])), chosen[:, count:]
+        values = conditions.named
+        chosen = most_probable(values, modes, None, 0.0) if len(values.rows) else jnp.zeros((len(modes.frequency), 0))
+    return jnp.asarray(chosen), lowest_left(conditions, jnp.asarray(chosen))
 
 
-def _with_unlabelled(modal: Modal, chosen: Float[Array, "m R *batch"]) -> Float[Array, "m D *batch"]:
-    """Add those without a label: in ascending order, the lowest modes that no label of the same state has taken."""
-    state, named = np.array(modal.states), np.array([label is not None for label in modal.labels])
-    if named.all():
-        return chosen
-    rank = chosen.ndim - 2
-    together = (state[named][:, None] == state[~named]).astype(float)
-    free = jnp.einsum("mr...,rs->ms...", chosen, together) == 0
-    ordinal = np.array(modal.ordinals)[~named].reshape((-1,) + (1,) * rank)
-    lowest = (free & (jnp.cumsum(free, 0) == ordinal)).astype(float)
-    order = np.argsort(np.concatenate([np.flatnonzero(named), np.flatnonzero(~named)]))
-    return jnp.concatenate([chosen, lowest], 1)[:, order]
+def lowest_left(conditions: Conditions, chosen: Float[Array, "m R *batch"]) -> Float[Array, "m n *batch"]:
+    """Return one for the mode of each unnamed value: the lowest ones that no label of the same state has taken."""
+    named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
+    together = (named.states[:first, None] == unnamed.states).astype(float)
+    free = jnp.einsum("mr...,rs->ms...", chosen[:, :first], together) == 0
+    ordinal = jnp.reshape(unnamed.ordinals, (-1,) + (1,) * (chosen.ndim - 2))
+    return (free & (jnp.cumsum(free, 0) == ordinal)).astype(float)
 
 
-def pick(values: Float[Array, "m S *batch"], choice: Array, modal: Modal) -> Float[Array, "D *batch"]:
+def pick(
+    values: Float[Array, "m S *batch"], choice: Float[Array, "m D *batch"], states: Int[AnyArray, "D"]
+) -> Float[Array, "D *batch"]:
     """Return of each value's state what belongs to its mode; NaN where there is none."""
-    picked = (values[:, np.array(modal.states)] * choice).sum(0)
+    picked = (values[:, states] * choice).sum(0)
     return jnp.where(choice.sum(0) > 0, picked, jnp.nan)
 
 
-def read_points(moved: Float[Array, "3 P S *batch"], conditions: Conditions) -> Float[Array, "D *batch"]:
+def read_points(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "D *batch"]:
     """Return what is read of the points' motions: along a direction, or against another state."""
-    point, reference = np.array(conditions.point), np.array(conditions.reference)
     rank = moved.ndim - 3
-    direction = conditions.direction.reshape(conditions.direction.shape + (1,) * rank)
-    against = (reference >= 0).reshape((-1,) + (1,) * rank)
-    read = moved[:, point, np.array(conditions.state)]
-    start = jnp.where(against, moved[:, point, np.maximum(reference, 0)], 0.0)
+    direction = readings.direction.reshape(readings.direction.shape + (1,) * rank)
+    against = (readings.references >= 0).reshape((-1,) + (1,) * rank)
+    read = moved[:, readings.points, readings.states]
+    start = jnp.where(against, moved[:, readings.points, jnp.maximum(readings.references, 0)], 0.0)
     return ((read - start) * direction).sum(0)

@@ -28,6 +28,9 @@ from ident.identify.conditions import Conditions
 from ident.identify.predict import chains, mode_choice, pick, read_points
 from ident.jit import jit
 
+Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
+"""The modes of the named and of the unnamed values, as `mode_choice` gives them."""
+
 
 class Slopes(NamedTuple):
     """A campaign's predictions [SI] and their derivatives; zero in the rows of damping ratios.
@@ -101,7 +104,7 @@ def slopes(
     change = change.at[: len(yielded)].add(-yielded) + jnp.einsum("mans,eans->ems", by_phi[:, :, own], moves)
     hertz, ways = change / (8 * jnp.pi**2 * modes.frequency), turns.at[:, :, own].set(moves)
     points = jax.vmap(lambda way: jax.jvp(lambda phi: point_positions(still, phi), (rest,), (way,))[1])(ways)
-    choice, _ = mode_choice(conditions, modes, chosen)
+    choice = mode_choice(conditions, modes, chosen)
     rows = jax.vmap(lambda f, r: _rows(f, r, choice, conditions))(hertz, points)
     resting = point_positions(still, rest) - straight_positions(still)
     parts = np.cumsum([len(hinges), len(hinges), count, count])
@@ -155,11 +158,13 @@ def _solve(W: Array, force: Phi) -> Phi:
 
 
 def _rows(
-    frequency: Float[Array, "m S"], moved: Float[Array, "3 P S"], choice: Float[Array, "m F"], conditions: Conditions
+    frequency: Float[Array, "m S"], moved: Float[Array, "3 P S"], choice: Choices, conditions: Conditions
 ) -> Float[Array, "D"]:
-    modal = conditions.frequency
-    rows = np.array([*modal.rows, *conditions.deflected], int)
-    values = [pick(frequency, choice, modal)] if modal.rows else []
-    values += [read_points(moved, conditions)] if conditions.deflected else []
-    count = len(rows) + len(conditions.damping.rows)
-    return jnp.zeros(count).at[rows].set(jnp.concatenate(values)) if values else jnp.zeros(count)
+    named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
+    values = [
+        pick(frequency, choice[0][:, :first], named.states[:first]),
+        jnp.zeros(named.ratios),
+        pick(frequency, choice[1], unnamed.states),
+        read_points(moved, conditions.readings),
+    ]
+    return jnp.concatenate(values)[conditions.order]

@@ -1,5 +1,6 @@
 """An inverse problem in which one parameter is held and all others are fitted."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -8,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ident.inference.convergence import SHORT, step_length
-from ident.inference.fit import Fit
 from ident.inference.information import RANK_TOLERANCE
 from ident.inference.least_squares import End, solve
+from ident.inference.optima import Optimum
 from ident.inference.parameters import AnyArray, Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.jit import jit
@@ -21,6 +22,9 @@ GAIN = 1e-6
 """Fall of the cost that is not worth a further step."""
 MORE = 3
 """Further searches where none has converged."""
+REACH = 1000.0
+"""Factor on a positive parameter beyond which a profile is called open; for the others, ln(REACH) units of theta or
+standard deviations, whichever is more."""
 STEEPEST = 5.0
 """The other parameters' theta are foreseen to move at most so many times as far as the held one's."""
 
@@ -50,27 +54,36 @@ class ConstrainedFit:
     deviation; and since its cost does not depend on the others, these are fitted exactly for where it is.
 
     Attributes:
-        fit: of the problem.
+        problem: what was fitted.
+        optimum: where.
+        end: the same as the end of a search, whose choice others may take over.
         index: place of the parameter in theta.
     """
 
-    fit: Fit
+    problem: InverseProblem
+    optimum: Optimum
+    end: End
     index: int
 
     @property
     def sd(self) -> float:
         """Standard deviation of the parameter's theta in the linear approximation; may be infinite."""
-        return float(self.fit.information.sd[self.index])
+        return float(self.optimum.sd[self.index])
 
     @property
-    def optimum(self) -> float:
+    def centre(self) -> float:
         """The parameter's fitted theta."""
-        return float(self.fit.best.theta[self.index])
+        return float(self.optimum.theta[self.index])
+
+    def limit(self, reach: float = REACH) -> float:
+        """Return the distance in theta beyond which nothing is looked for, see `REACH`."""
+        wide = not self.problem.parameters.items[self.index].positive and 1 < self.sd < math.inf
+        return math.log(reach) * (self.sd if wide else 1.0)
 
     def start(self) -> Point:
         """Return the optimum."""
-        _, slope = _weighed(self.fit.problem, self._end)
-        return Point(self.fit.best.theta, 0.0, self.fit.best.converged, self._tangent(np.asarray(slope)))
+        _, slope = _weighed(self.problem, self.end)
+        return Point(self.optimum.theta, 0.0, self.optimum.converged, self._tangent(np.asarray(slope)))
 
     def at(self, theta: float, near: Sequence[Point]) -> Point | None:
         """Fit all others with the held one at theta; None where the model has no answer.
@@ -84,7 +97,7 @@ class ConstrainedFit:
         points: list[Point] = []
 
         def converges(guess: np.ndarray) -> bool:
-            point = self._point(solve(problem, jnp.asarray(guess), self._end))
+            point = self._point(solve(problem, jnp.asarray(guess), self.end))
             points.extend([] if point is None else [point])
             return point is not None and point.converged
 
@@ -99,30 +112,24 @@ class ConstrainedFit:
                 break
         return _best(points) if points else None
 
-    @property
-    def _end(self) -> End:
-        """The optimum as the end of a search, whose choice others may take over."""
-        theta = self.fit.best.theta
-        return End(theta, 0.0, theta, self.fit.predicted, self.fit.jacobian, self.fit.choice)
-
     def _held(self, theta: float) -> InverseProblem:
-        items = list(self.fit.problem.parameters.items)
+        items = list(self.problem.parameters.items)
         item = items[self.index]
         centre = jnp.exp(theta) if item.positive else theta * item.scale
         width = WIDTH * min(self.sd, 1.0)
         items[self.index] = Parameter(item.paths, item.positive, item.start, centre, width, item.scale)
-        return replace(self.fit.problem, parameters=Parameters(tuple(items)))
+        return replace(self.problem, parameters=Parameters(tuple(items)))
 
     def _point(self, end: End) -> Point | None:
         """Weigh where a search ended by the problem's own priors."""
         if not np.isfinite(end.cost):
             return None
         theta = np.asarray(end.theta)
-        residuals, slope = (np.asarray(x) for x in _weighed(self.fit.problem, end))
+        residuals, slope = (np.asarray(x) for x in _weighed(self.problem, end))
         cost = float(residuals @ residuals)
         others = np.arange(len(theta)) != self.index
         converged = step_length(residuals, slope[:, others]) < SHORT
-        return Point(theta, cost - self.fit.best.cost, converged, self._tangent(slope))
+        return Point(theta, cost - self.optimum.cost, converged, self._tangent(slope))
 
     def _tangent(self, slope: np.ndarray) -> np.ndarray:
         """Return how the others follow in the linear approximation; the shortest way where that is open."""

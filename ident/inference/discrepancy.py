@@ -10,14 +10,14 @@ from jaxtyping import Array, Float
 
 from ident.errors import InputError, Problem
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.problem import Choice, Choosing, Data, InverseProblem
+from ident.inference.problem import Choice, Choosing, Data, Growing, InverseProblem
 from ident.text import did_you_mean
 
 PREFIX = "discrepancy."
 """What the names of discrepancies begin with; a kind of measurement follows."""
 
 
-class Discrepant(eqx.Module, Choosing):
+class Discrepant(eqx.Module, Choosing, Growing):
     """A model whose predictions of one kind are all off by an unknown factor.
 
     A common factor, because geometry and masses that are taken wrong shift all values of a kind alike; scatter from
@@ -49,6 +49,13 @@ class Discrepant(eqx.Module, Choosing):
         assert isinstance(self.model, Choosing)
         values, choice = self.model.holding(rest, _before(data, factor), held)
         return values * factor, choice
+
+    def padded(self) -> tuple["Discrepant", np.ndarray]:
+        """Return a model of more values, and which of its own each of them repeats."""
+        if not isinstance(self.model, Growing):
+            return self, np.arange(len(self.kinds))
+        model, source = self.model.padded()
+        return Discrepant(model, tuple(self.kinds[i] for i in source)), source
 
     def _split(self, parameters: Mapping[str, Any]) -> tuple[dict[str, Any], Float[Array, "D *batch"]]:
         """Return the model's own parameters, and the factor on each value."""

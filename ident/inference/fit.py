@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from ident.errors import ConvergenceError, ModelError
 from ident.inference.convergence import convergence
 from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
+from ident.inference.curvature import stretches
 from ident.inference.information import Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd, rivals, unmet
@@ -40,6 +41,7 @@ class Fit:
         information: what data and prior tell there.
         choice: what the model takes the values for there.
         cross_predictions: each kind of measurement against the others.
+        stretch: (P, 2) factor of the halves of each interval, below and above; 1 where the linear one serves.
     """
 
     problem: InverseProblem
@@ -50,11 +52,18 @@ class Fit:
     information: Information
     choice: Choice
     cross_predictions: tuple[CrossPrediction, ...] = ()
+    stretch: Float[np.ndarray, "P 2"] | None = None
 
     @property
     def best(self) -> Optimum:
         """The optimum of least cost."""
         return self.optima[0]
+
+    @property
+    def end(self) -> End:
+        """The answer as the end of a search."""
+        best = self.best
+        return End(best.theta, best.cost, np.zeros_like(best.theta), self.predicted, self.jacobian, self.choice)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -89,6 +98,11 @@ class Fit:
     def improbable(self) -> bool:
         """Whether so large a chi-squared is improbable if model and sigmas are right."""
         return self.p_value < IMPROBABLE
+
+    @property
+    def misfits(self) -> bool:
+        """Whether chi-squared, or where it says nothing a single value, lies too far from the model to be believed."""
+        return self.improbable or bool(np.isnan(self.p_value) and self.outliers.any())
 
     @property
     def contradictory(self) -> bool:
@@ -140,18 +154,21 @@ class Fit:
         return sum(optimum.converged and is_tie(optimum.score, self.best.score) for optimum in self.optima[1:])
 
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "P 2"]:
-        """Return intervals of the parameters [SI] by data and prior, normal in theta.
+        """Return intervals of the parameters [SI] by data and prior.
 
-        An interval reaches over all optima that the data do not rule out: about each, as far as the cost rises to the
-        same height above the best one's.
+        They are normal in theta; where the cost bends too much for that, those whose parameters the data support reach
+        to where the profile of the cost meets the 95 % limit, and those of another level in proportion. An interval
+        reaches over all optima that the data do not rule out: about each, as far as the cost rises to the same height
+        above the best one's.
         """
         height = half_width(level) ** 2
+        stretch = np.ones((len(self.best.theta), 2)) if self.stretch is None else self.stretch
         halves = [
-            (each.theta, np.sqrt(height - above) * each.sd)
+            (each.theta, np.sqrt(height - above) * each.sd[:, None] * (stretch if each is self.best else np.ones(2)))
             for each in (self.best, *self.rivals)
             if (above := each.score - self.best.score) < height
         ]
-        low, high = (np.array([theta + sign * half for theta, half in halves]) for sign in (-1, 1))
+        low, high = (np.array([theta + (2 * i - 1) * half[:, i] for theta, half in halves]) for i in (0, 1))
         return np.asarray(self.problem.parameters.values(np.stack([low.min(0), high.max(0)], 1)))
 
     @property
@@ -171,8 +188,8 @@ def fit(
     """Fit the parameters by Levenberg-Marquardt from several starts.
 
     After `starts` of them the search goes on, up to `PATIENCE` times as many, until `AGAIN` starts have ended in the
-    best optimum: an optimum that was met once only may not be the best one. Nor may one whose chi-squared is
-    improbable, so that the search goes on there as well, before data are blamed. And where it has met rivals, until
+    best optimum: an optimum that was met once only may not be the best one. Nor may one that data do not fit, so that
+    the search goes on there as well, before data are blamed. And where it has met rivals, until
     fewer than `UNMET` further ones are expected.
 
     Args:
@@ -199,7 +216,7 @@ def fit(
             reached.append(_measured(problem, end))
             optima = distinct(problem, reached)
         met = tried >= starts and optima and optima[0].starts >= AGAIN and unmet(optima) < UNMET
-        if met and not _answer(problem, reached).improbable:
+        if met and not _answer(problem, reached).misfits:
             break
     if not reached:
         raise _no_optimum(evaluate(problem).predicted)
@@ -209,7 +226,8 @@ def fit(
         reached.append(_measured(problem, solve(problem, least)))
         optima = distinct(problem, reached)
     failed = tried - sum(optimum.starts for optimum in optima)
-    return replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
+    found = replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
+    return replace(found, stretch=stretches(problem, found.best, found.end, found.supported))
 
 
 def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:

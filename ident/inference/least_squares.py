@@ -46,7 +46,7 @@ def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None)
     """
     blank = eqx.tree_at(lambda p: p.sigma, without_priors(problem), np.full_like(problem.sigma, np.inf))
     start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
-    return _searched(blank, start, problem.unheld(), TO_THE_END, NOTHING)[0]
+    return _searched(blank, start, None, TO_THE_END, NOTHING)[0]
 
 
 def without_priors(problem: InverseProblem) -> InverseProblem:
@@ -95,7 +95,7 @@ def _is_steep(end: End) -> bool:
 
 def _choosing(problem: InverseProblem, start: Float[AnyArray, "P"]) -> End:
     """Search, beginning anew wherever another choice is more probable, until one stays so or `TURNS` are over."""
-    held = problem.unheld()
+    held = None
     for _ in range(TURNS):
         end, finished = _searched(problem, start, held, UNTIL_ANEW)
         if end.choice.settled or not np.isfinite(end.cost):
@@ -118,9 +118,16 @@ def _held(problem: InverseProblem, start: Float[AnyArray, "P"], held: Any) -> En
 def _searched(
     problem: InverseProblem, start: Float[AnyArray, "P"], held: Any, to_the_end: np.ndarray, weight: np.ndarray = WHOLE
 ) -> tuple[End, bool]:
-    """Search from and to host arrays: one program is loaded, whatever the start comes from."""
-    end, finished = jax.device_get(search(problem, np.asarray(start), held, to_the_end, weight))
-    return end, bool(finished)
+    """Search from and to host arrays, with values that do not count: one program is loaded for starts and data alike.
+
+    Nothing that is held lets the model choose.
+    """
+    padded, places = problem.padded()
+    held = padded.unheld() if held is None else held
+    end, finished = jax.device_get(search(padded, np.asarray(start), held, to_the_end, weight))
+    choice = end.choice._replace(cost=end.choice.cost[places])
+    own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
+    return own, bool(finished)
 
 
 @jit

@@ -55,6 +55,14 @@ class Choosing:
         raise NotImplementedError
 
 
+class Growing:
+    """A model that can predict more values than were asked for, so that few sizes of programs serve all data."""
+
+    def padded(self) -> tuple["Growing", np.ndarray]:
+        """Return a model of more values, and which of its own values each of them repeats; all are among them."""
+        raise NotImplementedError
+
+
 class InverseProblem(eqx.Module):
     """Measured values and the model that predicts them.
 
@@ -69,8 +77,8 @@ class InverseProblem(eqx.Module):
     """
 
     model: Callable[..., Float[Array, "D *batch"]]
-    measured: Float[Array, "D"]
-    sigma: Float[Array, "D"]
+    measured: Float[AnyArray, "D"]
+    sigma: Float[AnyArray, "D"]
     parameters: Parameters
     kinds: tuple[str, ...] = eqx.field(static=True)
 
@@ -106,6 +114,20 @@ class InverseProblem(eqx.Module):
     def unheld(self) -> Any:
         """Return what the model holds before the first step; None where it chooses nothing."""
         return self.model.unheld() if isinstance(self.model, Choosing) else None
+
+    def padded(self) -> tuple["InverseProblem", np.ndarray]:
+        """Return the same problem with values that do not count, so many that few sizes occur, and where its own are.
+
+        They may come in another order.
+        """
+        if not isinstance(self.model, Growing):
+            return self, np.arange(len(self.kinds))
+        model, source = self.model.padded()
+        places = np.unique(source, return_index=True)[1]
+        sigma = np.full(len(source), np.inf)
+        sigma[places] = np.asarray(self.sigma)
+        kinds = tuple(self.kinds[i] for i in source)
+        return InverseProblem(model, np.asarray(self.measured)[source], sigma, self.parameters, kinds), places
 
     @property
     def data(self) -> Data:

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ident.errors import InputError, Problem
-from ident.inference.constrained_fit import ConstrainedFit
+from ident.inference.constrained_fit import REACH, ConstrainedFit
+from ident.inference.curvature import LINEAR
 from ident.inference.fit import Fit
 from ident.inference.information import half_width
 from ident.inference.parameters import Parameter, Parameters
@@ -21,15 +22,10 @@ from ident.inference.profile_path import Ending, Side, profile_path
 from ident.text import did_you_mean, one_line
 
 LEVELS = (0.5, 0.683, 0.95)
-REACH = 1000.0
-"""Factor on a positive parameter beyond which a profile is called open; for the others, ln(REACH) units of theta or
-standard deviations, whichever is more."""
 FLAT = 0.01
 """Delta chi-squared below which an open profile counts as flat."""
 BETTER = 1e-3
 """Fall of the cost below the optimum from which the fit is said to be beaten."""
-NOT_LINEAR = 0.2
-"""Share by which half an interval may differ from the linear one's half before it is remarked on."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +127,7 @@ class Profile:
     @property
     def linear(self) -> bool:
         """Whether the widest interval agrees with the linear one."""
-        return all(abs(half - 1) <= NOT_LINEAR for half in self.halves)
+        return all(abs(half - 1) <= LINEAR for half in self.halves)
 
     def values(self, theta: Sequence[float] | Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
         """Return the parameter's physical values at these theta; zero and infinity where a positive one is open."""
@@ -184,10 +180,8 @@ def profile(
     sides: list[Side] = []
     for number in progress(range(2 * len(which))):
         index, sign = which[number // 2], 2 * (number % 2) - 1
-        constrained = ConstrainedFit(fit, index)
-        wide = not fit.problem.parameters.items[index].positive and 1 < constrained.sd < math.inf
-        limit = math.log(reach) * (constrained.sd if wide else 1.0)
-        sides.append(profile_path(constrained, sign, limit, thresholds))
+        constrained = ConstrainedFit(fit.problem, fit.best, fit.end, index)
+        sides.append(profile_path(constrained, sign, constrained.limit(reach), thresholds))
     return tuple(_joined(fit, index, levels, *sides[2 * i : 2 * i + 2]) for i, index in enumerate(which))
 
 

@@ -118,7 +118,7 @@ def _bound(constrained: ConstrainedFit, sign: int, path: dict[float, Point], end
 
 
 def _theta(constrained: ConstrainedFit, sign: int, distance: float) -> float:
-    return constrained.optimum + sign * distance
+    return constrained.centre + sign * distance
 
 
 def _root(point: Point) -> float:

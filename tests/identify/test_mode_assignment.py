@@ -11,7 +11,7 @@ from arms import DATA, lcd_arm
 from scipy.stats import norm
 
 from ident.arm.equilibrium import static_equilibrium
-from ident.arm.labels import torsion_share, vertical_share
+from ident.arm.labels import parse_label, torsion_share, vertical_share
 from ident.arm.modes import modes_about
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
@@ -20,7 +20,7 @@ from ident.identify.conditions import bind
 from ident.identify.fit import fit_campaign
 from ident.identify.label_checks import changing_labels
 from ident.identify.modal_analysis import modal_analysis
-from ident.identify.mode_assignment import NAMING_SD, labelled, most_probable
+from ident.identify.mode_assignment import NAMING_SD, most_probable
 from ident.identify.predict import chains
 from ident.inference.least_squares import End, solve
 from ident.measure import Campaign, Measurement, read_campaign
@@ -40,19 +40,19 @@ def two_states():
     conditions = bind(arm, Campaign(measurements=rows))
     chain = chains(arm, {}, conditions)
     lowest = modes_about(chain, static_equilibrium(chain), 5)
-    return labelled(conditions), lowest
+    return conditions.named, lowest
 
 
 def by_enumeration(values, modes, state):
     """Return the best of all ways to name five modes."""
     v = norm.cdf((np.asarray(vertical_share(modes))[:, state] - 0.5) / NAMING_SD)
     t = norm.cdf((np.asarray(torsion_share(modes))[:, state] - 0.5) / NAMING_SD)
-    rows = np.flatnonzero(values.states == state)
+    rows = np.flatnonzero(np.asarray(values.states) == state)
     best = (0.0, ())
     for names in product(product(("vertical", "lateral"), ("bending", "torsion")), repeat=5):
         places = []
         for row in rows:
-            label = values.labels[row]
+            label = parse_label(LABELS[row % len(LABELS)])
             fit = [i for i, (d, k) in enumerate(names) if label.direction in (None, d) and label.kind in (None, k)]
             places.append(fit[label.ordinal - 1] if len(fit) >= label.ordinal else None)
         if None in places:

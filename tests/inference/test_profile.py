@@ -306,5 +306,8 @@ def test_three_numbers_without_prior_leave_all_six_open_at_99_percent():
     assert 5.0e6 < math.exp(first.high) < 5.6e6
     rng = np.random.default_rng(1)
     elsewhere = [Point(found.best.theta + rng.normal(size=6), 0.0, True, np.zeros(6)) for _ in range(3)]
-    deltas = [ConstrainedFit(found, 0).at(first.high, [point]).delta_chi_squared for point in elsewhere]
+    deltas = [
+        ConstrainedFit(found.problem, found.best, found.end, 0).at(first.high, [point]).delta_chi_squared
+        for point in elsewhere
+    ]
     assert min(deltas) == pytest.approx(threshold(0.95), abs=1e-2)

@@ -55,6 +55,7 @@ class Case:
         relative: sigma as a fraction of the true value by kind.
         least: what is added to sigma by kind, as for a dial gauge's scale.
         swap: places of the two values that a wrong label exchanges.
+        ascending: places of the frequencies of each state, which take the modes in their order.
         loaded: the same model, deflections under a load that nobody told; None for a factor `WEIGHT`.
         starts: of the fit.
         arm, campaign: what the problem is made of, where it is an arm's.
@@ -65,6 +66,7 @@ class Case:
     problem: InverseProblem
     relative: dict[str, float]
     swap: tuple[int, int]
+    ascending: tuple[list[int], ...]
     loaded: InverseProblem | None = None
     starts: int = 16
     least: Mapping[str, float] = field(default_factory=dict)
@@ -176,6 +178,8 @@ def _campaign(kind: Case, fault: str, rng: np.random.Generator) -> tuple[np.ndar
             else np.asarray(evaluate(kind.loaded, jnp.asarray(truth)).predicted)
         )
     data = values + sigma * rng.standard_normal(len(values))
+    for places in kind.ascending:
+        data[places] = np.sort(data[places])
     if fault == "swapped":
         data[list(kind.swap)] = data[list(kind.swap[::-1])]
     if fault == "outliers":
@@ -194,13 +198,16 @@ def _paper() -> Case:
     heavier = {path: 1.1 * arm.get(path) for path in arm.paths() if path.startswith(("link2.mass", "link2.inertia"))}
     models |= {"mass": eqx.tree_at(lambda model: model.arm, told.model, arm.replace(heavier))}
     wrong = {fault: eqx.tree_at(lambda p: p.model, told, model) for fault, model in models.items()}
-    return Case(told, RELATIVE, (0, 1), loaded, arm=arm, campaign=campaign, wrong=wrong, faults=FAULTS)
+    return Case(
+        told, RELATIVE, (0, 1), _ascending(campaign), loaded, arm=arm, campaign=campaign, wrong=wrong, faults=FAULTS
+    )
 
 
 def _soft() -> Case:
     """The same rows of the arm on a base that gives and is fitted."""
     arm, campaign = on_soft_base(lcd_arm(), HEIGHT), _rows()
-    return Case(build_problem(arm, campaign), RELATIVE, (0, 1), arm=arm, campaign=campaign, faults=("none",))
+    told = build_problem(arm, campaign)
+    return Case(told, RELATIVE, (0, 1), _ascending(campaign), arm=arm, campaign=campaign, faults=("none",))
 
 
 def _rows() -> Campaign:
@@ -232,8 +239,17 @@ def _six_axes() -> Case:
         static = Measurement(kind="deflection", posture=posture, value=1.0, sigma=1.0, point="tip")
         rows += [*modal, static]
         more += [*modal, replace(static, load=payload)]
-    told, loaded = (build_problem(arm, Campaign(measurements=tuple(each))) for each in (rows, more))
-    return Case(told, {"frequency": 0.005, "deflection": 0.02}, (0, 1), loaded, least={"deflection": 2e-5})
+    campaign, heavier = (Campaign(measurements=tuple(each)) for each in (rows, more))
+    told, loaded = build_problem(arm, campaign), build_problem(arm, heavier)
+    return Case(told, RELATIVE, (0, 1), _ascending(campaign), loaded, least={"deflection": 2e-5})
+
+
+def _ascending(campaign: Campaign) -> tuple[list[int], ...]:
+    groups = [[i for i, m in enumerate(campaign) if (m.posture, m.kind) == (p, "frequency")] for p in campaign.postures]
+    for places in groups:
+        values = [campaign.measurements[i].value for i in places]
+        assert values == sorted(values), "rows of a posture ascend"
+    return tuple(groups)
 
 
 def _storeys(prior: dict[str, float]) -> Case:
@@ -247,7 +263,7 @@ def _storeys(prior: dict[str, float]) -> Case:
     items = tuple(Parameter((name,), True, 1e6, 1e6, **prior) for name in names)
     kinds = ("frequency",) * 4 + ("deflection",) * 4
     problem = InverseProblem(model, jnp.ones(8), jnp.ones(8), Parameters(items), kinds)
-    return Case(problem, {"frequency": 0.01, "deflection": 0.05}, (0, 1))
+    return Case(problem, {"frequency": 0.01, "deflection": 0.05}, (0, 1), ([0, 1, 2, 3],))
 
 
 CASES: dict[str, Callable[[], Case]] = {
