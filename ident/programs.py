@@ -5,9 +5,9 @@ arrays come back in. A later process reads it by a key of all that it may depend
 their shapes, dtypes, weak types and static values; the compiler's options; and the circumstances, such as the package's
 own source files. What the key can't name, a function from outside the package say, is not kept.
 
-Only where `IDENT_PROGRAMS` is `on`, as the command line sets it, and jax has a compilation cache: a process of Python
-may have changed a constant of the package, which no key can see. Nothing is unpickled; a folder that others can write
-is not used, and a damaged or foreign file is passed over.
+Only where `IDENT_PROGRAMS` is `on`, as the command line sets it, or `1`, and jax has a compilation cache: a process of
+Python may have changed a constant of the package, which no key can see. Nothing is unpickled; a folder that others can
+write is not used, and a damaged or foreign file is passed over.
 """
 
 import hashlib
@@ -37,6 +37,7 @@ from jax import export
 from ident.codec import CodecError, decode, encode
 from ident.errors import IdentError
 from ident.files import replace_file
+from ident.text import is_on
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "diffrax", "numpy")
 """What programs are made with."""
@@ -54,6 +55,10 @@ Place = np.uint16
 
 class NotKeptError(IdentError):
     """A program depends on something that its key can't name."""
+
+
+class _NoExportError(IdentError):
+    """What jax can't export, such as a callback."""
 
 
 class Programs:
@@ -74,7 +79,8 @@ class Programs:
         """Return what computes f of these arguments without tracing it, or None where there is no such thing."""
         leaves, tree = jax.tree.flatten((args, more))
         arrays = tuple(_aval(leaf) for leaf in leaves if eqx.is_array(leaf))
-        key = tree, tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf)), arrays
+        settings = tuple(jax.config.values.values())
+        key = tree, tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf)), arrays, settings
         try:
             with self.lock:
                 if key not in self.loaded and hash(key) not in self.refused:
@@ -105,8 +111,10 @@ class Programs:
                 return self._callable(*found) if found[0] else None
         try:
             exported, document = self._traced(args, more)
-        except (CodecError, ValueError, NotImplementedError):  # what jax can't export, such as a callback
+        except (CodecError, _NoExportError):
             exported, document = b"", None
+        except ValueError:  # the function's own, of these numbers perhaps: nothing is said of the program
+            return None
         if sources(Path(__file__).parent) == SOURCES:
             with suppress(IdentError):  # a full disk, say
                 replace_file(path, lambda file: file.write(_packed(key, exported, document)))
@@ -125,8 +133,13 @@ class Programs:
             shapes.append(encode(eqx.combine(places, rest)))
             return outputs
 
-        exported = export.export(jax.jit(flat), disabled_checks=UNCHECKED)(*leaves)
-        return bytes(exported.serialize()), shapes[0]
+        program = jax.jit(flat)
+        program.trace(*leaves)  # kept by jax: the export traces nothing again
+        try:
+            exported = export.export(program, disabled_checks=UNCHECKED)(*leaves)
+            return bytes(exported.serialize()), shapes[0]
+        except (ValueError, NotImplementedError) as error:
+            raise _NoExportError(str(error)) from None
 
     def _callable(self, exported: bytes, document: Any) -> Callable[..., Any]:
         run = jax.jit(export.deserialize(bytearray(exported)).call, **self.options)
@@ -142,7 +155,7 @@ class Programs:
 def own_folder() -> Path | None:
     """Return the folder for programs under these circumstances; None where there is none, or others can write it."""
     cache_folder = jax.config.values["jax_compilation_cache_dir"]
-    if not cache_folder or os.environ.get("IDENT_PROGRAMS") != "on":
+    if not cache_folder or not is_on("IDENT_PROGRAMS"):
         return None
     above = Path(cache_folder) / "ident-programs"
     folder = above / environment()

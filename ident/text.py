@@ -1,6 +1,7 @@
 """What people write: files as text, words quoted safely in a message, the name that was meant."""
 
 import difflib
+import os
 from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
@@ -15,6 +16,14 @@ NAME_RULE = "letters, digits, _ and - only, a letter first"
 
 LONGEST_QUOTE = 40
 """Characters of a user's text that a message repeats."""
+
+OFF = ("", "0", "off", "no", "false")
+"""What switches off what an environment variable switches on."""
+
+
+def is_on(variable: str) -> bool:
+    """Return whether an environment variable is set, and not to a word that means no."""
+    return os.environ.get(variable, "").strip().lower() not in OFF
 
 
 def one_line(text: str) -> str:

@@ -105,6 +105,40 @@ def test_a_file_that_was_changed_is_passed_over(cache, monkeypatch):
     assert file.read_bytes() != changed, "it was written anew"
 
 
+def test_a_setting_that_is_changed_within_a_process_is_another_program(cache, monkeypatch):
+    monkeypatch.setattr(programs, "described", lambda value: "as it is")
+    x, places = np.arange(3), Programs(lambda x: x / 2, {})
+    with jax.enable_x64(True):
+        wide = places.find((x,), {})(x)
+    with jax.enable_x64(False):
+        narrow = places.find((x,), {})(x)
+    with jax.enable_x64(True):
+        again = places.find((x,), {})(x)
+    assert [each.dtype for each in (wide, narrow, again)] == ["float64", "float32", "float64"]
+
+
+def test_an_error_of_the_function_itself_is_no_verdict_on_its_program(cache, monkeypatch):
+    monkeypatch.setattr(programs, "described", lambda value: "as it is")
+
+    def refusing(x):
+        raise ValueError("these numbers")
+
+    def calling_back(x):
+        return jax.pure_callback(lambda y: y, jax.ShapeDtypeStruct(x.shape, x.dtype), x)
+
+    x = np.arange(3.0)
+    assert Programs(refusing, {}).find((x,), {}) is None
+    assert list(own_folder().iterdir()) == [], "another time there may be a program"
+    assert Programs(calling_back, {}).find((x,), {}) is None
+    assert len(list(own_folder().iterdir())) == 1, "that there is none is known from now on"
+
+
+@pytest.mark.parametrize(("value", "kept"), [("", False), ("0", False), ("off", False), ("1", True), ("on", True)])
+def test_programs_are_kept_where_that_is_switched_on(cache, monkeypatch, value, kept):
+    monkeypatch.setenv("IDENT_PROGRAMS", value)
+    assert (own_folder() is not None) == kept
+
+
 def test_threads_that_ask_for_one_program_at_once_get_the_same(cache, monkeypatch):
     monkeypatch.setattr(programs, "described", lambda value: "as it is")
     traced, begin = [], Barrier(4)

@@ -13,6 +13,9 @@ BASE, PEDESTAL = "base", "pedestal"
 STIFFER = 10.0
 """Stiffness of that bushing as a multiple of joint 1's; assumed, as no published ratio of the two was found."""
 
+FAR = 10.0
+"""Height as a multiple of the arm's length above which it is taken for a slip, such as millimetres."""
+
 
 def on_soft_base(arm: Arm, height: float) -> Arm:
     """Return the arm on a base that gives about a point below bushing 1, which stays where it is.
@@ -26,7 +29,8 @@ def on_soft_base(arm: Arm, height: float) -> Arm:
         height: [m] of bushing 1 above the point about which the base gives, along the base frame's z axis.
 
     Raises:
-        InputError: the arm's first joint is undriven already, or one of its parts has a name that is needed.
+        InputError: the arm's first joint is undriven already, one of its parts has a name that is needed, or the height
+            is out of all proportion to the arm.
     """
     first = arm.joints[0]
     if not first.driven:
@@ -35,6 +39,10 @@ def on_soft_base(arm: Arm, height: float) -> Arm:
         remedy = "drop `soft_base`, or take that joint out of the arm file"
         got = f"{arm.name}, whose first joint {first.name} is undriven"
         raise InputError(Problem("soft_base", got, "an arm on a rigid base", remedy))
+    longest = FAR * _length(arm)
+    if height > longest > 0:
+        expected = f"a height below bushing 1 of {longest:.2g} m at most, {FAR:g} times the arm's length"
+        raise InputError(Problem("soft_base", f"{height:g} m", expected, "give it in metres"))
     up = jnp.array([0.0, 0.0, height])
     bodies = [body for joint in arm.joints for body in (*joint.shaft, *joint.link)]
     mass = float(sum(body.mass for body in bodies)) / len(arm.joints)
@@ -52,6 +60,12 @@ def on_soft_base(arm: Arm, height: float) -> Arm:
     )
     raised = eqx.tree_at(lambda joint: joint.offset, first, up)
     return eqx.tree_at(lambda arm: arm.joints, _checked_names(arm), (base, raised, *arm.joints[1:]))
+
+
+def _length(arm: Arm) -> float:
+    """Return the length of the arm [m], from bushing to bushing and on to its farthest point."""
+    ends = [np.linalg.norm(point.position) for point in arm.points]
+    return float(sum(np.linalg.norm(joint.offset) for joint in arm.joints[1:]) + max(ends, default=0.0))
 
 
 def _checked_names(arm: Arm) -> Arm:

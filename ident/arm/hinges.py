@@ -88,12 +88,12 @@ def _middle(name: str) -> str:
 
 
 def _end(arm: Arm, place: int) -> Float[Array, "3"]:
-    """Return where a link ends, from its bushing [m]."""
+    """Return where a link ends, from its bushing [m]: at the last point, or else body; there, if it carries nothing."""
     if place + 1 < len(arm.joints):
         return arm.joints[place + 1].offset
     ends = [point.position for point in arm.points if point.joint == arm.joints[place].name]
     bodies = (*arm.joints[place].link, *arm.joints[place].shaft)
-    return ends[-1] if ends else bodies[0].com
+    return jnp.asarray([*ends[::-1], *(body.com for body in bodies), np.zeros(3)][0])
 
 
 def _rigid_links(arm: Arm, ends: list[np.ndarray]) -> list[bool]:

@@ -5,6 +5,7 @@ criterion, or with `--strict` a verdict speaks against the data; 130 stopped by 
 """
 
 import sys
+import textwrap
 
 import typer
 
@@ -29,5 +30,10 @@ def main() -> None:
 
 def _stop(error: IdentError, code: int) -> None:
     for line in str(error).splitlines():
-        typer.echo(f"ident: {line}", err=True)
+        typer.echo(_folded(f"ident: {line}") if sys.stderr.isatty() else f"ident: {line}", err=True)
     sys.exit(code)
+
+
+def _folded(line: str) -> str:
+    """Break a line between words for a terminal; for a script, a problem is one line."""
+    return textwrap.fill(line, 100, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)

@@ -24,7 +24,7 @@ PathOption = Annotated[
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
 NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
 StrictOption = Annotated[
-    bool, typer.Option("--strict", help="exit with status 3 where the data contradict each other, or the model")
+    bool, typer.Option("--strict", help="exit with status 3 where a verdict speaks against the data")
 ]
 SHORT = 3
 """Exit status where a computation missed its own criterion, or, if asked for, a verdict speaks against the data."""

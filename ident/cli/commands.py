@@ -202,8 +202,6 @@ def run_diagnose(
     campaign: Path, options: DiagnoseOptions, arm: Path | None, path: Path | None, restart: bool, out: Path
 ) -> DiagnoseResult:
     """Diagnose an arm, print each stage when it is finished, and write the result into a folder."""
-    from ident.present.text.words import folded
-
     measured, arm_file = running.read(campaign, arm)
     folder = part_folder(out, measured)
     try:
@@ -220,7 +218,7 @@ def run_diagnose(
     except KeyboardInterrupt:
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
-    typer.echo(folded(result.advice))
+    typer.echo(result.closing)
     for written in result.save(out):
         typer.echo(f"wrote {written}")
     discard(folder)

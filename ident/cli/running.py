@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 from ident.cli.times import TIMES, watch_jax
@@ -55,8 +56,14 @@ def check_folder(out: Path) -> None:
         InputError: it is a file, or lies where nothing can be written.
     """
     there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
-    if not there.is_dir() or not os.access(there, os.W_OK):
-        got = "a file" if not there.is_dir() else "no right to write"
+    got = "" if there.is_dir() else "a file"
+    try:
+        if not got:
+            with TemporaryFile(dir=there):  # rights alone do not tell: root has them in /proc, too
+                pass
+    except OSError as error:
+        got = f"no place to write ({(error.strerror or str(error)).lower()})"
+    if got:
         raise InputError(
             Problem(one_line(str(there)), got, "a folder that can be written", "choose another (`folder`)")
         )

@@ -7,12 +7,13 @@ Python and of the command line itself, a fifth of a second, and what comes after
 
 import atexit
 import builtins
-import os
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
+
+from ident.text import is_on
 
 KINDS = ("importing", "tracing", "lowering", "loading", "compiling", "reading", "drawing", "writing")
 EVENTS = {
@@ -90,7 +91,7 @@ TIMES = Times()
 
 def begin() -> None:
     """Watch from now on, if that was asked for."""
-    if os.environ.get("IDENT_TIMES"):
+    if is_on("IDENT_TIMES"):
         TIMES.start = time.perf_counter()
         TIMES.watch_imports()
         atexit.register(lambda: print(TIMES.line(time.perf_counter()), file=sys.stderr))
@@ -98,7 +99,7 @@ def begin() -> None:
 
 def watch_jax() -> None:
     """Watch what jax traces and compiles, if that was asked for."""
-    if os.environ.get("IDENT_TIMES"):
+    if is_on("IDENT_TIMES"):
         import jax.monitoring
 
         jax.monitoring.register_event_duration_secs_listener(TIMES.event)

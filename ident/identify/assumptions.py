@@ -16,7 +16,7 @@ from ident.inference.score import ScoreTest, asked_for, score_tests
 from ident.measure import Campaign
 
 ASSUMED = "assumed"
-DUMAS = "assumed; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
+DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,9 @@ from ident.identify.mode_assignment import FAR
 from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import SUSPICIOUS, farthest
 from ident.measure import Campaign, Measurement
+from ident.measure.campaign import KINDS
 from ident.text import quoted
+from ident.units import QUANTITIES, si_factor
 
 PLAUSIBLE = {"frequency": 3.0, "damping_ratio": 100.0, "deflection": 5.0, "deflection_difference": 5.0}
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
@@ -104,8 +106,19 @@ def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     ratio = m.value / expected
     radians = m.kind == "frequency" and 0.8 < ratio / (2 * math.pi) < 1.25
     hint = "it looks like rad/s written as Hz: " if radians else ""
-    got = f"{m.value:.4g} (SI), {ratio:.3g} times what the arm file predicts"
-    yield Problem(m.where, got, f"about {expected:.4g}", f"{hint}check value and unit, or {_right(row)}", "value")
+    got = f"{_written(m, m.value)}, {ratio:.3g} times what the arm file predicts"
+    yield Problem(
+        m.where, got, f"about {_written(m, expected)}", f"{hint}check value and unit, or {_right(row)}", "value"
+    )
+
+
+def _written(m: Measurement, value: float) -> str:
+    """Write a number in the unit that a measurement was written in; in SI where that is none of its kind."""
+    si = QUANTITIES[KINDS[m.kind]].si
+    try:
+        return f"{value / si_factor(m.unit, KINDS[m.kind]):.4g} {m.unit}".removesuffix(" 1")
+    except InputError:  # made in code, where the unit is a remark
+        return f"{value:.4g} {si}".removesuffix(" 1")
 
 
 def _right(row: str) -> str:
@@ -144,9 +157,13 @@ def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collectio
     for i, j in contradictory_repeats(replace(campaign, measurements=measurements)):
         first, second = measurements[i], measurements[j]
         a, b = names[kept[i]], names[kept[j]]
-        got = f"{second.value:.4g} (SI), {_apart(first, second):.2g} sd from row {a}, which measured the same"
-        remedy = f"drop the wrong one, widen their sigmas, or say that both are (`trust_values` {b})"
-        yield Problem(second.where, got, f"about {first.value:.4g}", remedy, "value")
+        same = f"has the label '{first.mode}', too" if first.mode else "measured the same"
+        got = f"{_written(second, second.value)}, {_apart(first, second):.2g} sd from row {a}, which {same}"
+        label = "correct one of the labels, " if first.mode else "correct point, posture or load of one, "
+        remedy = f"{label}drop the wrong one, widen their sigmas, or say that both are right (`trust_values` {b})"
+        yield Problem(
+            second.where, got, f"about {_written(second, first.value)}", remedy, "" if first.mode else "value"
+        )
 
 
 def _no_such_mode(m: Measurement, arm: Arm, remedy: str) -> Iterator[Problem]:

@@ -1,7 +1,8 @@
 """The main job in one call: an arm and a campaign in, a fit out, with what speaks against it."""
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -12,8 +13,9 @@ from ident.identify.data_checks import check_values, row_names
 from ident.identify.mode_assignment import FAR
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
+from ident.inference.exchange import Exchange, Pair, exchanges
 from ident.inference.fit import STARTS, Fit, fit
-from ident.measure import Campaign
+from ident.measure import Campaign, Measurement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,11 +26,13 @@ class CampaignFit(Fit):
         arm: with the numbers of its file.
         campaign: what was measured.
         assumptions: what it takes for granted, and what that may move; None where no optimum was reached.
+        exchanges: which two values, exchanged, would make data fit that do not.
     """
 
     arm: Arm
     campaign: Campaign
     assumptions: Assumptions | None = None
+    exchanges: tuple[Exchange, ...] = ()
 
     @property
     def mislabelled(self) -> bool:
@@ -51,7 +55,15 @@ class CampaignFit(Fit):
         """What is odd about this fit, though it forbids no interval."""
         names = row_names(self.campaign)
         rows = ", ".join(f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.renamed)
-        return (*super().remarks, *((f"on the fitted arm these modes have other labels: rows {rows}",) if rows else ()))
+        mode = "this mode has another label: row" if len(self.renamed) == 1 else "these modes have other labels: rows"
+        return (*super().remarks, *((f"on the fitted arm {mode} {rows}",) if rows else ()), *self._exchanges(names))
+
+    def _exchanges(self, names: Sequence[str]) -> Iterator[str]:
+        """Say of each pair of rows that the data would fit with its two values exchanged."""
+        for each in self.exchanges:
+            one, other = (names[i] for i in each.rows)
+            better = f"chi-squared {self.chi_squared:.3g} -> {each.chi_squared:.3g}"
+            yield f"rows {one} and {other}, their values exchanged, would fit ({better}): was one taken for the other?"
 
     @property
     def fitted_arm(self) -> Arm:
@@ -92,4 +104,30 @@ def fit_campaign(
         compared, _ = cross_predictions(build_problem(arm, campaign, weak), [o.theta for o in best.optima], seed=seed)
         best = replace(best, cross_predictions=compared)
     granted = assumptions(best, arm, campaign) if best.best.converged else None
-    return CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted)
+    found = CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted)
+    return replace(found, exchanges=_suspected(found))
+
+
+def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:
+    """Return which two values may have been exchanged, where data or labels do not fit."""
+    odd = fit.mislabelled or fit.improbable or fit.outliers.any()
+    if not (odd and fit.best.converged and fit.degrees_of_freedom > 0):
+        return ()
+    pairs = list(exchangeable(fit.campaign))
+    return exchanges(fit, pairs, [pair for pair in pairs if set(pair) <= set(fit.renamed)])
+
+
+def exchangeable(campaign: Campaign) -> Iterator[Pair]:
+    """Yield the places of values of one kind that may be taken for each other: at one posture, or of one name."""
+    for (i, a), (j, b) in combinations(enumerate(campaign), 2):
+        together, alike = _state(a) == _state(b), _name(a) == _name(b)
+        if a.kind == b.kind and together != alike:
+            yield i, j
+
+
+def _state(m: Measurement) -> tuple[object, ...]:
+    return m.posture, m.load, m.reference_load
+
+
+def _name(m: Measurement) -> tuple[object, ...]:
+    return m.mode, m.point, m.direction

@@ -5,16 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from ident.inference.convergence import SHORT, step_length
+from ident.inference.convergence import SHORT, step_length, weighed
 from ident.inference.information import RANK_TOLERANCE
 from ident.inference.least_squares import End, solve
 from ident.inference.optima import Optimum
-from ident.inference.parameters import AnyArray, Parameter, Parameters
+from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
-from ident.jit import jit
 
 WIDTH = 1e-5
 """Width of the prior that holds a parameter, in its standard deviations, or in theta where that is less."""
@@ -37,12 +35,14 @@ class Point(NamedTuple):
         delta_chi_squared: cost above the optimum's, data and priors.
         converged: whether the other parameters' next step is negligible.
         tangent: (P,) estimated d(theta) / d(theta of the held one) along the profile.
+        choice: by what the model knows what its values belong to; None where it chooses nothing.
     """
 
     theta: Any
     delta_chi_squared: float
     converged: bool
     tangent: Any
+    choice: Any = None
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,9 @@ class ConstrainedFit:
 
     def start(self) -> Point:
         """Return the optimum."""
-        _, slope = _weighed(self.problem, self.end)
-        return Point(self.optimum.theta, 0.0, self.optimum.converged, self._tangent(np.asarray(slope)))
+        _, slope = weighed(self.problem, self.end)
+        tangent = self._tangent(slope)
+        return Point(self.optimum.theta, 0.0, self.optimum.converged, tangent, self.end.choice.held)
 
     def at(self, theta: float, near: Sequence[Point]) -> Point | None:
         """Fit all others with the held one at theta; None where the model has no answer.
@@ -96,8 +97,8 @@ class ConstrainedFit:
         problem = self._held(theta)
         points: list[Point] = []
 
-        def converges(guess: np.ndarray) -> bool:
-            point = self._point(solve(problem, jnp.asarray(guess), self.end))
+        def converges(guess: np.ndarray, choice: Any) -> bool:
+            point = self._point(solve(problem, guess, self.end, choice))
             points.extend([] if point is None else [point])
             return point is not None and point.converged
 
@@ -105,17 +106,17 @@ class ConstrainedFit:
             for slope in (point.tangent, np.zeros_like(point.tangent)):
                 guess = point.theta + slope * (theta - point.theta[self.index])
                 guess[self.index] = theta
-                if converges(guess):
+                if converges(guess, point.choice):
                     return _best(points)
         for _ in range(MORE if points else 0):
-            if converges(_best(points).theta):
+            if converges(_best(points).theta, None):
                 break
         return _best(points) if points else None
 
     def _held(self, theta: float) -> InverseProblem:
         items = list(self.problem.parameters.items)
         item = items[self.index]
-        centre = jnp.exp(theta) if item.positive else theta * item.scale
+        centre = np.exp(theta) if item.positive else theta * item.scale
         width = WIDTH * min(self.sd, 1.0)
         items[self.index] = Parameter(item.paths, item.positive, item.start, centre, width, item.scale)
         return replace(self.problem, parameters=Parameters(tuple(items)))
@@ -125,11 +126,11 @@ class ConstrainedFit:
         if not np.isfinite(end.cost):
             return None
         theta = np.asarray(end.theta)
-        residuals, slope = (np.asarray(x) for x in _weighed(self.problem, end))
+        residuals, slope = weighed(self.problem, end)
         cost = float(residuals @ residuals)
         others = np.arange(len(theta)) != self.index
         converged = step_length(residuals, slope[:, others]) < SHORT
-        return Point(theta, cost - self.optimum.cost, converged, self._tangent(slope))
+        return Point(theta, cost - self.optimum.cost, converged, self._tangent(slope), end.choice.held)
 
     def _tangent(self, slope: np.ndarray) -> np.ndarray:
         """Return how the others follow in the linear approximation; the shortest way where that is open."""
@@ -145,8 +146,3 @@ class ConstrainedFit:
 def _best(points: Sequence[Point]) -> Point:
     """Return the point of least cost; a converged one where that makes next to no difference."""
     return min(points, key=lambda point: point.delta_chi_squared - GAIN * point.converged)
-
-
-@jit
-def _weighed(problem: InverseProblem, end: End) -> tuple[AnyArray, AnyArray]:
-    return problem.weigh(end.predicted, end.jacobian, end.theta)

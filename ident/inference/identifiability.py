@@ -7,13 +7,13 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ident.inference.information import Information, information
+from ident.inference.information import OPEN_ABOVE, Information, information
 from ident.inference.least_squares import End, evaluate
 from ident.inference.leverage import Leverage, leverage_of
 from ident.inference.other_solutions import OtherSolutions, other_solutions
 from ident.inference.problem import InverseProblem
 
-Verdict = Literal["identifiable", "weak", "not seen", "unknown"]
+Verdict = Literal["identifiable", "weak", "open", "not seen", "unknown"]
 POINTS = 8
 """Points tried beside the starting values."""
 SPREAD = 0.4
@@ -68,7 +68,9 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
     - `identifiable`: at every point the data alone give theta a standard deviation below `information.WEAK_ABOVE`;
     - `not seen`: at no point does any value depend on it;
     - `unknown`: the model has no answer at the starting values, or at most of the points;
-    - `weak`: else. The data see it too little, together with others only, or not at every point.
+    - `open`: at no point do the data alone bound it, or only beyond `information.OPEN_ABOVE`, as in a fit: they see it
+      together with others, or next to nothing of it;
+    - `weak`: else. The data see it too little, or not at every point.
 
     That is local: whether values far away give the same data is looked for, from several starts, in `others`.
 
@@ -94,7 +96,7 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
     closed = not blank and not any(direction.open for direction in known[0].directions)
     return Check(
         problem,
-        tuple("unknown" for _ in start) if unknown else _verdicts(np.array(answers), supported),
+        tuple("unknown" for _ in start) if unknown else _verdicts(np.array(answers), supported, sd),
         None if blank else known[0],
         None if blank else leverage_of(here, parameters.names),
         missing,
@@ -114,11 +116,11 @@ def _scaled_jacobian(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.
 
 
 def _verdicts(
-    jacobians: Float[np.ndarray, "points D P"], supported: Bool[np.ndarray, "points P"]
+    jacobians: Float[np.ndarray, "points D P"],
+    supported: Bool[np.ndarray, "points P"],
+    sd: Float[np.ndarray, "points P"],
 ) -> tuple[Verdict, ...]:
     size = np.linalg.norm(jacobians, axis=1)
     seen = (size > INVISIBLE * size.max(1, keepdims=True)).any(0)
-    everywhere = np.all(supported, axis=0)
-    return tuple(
-        "identifiable" if everywhere[i] else "weak" if seen[i] else "not seen" for i in range(supported.shape[1])
-    )
+    words = np.where(seen, np.where((sd < OPEN_ABOVE).any(0), "weak", "open"), "not seen")
+    return tuple(np.where(np.all(supported, axis=0), "identifiable", words).tolist())

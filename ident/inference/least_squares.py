@@ -58,7 +58,7 @@ def without_priors(problem: InverseProblem) -> InverseProblem:
     return eqx.tree_at(lambda p: p.parameters.items, problem, free)
 
 
-def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None) -> End:
+def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None, choice: Any = None) -> End:
     """Run Levenberg-Marquardt from one start; the cost is NaN where the model has no answer.
 
     Where the model chooses what its values belong to, a search holds the choice and ends where another one has become
@@ -68,7 +68,12 @@ def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | N
         problem: model, data and unknowns.
         start: theta.
         example: the best end so far, if any.
+        choice: what the model may hold from a point nearby; where it stays the most probable one, that is all.
     """
+    if choice is not None:
+        near = _held(problem, start, choice.likened())
+        if near.choice.settled and np.isfinite(near.cost):
+            return near
     own = _choosing(problem, start)
     if own.choice.settled or not np.isfinite(own.cost):
         return own

@@ -191,5 +191,6 @@ def _positive(text: str, decimal: str) -> float:
 def _duplicate_problems(measurements: tuple[Measurement, ...]) -> Iterator[Problem]:
     for earlier, repeated in duplicates(measurements):
         got = f"a duplicate of row {earlier.where.rpartition(':')[2]}"
-        remedy = "delete one of them, or label the modes if two modes share a frequency"
+        otherwise = "correct one of the labels" if repeated.mode else "label the modes if two modes share a frequency"
+        remedy = f"delete one of them, or {otherwise}"
         yield Problem(repeated.where, got, "each measurement once", remedy)

@@ -88,7 +88,8 @@ def misfit(where: str, fields: int, columns: int, delimiter: str) -> Problem:
     remedy = "quote text that contains the delimiter, and keep a delimiter for every empty cell"
     if delimiter == "," and fields > columns:
         remedy = "if these are decimal commas, write decimal points or separate the columns by semicolons"
-    return Problem(where, f"{fields} fields", f"{columns}, as in the header", remedy)
+    got = f"{fields} fields, so that no cell was read"
+    return Problem(where, got, f"{columns}, as in the header", remedy)
 
 
 def decimal_mark(delimiter: str, numbers: Iterable[str]) -> str:

@@ -46,7 +46,7 @@ class CheckResult(Result):
 
     @property
     def verdicts(self) -> Mapping[str, str]:
-        """Verdict by parameter: identifiable, weak, not seen or unknown."""
+        """Verdict by parameter: identifiable, weak, open, not seen or unknown."""
         return dict(zip(self.check.problem.parameters.names, self.check.verdicts, strict=True))
 
     @property

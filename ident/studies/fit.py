@@ -109,8 +109,8 @@ class FitResult(Result):
 
     @property
     def doubtful(self) -> bool:
-        """Whether anything speaks against the fit."""
-        return bool(self.doubts)
+        """Whether anything speaks against the fit, or the data ask to drop what it takes for granted."""
+        return bool(self.doubts or (self.assumptions and self.assumptions.asked_for))
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.fit.campaign}

@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 from arms import lcd_arm, posture_of, random_arm
 
+from ident.arm.arm import Arm
 from ident.arm.base import on_soft_base
 from ident.arm.chain import at_posture
 from ident.arm.hinges import cut
 from ident.arm.mechanics import mass_matrix, point_positions, potential_energy
+from ident.arm.parts import Body, Joint, Payload
 
 ARMS = [
     *(random_arm(np.random.default_rng(n), n) for n in (1, 2, 3, 6)),
@@ -54,3 +56,12 @@ def test_where_a_bushing_without_a_pin_is_already_there_is_no_further_hinge():
     assert [hinge.link for hinge in cut(on_soft_base(lcd_arm(), 0.5)).hinges] == [True, True, True]
     arm = random_arm(np.random.default_rng(8), 4, undriven=(2,))
     assert [hinge.beside for hinge in cut(arm).hinges] == [1, 1, 5], "base, link 1, the last one"
+
+
+def test_a_last_joint_that_carries_nothing_but_a_payload_has_no_link_to_cut():
+    springs = {"k_bend": 1.0, "k_tors": 1.0}
+    first = Joint("first", link=(Body("b", 2.0, com=(0.2, 0, 0)),), **springs)
+    bare = (first, Joint("last", offset=(0.5, 0, 0), **springs))
+    pieces = cut(Arm("bare", bare, payloads=(Payload("last", Body("load", 1.0)),)))
+    assert [hinge.beside for hinge in pieces.hinges] == [1, 1], "the base, and the first link"
+    np.testing.assert_array_equal(pieces.link_end(pieces.own[-1]), np.zeros(3))

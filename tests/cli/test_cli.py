@@ -1,5 +1,6 @@
 """The command line on good input and on bad: exit codes, one line that says what is wrong, nothing written."""
 
+import io
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import pytest
 from commands import files
 
 from ident import __version__
+from ident.cli import main
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,point,value,unit,relative_sigma"
@@ -106,3 +108,28 @@ def test_a_bad_arm_is_one_clear_line_and_nothing_is_written(run, tmp_path, case)
     assert word in err
     assert all(line.startswith(f"ident: {arm}") for line in err.splitlines())
     assert files(tmp_path) == ["arm.toml"]
+
+
+class Terminal(io.StringIO):
+    """A stream that people read."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(("stream", "wide"), [(Terminal(), False), (io.StringIO(), True)], ids=["terminal", "script"])
+def test_an_error_is_folded_for_people_and_one_line_for_scripts(monkeypatch, tmp_path, stream, wide):
+    monkeypatch.chdir(tmp_path)
+    path = Path("measured.csv")
+    path.write_text("kind,q1 [deg],value,unit,sigma\n" + "frequency,0,a_number_that_is_none,Hz,0.1\n" * 2)
+    monkeypatch.setattr(sys, "argv", ["ident", "fit", str(path), f"--out={tmp_path}"])
+    monkeypatch.setattr(sys, "stderr", stream)
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 2
+    lines = stream.getvalue().splitlines()
+    assert (len(lines) == 2) == wide
+    assert sum(line.startswith("ident: ") for line in lines) == 2, "one for each mistake"
+    if not wide:
+        assert max(map(len, lines)) <= 100
+        assert " ".join(line.strip() for line in lines).count("expected a number; write a plain number") == 2

@@ -112,6 +112,14 @@ def test_a_result_that_cannot_be_written_leaves_the_old_one(run, tmp_path):
     assert files(tmp_path) == ["out"]
 
 
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no such place here")
+def test_a_folder_that_not_even_root_can_make_is_refused_before_anything_is_computed(run):
+    code, out, err = run("fit", DATA / "table1.csv", "--out=/proc/x")
+    assert (code, out) == (2, "")
+    assert err.startswith("ident: /proc: got no place to write (")
+    assert err.endswith("expected a folder that can be written; choose another (--out)\n")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -9,7 +9,7 @@ import sys
 import pytest
 from arms import DATA
 
-from ident.cli.times import KINDS, Times
+from ident.cli.times import KINDS, Times, begin
 
 
 def test_each_moment_counts_once_for_the_first_kind_that_was_going_on():
@@ -54,3 +54,11 @@ def test_a_command_says_where_its_time_went():
     assert sum(shares.values()) == pytest.approx(float(total), abs=0.06)
     assert shares["importing"] > 0.1
     assert shares["tracing"] > 0
+
+
+@pytest.mark.parametrize("off", ["", "0", "off"])
+def test_it_says_nothing_where_that_is_switched_off(monkeypatch, off):
+    plain = builtins.__import__
+    monkeypatch.setenv("IDENT_TIMES", off)
+    begin()
+    assert builtins.__import__ is plain

@@ -79,7 +79,7 @@ def shipped():
 def test_each_verdict_in_closed_form():
     """Columns: seen well, seen little, seen as a sum only (twice), not seen."""
     found = check(linear([[10, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 10, 10, 0]]))
-    assert found.verdicts == ("identifiable", "weak", "weak", "weak", "not seen")
+    assert found.verdicts == ("identifiable", "weak", "open", "open", "not seen")
     np.testing.assert_allclose(found.data_sd[:, :2], [[0.1, 1.0]] * 9)
     assert np.isinf(found.data_sd[:, 2:]).all()
     assert found.information.rank == 3
@@ -146,14 +146,14 @@ def test_a_value_that_is_predicted_only_tells_nothing():
     assert check(problem).verdicts == ("identifiable", "not seen")
 
 
-@pytest.mark.parametrize("width", [0.4, 1e-4])
-def test_a_derivative_that_vanishes_at_the_start_only_does_not_mislead(width):
-    """Half of 100 a^2 at a = 0; and a narrow prior keeps the points where it is still nearly zero."""
+@pytest.mark.parametrize(("width", "verdict"), [(0.4, "weak"), (1e-4, "open")])
+def test_a_derivative_that_vanishes_at_the_start_only_does_not_mislead(width, verdict):
+    """Half of 100 a^2 at a = 0; and a narrow prior keeps the points where it is still nearly zero: as a fit, open."""
     problem = problem_of(lambda p: jnp.stack([50 * p["a"] ** 2, 10 * p["b"]]), 2, [0.0, 0.0], prior_sd=width)
     found = check(problem)
     assert found.data_sd[0, 0] == np.inf
     assert np.isfinite(found.data_sd[1:, 0]).all()
-    assert found.verdicts == ("weak", "identifiable")
+    assert found.verdicts == (verdict, "identifiable")
     assert found.supported[:, 0].any() == (width == 0.4)
 
 
@@ -274,7 +274,7 @@ def test_a_value_near_zero_is_no_power():
 
 
 def test_the_paper_fixes_three_of_six_directions_and_no_parameter(paper):
-    assert paper.verdicts == ("weak",) * 6
+    assert paper.verdicts == ("open",) * 6
     assert paper.information.rank == 3
     assert np.isinf(paper.data_sd).all()
     assert paper.answered == 9
@@ -411,3 +411,26 @@ def test_the_problem_that_check_and_fit_pose_is_the_same():
     found = check_campaign(lcd_arm(), campaign, Unknowns(fixed=fixed, prior_sd=0.5))
     assert found.problem.parameters.names == build_problem(lcd_arm(), campaign, Unknowns(fixed=fixed)).parameters.names
     assert found.verdicts == ("identifiable",) * 2
+
+
+def test_two_rows_with_one_label_may_be_a_wrong_label():
+    """Rather than a wrong value; and both are told in the unit that they were written in."""
+    campaign = read_campaign(DATA / "campaign.csv")
+    rows = list(campaign.measurements)
+    rows[6] = dataclasses.replace(rows[6], mode=rows[5].mode)
+    wrong = dataclasses.replace(campaign, measurements=tuple(rows))
+    with pytest.raises(InputError) as refused:
+        check_campaign(lcd_arm(), wrong)
+    (problem,) = refused.value.problems
+    assert problem.got == "5.05 Hz, 18 sd from row 12, which has the label 'lateral torsion 1', too"
+    assert problem.remedy.startswith("correct one of the labels, drop the wrong one")
+    assert problem.column == ""
+    rows = list(campaign.measurements)
+    rows[4] = dataclasses.replace(rows[4], value=10 * rows[4].value)
+    with pytest.raises(
+        InputError, match=r"got 265.8 mm, 10.1 times what the arm file predicts, expected about 26.3 mm"
+    ):
+        check_campaign(lcd_arm(), dataclasses.replace(campaign, measurements=tuple(rows)))
+    rows[4] = dataclasses.replace(rows[4], unit="by eye")
+    with pytest.raises(InputError, match=r"got 0.2658 m, 10.1 times"):
+        check_campaign(lcd_arm(), dataclasses.replace(campaign, measurements=tuple(rows)))

@@ -23,7 +23,7 @@ GOOD = "frequency,10,,,,,,4.5,Hz,0.1,,\n"
 
 BAD_ROWS = [
     ("frequency,10,,,,,,4,5,Hz,0.1,,", "", "13 fields.*decimal commas"),
-    ("frequency,10,,,,,,4.5,Hz,0.1,", "", "11 fields, expected 12"),
+    ("frequency,10,,,,,,4.5,Hz,0.1,", "", "11 fields, so that no cell was read, expected 12"),
     ("frequncy,10,,,,,,4.5,Hz,0.1,,", "kind", "'frequncy'.*write frequency"),
     (",10,,,,,,4.5,Hz,0.1,,", "kind", "got nothing, expected one of frequency"),
     ("frequency,ten,,,,,,4.5,Hz,0.1,,", "q1", "'ten', expected a number"),

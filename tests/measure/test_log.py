@@ -86,12 +86,12 @@ BAD_ROWS = [
     ("0.35,15,0.5", f"log.csv:8, time: got 0.35 s after 0.4 s, expected times that increase; {NEAT}"),
     (
         "0.5,15",
-        "log.csv:8: got 2 fields, expected 3, as in the header; "
+        "log.csv:8: got 2 fields, so that no cell was read, expected 3, as in the header; "
         "quote text that contains the delimiter, and keep a delimiter for every empty cell",
     ),
     (
         "0,5,15,0.5",
-        "log.csv:8: got 4 fields, expected 3, as in the header; if these are decimal commas, "
+        "log.csv:8: got 4 fields, so that no cell was read, expected 3, as in the header; if these are decimal commas, "
         "write decimal points or separate the columns by semicolons",
     ),
     (

@@ -8,7 +8,10 @@ from arms import DATA, lcd_arm
 from results import assert_comes_back, assert_plain
 
 import ident
+from ident.arm.base import on_soft_base
+from ident.identify.conditions import bind
 from ident.identify.fit import fit_campaign
+from ident.identify.predict import predict
 from ident.identify.values import Values
 from ident.present.text.basis import values_in_words
 from ident.studies.fit import FitOptions, fit
@@ -37,6 +40,22 @@ def test_it_is_the_fit_of_the_campaign(result, table_1):
     for path, value in result.parameters.items():
         assert float(result.fitted_arm.get(path)) == value
     assert float(result.fitted_arm.get("joint1.k_bend")) == float(lcd_arm().get("joint1.k_bend"))
+
+
+def test_what_the_data_ask_for_counts_as_a_doubt_that_withholds_nothing():
+    """A base thirty times as stiff as joint 1, seen by exact data of small sigmas."""
+    height = 0.5 * np.hypot(0.992855, 0.12)
+    soft = on_soft_base(lcd_arm(), height).replace({"base.k_bend": 30 * 7.173e5, "base.k_tors": 1e12})
+    rows = ident.read_campaign(DATA / "lcd_arm" / "campaign.csv").measurements
+    exact = predict(soft, {}, bind(soft, ident.Campaign(measurements=rows))).tolist()
+    relative = {"frequency": 1e-3, "deflection": 4e-3}
+    seen = (replace(m, value=x, sigma=relative[m.kind] * x, mode=None) for m, x in zip(rows, exact, strict=True))
+    result = fit(lcd_arm(), ident.Campaign(measurements=tuple(seen)), FitOptions(starts=2))
+    assert result.assumptions.asked_for
+    assert result.doubtful
+    assert result.doubts == ()
+    assert all(result.supported.values())
+    assert not replace(result, fit=replace(result.fit, assumptions=None)).doubtful
 
 
 def seen(values):

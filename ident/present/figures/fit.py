@@ -36,6 +36,7 @@ from ident.present.figures.style import (
     titled,
 )
 from ident.present.text.agreement import chance
+from ident.present.text.assumptions import in_words
 from ident.present.text.fit import why_no_interval
 from ident.present.text.units import MM, in_read_unit, is_length, read_unit
 from ident.present.text.words import cut, direction_name, short
@@ -46,6 +47,8 @@ KIND_STYLES: dict[str, Style] = {
     "deflection_difference": {"color": PINK, "marker": "D"},
     "damping_ratio": {"color": GREEN, "marker": "^"},
 }
+RIMMED: Style = {"markersize": 8, "markeredgecolor": "black", "markeredgewidth": 1.8}
+"""What lies too far from the fit."""
 ROW, PANEL = 0.27, 1.15
 """Height of one row, and of a panel's heading and axis [inch]."""
 LABEL, LETTER = 52, 0.063
@@ -78,7 +81,7 @@ def fit_figure(fit: CampaignFit) -> Figure:
         _values(axes, fit, group, shift=group is moved)
     _directions(directions, fit.information)
     residuals, words = _stack(figure, columns[1], heights[1])
-    _residuals(residuals, fit.campaign, fit.residuals)
+    _residuals(residuals, fit.campaign, fit.residuals, fit.outliers)
     _write(words, notes)
     return figure
 
@@ -123,12 +126,22 @@ def _values(axes: Axes, fit: CampaignFit, group: Sequence[int], *, shift: bool) 
         axes.plot(ends, [y, y], solid_capstyle="butt", zorder=2, **line)
         axes.plot([row.value], [y], linestyle="", zorder=3, **(FILLED if row.supported else HOLLOW))
     axes.set_xlabel("fitted - arm file [mm]" if shift else "fitted / arm file [-]", fontsize=9)
-    keys = _key(
-        [row.supported for row in drawn], "known, 95 % interval", "no interval by the data; shown with the prior"
-    )
+    why = [why_no_interval(fit, i) for i in group]
+    keys = _key([row.supported for row in drawn], "known, 95 % interval", _hollow(why))
     heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
-    texts = [_value_text(items[i].name, fit.best.values[i], interval[i], why_no_interval(fit, i)) for i in group]
+    texts = [
+        _value_text(items[i].name, fit.best.values[i], interval[i], word) for i, word in zip(group, why, strict=True)
+    ]
     rows(axes.twinx(), texts, side="right")
+
+
+def _hollow(why: Sequence[str]) -> str:
+    """Say why a value has no interval, and what its bar is all the same."""
+    reasons = {
+        "withheld": "withheld, as the fit is in doubt: what data and prior would tell",
+        "": "no interval by the data; shown with the prior",
+    }
+    return "\n".join(reasons[word] for word in dict.fromkeys("withheld" * (each == "withheld") for each in why if each))
 
 
 def _row(item: Parameter, value: float, interval: np.ndarray, supported: bool, shift: bool) -> _Row:
@@ -201,8 +214,11 @@ def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:
     return {text: style for text, style in ((solid, FILLED), (hollow, HOLLOW)) if (style is FILLED) in filled}
 
 
-def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray) -> None:
-    """Draw measured minus predicted in standard deviations, a row for each measurement, sorted by kind."""
+def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray, outliers: np.ndarray) -> None:
+    """Draw measured minus predicted in standard deviations, a row for each measurement, sorted by kind.
+
+    What lies too far off has a black rim.
+    """
     kinds = [kind for kind in KIND_STYLES if any(m.kind == kind for m in campaign)]
     order = sorted(range(len(campaign)), key=lambda i: kinds.index(campaign.measurements[i].kind))
     z = -np.asarray(residuals)
@@ -219,18 +235,26 @@ def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray) -> None:
     for y, i in enumerate(order):
         style = KIND_STYLES[campaign.measurements[i].kind]
         axes.plot([0.0, z[i]], [y, y], color=style["color"], linewidth=1.2)
-        axes.plot([z[i]], [y], linestyle="", markersize=5, **style)
+        axes.plot([z[i]], [y], linestyle="", **{**style, **(RIMMED if outliers[i] else {"markersize": 5})})
     axes.set_xlabel("(measured - predicted) / sigma [-]; shaded: within ±2", fontsize=9)
-    keys = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
-    heading(axes, "Measured against predicted", keys)
+    keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
+    if outliers.any():
+        keys["too far off"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
+    heading(axes, "Measured against predicted", keys, columns=3)
 
 
 def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
     """Yield what must be said in words, each line with whether it is a warning."""
     p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ": nothing is left to test the model with"
     yield f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}", False
-    if not fit.best.converged:
-        yield "The search has not ended here: this is not an optimum", True
+    yield from ((f"{doubt[0].upper()}{doubt[1:]}", True) for doubt in fit.doubts if "(see below)" not in doubt)
+    if fit.assumptions and fit.assumptions.asked_for and not fit.doubts:
+        yield f"The data ask for an assumption to be dropped: {in_words(fit.assumptions.asked_for[0])}", True
+    for each in fit.exchanges[:1]:
+        one, other = (cut(short(fit.campaign.measurements[row]), 60) for row in each.rows)
+        yield f"With two values exchanged chi-squared would be {each.chi_squared:.3g}:", True
+        yield f"   {one}", False
+        yield f"   {other}", False
     if rivals := len(fit.rivals):
         others = "Another optimum is" if rivals == 1 else f"{rivals} other optima are"
         yield f"{others} not ruled out: each interval reaches over all that were found", True

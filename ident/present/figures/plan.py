@@ -41,14 +41,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
     if workspace.postures and len(postures) <= LISTED:
         places = _bars(axes, plan, gain)
     elif len(shown) == 1:
-        order = np.argsort(angles[:, 0])
-        axes.plot(angles[order, 0], gain[order], color=BLUE, marker="o", markersize=4)
-        axes.set_ylabel(_gain_label(plan), fontsize=9)
-        axes.set_ylim(0, 1.12 * float(np.nanmax(gain)))
-        places = {
-            i: (math.degrees(q[0]), height)
-            for i, (q, height) in enumerate(zip(plan.predictions.postures, 60 * plan.best_gain, strict=True))
-        }
+        places = _curve(axes, plan, angles[:, 0], gain, shown[0])
     else:
         drawn = _map(axes, angles, gain, sampled=scattered)
         bar = figure.colorbar(drawn, ax=axes, pad=0.02)
@@ -73,6 +66,27 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
     if workspace.line is not None:
         rest = f" on the line ({', '.join(f'{share:g}' for share in workspace.line)})"
     heading(axes, f"Gain of a first experiment over posture{rest}", entries)
+
+
+def _curve(axes: Axes, plan: CampaignPlan, angles: np.ndarray, gain: np.ndarray, joint: int) -> dict[int, Any]:
+    """Draw the gain over one joint's angle, also through measured postures beside the grid; return where each is."""
+    heights = 60 * plan.best_gain
+    places = {
+        i: (math.degrees(q[joint]), height)
+        for i, (q, height) in enumerate(zip(plan.predictions.postures, heights, strict=True))
+    }
+    line = plan.arm.workspace.line
+    on_line = [
+        line is None or np.allclose(q, q[joint] / line[joint] * np.array(line)) for q in plan.predictions.postures
+    ]
+    beside = [i for i in range(len(heights)) if i not in plan.grid.seen and on_line[i]]
+    x = np.append(angles, [places[i][0] for i in beside])
+    y = np.append(gain, heights[beside])
+    order = np.argsort(x)
+    axes.plot(x[order], y[order], color=BLUE, marker="o", markersize=4)
+    axes.set_ylabel(_gain_label(plan), fontsize=9)
+    axes.set_ylim(0, 1.12 * float(np.nanmax(y)))
+    return places
 
 
 def _bars(axes: Axes, plan: CampaignPlan, gain: np.ndarray) -> dict[int, Any]:
@@ -126,10 +140,12 @@ def _cross() -> dict[str, Any]:
 
 def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
     """Mark postures that were measured, and number the chosen ones beside; several numbers share a place."""
-    for i in np.flatnonzero(plan.measured):
-        axes.plot(*places[int(i)], linestyle="", zorder=3, clip_on=False, **_cross())
+    for i in set(np.flatnonzero(plan.measured).tolist()) & set(places):
+        axes.plot(*places[i], linestyle="", zorder=3, clip_on=False, **_cross())
     numbers: dict[tuple[float, float], list[str]] = {}
     for number, experiment in enumerate(plan.batch, 1):
+        if experiment.place not in places:  # measured before, but not listed
+            continue
         x, y = places[experiment.place]
         numbers.setdefault((round(float(x), 3), round(float(y), 6)), []).append(str(number))
     for place, texts in numbers.items():

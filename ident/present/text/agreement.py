@@ -8,7 +8,7 @@ from ident.inference.cross_prediction import FEW, CrossPrediction, contradicting
 from ident.inference.verdicts import RARE, standard_deviations
 from ident.measure import Measurement
 from ident.present.text.units import in_read_unit
-from ident.present.text.words import describe
+from ident.present.text.words import describe, three_digits
 
 
 def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement]) -> Iterator[str]:
@@ -16,7 +16,7 @@ def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measure
     for cross in predictions:
         values = "value" if len(cross.rows) == 1 else "values"
         yield (
-            f"  {cross.kind.replace('_', ' ')}, {len(cross.rows)} {values}: T {cross.statistic:#.3g} on"
+            f"  {cross.kind.replace('_', ' ')}, {len(cross.rows)} {values}: T {three_digits(cross.statistic)} on"
             f" {cross.degrees_of_freedom:.1f} degrees of freedom, {chance(cross)}"
         )
         for i, row in enumerate(cross.rows if len(cross.rows) <= FEW else ()):

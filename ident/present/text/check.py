@@ -69,8 +69,12 @@ def _verdicts(check: CampaignCheck) -> Iterator[str]:
     if check.information is None:
         return
     limit = math.exp(WEAK_ABOVE)
-    yield f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.tried} points looked at: the"
-    yield "  arm file's values and others about them, since one point may mislead. Priors count nothing here."
+    yield (
+        f"  identifiable: one sd is less than a factor of {limit:.2g} at all {check.tried} points looked at: the"
+        " arm file's values and others about them, since one point may mislead. Priors count nothing here."
+    )
+    if "open" in check.verdicts:
+        yield "  open: the data alone leave it open at all these points."
 
 
 def _others(check: CampaignCheck) -> Iterator[str]:
@@ -224,8 +228,10 @@ def _changing(check: CampaignCheck) -> Iterator[str]:
         yield f"  row {_number(m, i)}, {m.mode}: on {often:.0%} of the arms that were tried"
     if len(rows) > MOST:
         yield f"  and {len(rows) - MOST} more"
-    yield "  There the fit tells modes by their frequencies, too. Where you are not sure of a word, leave it out of the"
-    yield "  label (`torsion 2`), or the label out of the row."
+    yield (
+        "  There the fit tells modes by their frequencies, too. Where you are not sure of a word, leave it out of the"
+        " label (`torsion 2`), or the label out of the row."
+    )
 
 
 def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:

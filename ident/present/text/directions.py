@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ident.inference.information import Direction, Information, TradeOff
 from ident.inference.parameters import Parameter
-from ident.present.text.words import kept, main_factors, scatter
+from ident.present.text.words import kept, main_factors, percent, scatter
 
 
 def what_is_fixed(known: Information, items: tuple[Parameter, ...]) -> Iterator[str]:
@@ -69,5 +69,5 @@ def in_words(trade: TradeOff, items: tuple[Parameter, ...]) -> str:
 
 def _change(item: Parameter, theta: float) -> str:
     if item.positive:
-        return f"{item.name} by {100 * math.expm1(theta):+.2g} %"
+        return f"{item.name} by {percent(math.expm1(theta), '+')}"
     return f"{item.name} by {1e3 * theta * float(item.scale):+.2g} mm"

@@ -11,7 +11,7 @@ from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE
 from ident.inference.optima import unmet
 from ident.inference.parameters import Parameter
 from ident.present.text.agreement import agreement, dependence_on_priors, what_may_be_wrong
-from ident.present.text.assumptions import assumption_lines
+from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.directions import what_is_fixed, what_is_open
 from ident.present.text.fit_details import measurements, optima, origins
 from ident.present.text.units import MM, is_length, unit_of
@@ -79,7 +79,12 @@ def _either_side(item: Parameter, value: float, interval: np.ndarray) -> str:
 
 def _limits(fit: CampaignFit) -> Iterator[str]:
     """Yield what speaks against the answer, what else would fit, and what the data leave open."""
-    lines = [*_doubts(fit), *_rivals(fit), *what_is_open(fit.information, fit.problem.parameters.items)]
+    lines = [
+        *_doubts(fit),
+        *asked_for_lines(fit),
+        *_rivals(fit),
+        *what_is_open(fit.information, fit.problem.parameters.items),
+    ]
     nothing = "Nothing in the data speaks against them: no doubt, no rival met, no open direction"
     yield "What limits them" if lines else nothing
     yield from lines
@@ -99,7 +104,7 @@ def _doubts(fit: CampaignFit) -> Iterator[str]:
 def _explanation(fit: CampaignFit) -> Iterator[str]:
     yield f"  CONTRADICTION. {dependence_on_priors(fit.cross_predictions)}"
     hint = what_may_be_wrong(fit.cross_predictions)
-    if fit.outliers.sum() == 1 or not hint:
+    if fit.outliers.sum() == 1 or fit.exchanges or not hint:
         yield "  Check the values named below, their labels, units and load cases first."
         return
     yield from (f"  {line}" for line in hint)

@@ -70,10 +70,13 @@ def optima(fit: Fit) -> Iterator[str]:
     failed = f"; {fit.failed} starts reached none" if fit.failed else ""
     first = f"; the first {LISTED} of them" if len(fit.optima) > LISTED else ""
     yield f"Optima: {len(fit.optima)} found from {tried} starts{failed}{first}"
+    yield f"  {'':6s} {'score':>9s} {'labels':>8s} {'starts':>6s}   values, in the order of Parameters [SI]"
     for i, optimum in enumerate(fit.optima[:LISTED]):
         note = (" (open)" if len(optimum.open) else "") if optimum.converged else " (not converged)"
         mark = "answer" if i == 0 else "other "
-        yield f"  {mark} cost {optimum.cost:10.4g}  starts {optimum.starts:3d}   {_values(optimum.values)}{note}"
+        numbers = f"{optimum.score:9.4g} {round(optimum.said, 3) + 0.0:8.3g} {optimum.starts:6d}"
+        yield f"  {mark} {numbers}   {_values(optimum.values)}{note}"
+    yield "  score: chi-squared of data and priors, and what speaks against the labels, which `labels` is of it"
     if fit.best.converged and len(fit.best.open):
         count = f"{len(fit.best.open)} of {len(fit.best.theta)} directions"
         yield f"  open: along {count} the cost stays flat, or still falls, over several e-folds"

@@ -1,7 +1,7 @@
 """The printed plan: the best next experiments, the batch with what the intervals will become, and what was assumed."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -55,7 +55,10 @@ def _heading(plan: CampaignPlan) -> Iterator[str]:
     yield f"Plan of measurements on {plan.arm.name}, from {known}"
     sample = ", a sample" if plan.grid.sampled else ""
     yield f"  {len(plan.grid.postures)} postures {_where(plan)}{sample};"
-    yield f"  {len(plan.predictions.postures)} of them show different things, {len(plan.experiments)} experiments"
+    different = len(np.unique(plan.grid.seen[plan.grid.seen >= 0]))
+    before = len(plan.predictions.postures) - different
+    beside = f" and {before} measured beside them" if before else ""
+    yield f"  {different} of them{beside} show different things, {len(plan.experiments)} experiments"
     words, unit = criterion_in_words(plan)
     yield f"  chosen for {words}, most gain [{unit}] per minute first"
     for doubt in plan.fit.doubts if plan.fit else ():
@@ -143,13 +146,23 @@ def _intervals(plan: CampaignPlan) -> Iterator[str]:
     for place, item in enumerate(items):
         row = "".join(f"{sd_in_words(item, float(sd)):>11s}" for sd in plan.sd[shown, place])
         ends = (last[1:, place].min(), last[1:, place].max()) if len(last) > 1 else ()
-        spread = " to ".join(sd_in_words(item, float(sd)) for sd in ends)
+        spread = _from_to([sd_in_words(item, float(sd)) for sd in ends])
         yield f"  {cut(item.name, 38):{width}s}{row}   {spread}".rstrip()
     if plan.missed:
         target = f"{100 * math.expm1(plan.settings.target):.3g} %"
         yield f"  The target of {target} is MISSED for {', '.join(plan.missed)}: ask for a larger batch"
         yield "  (--count), other loads (--load) or more modes (--modes)"
     yield "  A 95 % interval reaches 1.96 sd to each side, in ln(value)."
+
+
+def _from_to(ends: Sequence[str]) -> str:
+    """Join the ends of a span; two factors as `factor 2.2 to 4.5`, two of one unit as `5.1 to 8 %`."""
+    if not ends:
+        return ""
+    first, last = (end.split() for end in ends)
+    if first[0] == last[0] == "factor":
+        return kept(f"factor {first[1]} to {last[1]}")
+    return kept(f"{first[0]} to {' '.join(last)}" if first[1:] == last[1:] else " to ".join(ends))
 
 
 def _assumptions(plan: CampaignPlan) -> Iterator[str]:

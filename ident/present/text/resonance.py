@@ -72,8 +72,10 @@ def _heading(
         yield "  No pulley comes near a natural frequency."
         return
     met = sum(bool(group[0].crossings) for group in groups)
-    counts = f"{met} meet, {len(groups) - met} come near"
-    yield f"  {len(groups)} resonance crossings: {counts}. The most magnified (no amplitude, see below):"
+    near = len(groups) - met
+    counts = f"{met} meet{'s' * (met == 1)}, {near} come{'s' * (near == 1)} near"
+    many = f"{len(groups)} resonance crossing{'s' * (len(groups) > 1)}"
+    yield f"  {many}: {counts}. The most magnified (no amplitude, see below):"
     yield f"  {verdict(branches, groups[0])}."
 
 

@@ -60,12 +60,22 @@ def degrees(posture: Iterable[float]) -> str:
 
 def scatter(sd: float) -> str:
     """Write the standard deviation of a logarithm: `2.1 %` or, where it is large, `factor 1.9`."""
-    return f"{100 * sd:.2g} %" if sd < 0.3 else f"factor {as_factor(sd)}"
+    return percent(sd) if sd < 0.3 else f"factor {as_factor(sd)}"
 
 
 def as_factor(log: float, digits: int = 2) -> str:
     """Write a logarithm as the factor it is; what nothing bounds is more than any that means something."""
     return f"{math.exp(log):.{digits}g}" if log < math.log(LARGEST) else f"over {LARGEST:g}"
+
+
+def three_digits(number: float) -> str:
+    """Write a number with three digits, zeros among them: `17.0`, `184`."""
+    return f"{number:#.3g}".removesuffix(".")
+
+
+def percent(share: float, sign: str = "") -> str:
+    """Write a share with two digits, and no power of ten where it is large: `8.6 %`, `112 %`."""
+    return f"{100 * share:{sign}.0f} %" if abs(share) > 0.994 else f"{100 * share:{sign}.2g} %"
 
 
 def span(low: float, high: float) -> str:
@@ -136,8 +146,7 @@ def in_percent(share: float) -> str:
     """Write a relative difference, `-3.7 %`; where it is no small one, what the value is multiplied by, `35 times`."""
     if not -0.95 < share < 9.995:
         return f"{1 + share:.2g} times"
-    percent = 100 * share
-    return f"{percent:+.0f} %" if abs(percent) > 99.4 else f"{percent:+.2g} %"
+    return percent(share, "+")
 
 
 def priors_in_words(items: Sequence[Parameter]) -> Iterator[str]:

@@ -11,7 +11,10 @@ from matplotlib.image import imread
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
+from ident.identify.assumptions import Assumption, Assumptions
 from ident.inference.cross_prediction import CrossPrediction
+from ident.inference.exchange import Exchange
+from ident.inference.score import ScoreTest
 from ident.present.figures.fit import fit_figure
 from ident.present.files.png import save
 
@@ -53,6 +56,41 @@ def test_fit_figure_shows_every_parameter_direction_and_measurement(name, count,
     assert_tidy(figure)
     save(figure, tmp_path / "new" / f"{name}.png")
     assert imread(tmp_path / "new" / f"{name}.png").shape[1] > 1000
+
+
+def keys(axes):
+    return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def test_a_fit_in_doubt_says_withheld_and_rims_what_lies_too_far_off():
+    right = fitted("campaign")
+    assert keys(panel(fit_figure(right), "Parameters")) == ["known, 95 % interval"]
+    assert "too far off" not in keys(panel(fit_figure(right), "Measured"))
+    assert keys(panel(fit_figure(fitted("table1")), "Parameters")) == ["no interval by the data; shown with the prior"]
+    off = np.zeros(20)
+    off[[2, 7]] = 30.0
+    result = replace(right, predicted=right.predicted + off * np.asarray(right.problem.sigma))
+    figure = fit_figure(replace(result, exchanges=(Exchange((2, 7), 9.5),)))
+    assert keys(panel(figure, "Parameters")) == ["withheld, as the fit is in doubt: what data and prior would tell"]
+    residuals = panel(figure, "Measured")
+    assert keys(residuals)[-1] == "too far off"
+    rims = [to_rgba(line.get_markeredgecolor()) == to_rgba("black") for line in residuals.lines]
+    rimmed = [float(line.get_xdata()[0]) for line, rim in zip(residuals.lines, rims, strict=True) if rim]
+    measured = [line for line in rimmed if abs(line) > 25]
+    assert len(measured) == 2
+    said = " ".join(text.get_text() for axes in figure.axes for text in axes.texts)
+    assert "2 of 20 measurements lie too far from the fit" in said
+    assert "With two values exchanged chi-squared would be 9.5" in said
+    assert_tidy(figure)
+
+
+def test_what_the_data_ask_for_is_named():
+    test = ScoreTest(0.2, True, np.zeros(6), True, 0.5, 6.0, 0.02)
+    asking = Assumptions((Assumption("base rocks", "", test),), 0.5)
+    figure = fit_figure(replace(fitted("campaign"), assumptions=asking))
+    said = " ".join(text.get_text() for axes in figure.axes for text in axes.texts)
+    assert "The data ask for an assumption to be dropped: base rocks" in said
+    assert_tidy(figure)
 
 
 def test_what_the_data_leave_open_is_hollow():

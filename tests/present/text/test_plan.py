@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from arms import DATA, loose_arm
+from arms import DATA, lcd_arm, loose_arm
 from reports import too_wide
 
 from ident.arm.arm import Arm
@@ -77,6 +77,37 @@ def test_the_figure_names_joints_units_and_visits(plan, tmp_path):
     assert sorted(", ".join(numbers).split(", "))[:3] == ["1", "2", "3"]
     save(figure, tmp_path / "plan.png")
     assert (tmp_path / "plan.png").stat().st_size > 20_000
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return fit_campaign(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), starts=2)
+
+
+def test_what_was_measured_beside_the_grid_lies_on_the_curve(shipped):
+    """The shipped campaign was also at 80 deg, which the steps of 30 deg leave out."""
+    plan = plan_campaign(lcd_arm(), shipped, settings=PlanSettings(draws=0, count=1))
+    curve, *crosses = plan_figure(plan).axes[0].lines
+    assert curve.get_xdata().tolist() == pytest.approx([-90, -60, -30, 0, 30, 60, 80, 90])
+    points = dict(zip(curve.get_xdata().round(6).tolist(), curve.get_ydata().tolist(), strict=True))
+    marked = {round(float(line.get_xdata()[0]), 6): float(line.get_ydata()[0]) for line in crosses}
+    assert sorted(marked) == [0.0, 30.0, 60.0, 80.0]
+    assert all(points[angle] == height for angle, height in marked.items())
+    assert "7 postures on the line" in plan_report(plan)
+    assert "  4 of them and 1 measured beside them show different things" in plan_report(plan)
+
+
+def test_postures_that_were_measured_but_are_not_listed_are_left_out_of_the_bars(shipped):
+    arm = dataclasses.replace(lcd_arm(), workspace=Workspace(postures=((0.0, 0.0, 0.0), (1.0, -2.0, 1.0))))
+    axes = plan_figure(plan_campaign(arm, shipped, settings=PlanSettings(draws=0, count=1))).axes[0]
+    assert len(axes.lines) == 1, "one of four is listed"
+
+
+def test_a_span_of_two_factors_is_written_in_a_column(plan):
+    """Not broken at the end of its line."""
+    table = plan_report(plan).partition("What the sd will be")[2].partition("\n\n")[0]
+    assert not re.search(r"\n {6}", table)
+    assert not re.search(r"factor \S+ to factor", table)
 
 
 def test_listed_postures_have_a_bar_each(tmp_path):

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ident.present.text.words import WIDTH, as_factor, folded, in_percent, kept, scatter
+from ident.present.text.words import WIDTH, as_factor, folded, in_percent, kept, percent, scatter, three_digits
 
 
 @pytest.mark.parametrize(
@@ -33,6 +33,18 @@ def test_what_nothing_bounds_overflows_nothing(log):
 )
 def test_a_difference_in_percent(share, words):
     assert in_percent(share) == words
+
+
+@pytest.mark.parametrize(
+    ("share", "words"), [(0.0086, "0.86 %"), (0.994, "99 %"), (1.0, "100 %"), (1.12, "112 %"), (-1.5, "-150 %")]
+)
+def test_a_share_has_no_power_of_ten(share, words):
+    assert percent(share) == words
+
+
+@pytest.mark.parametrize(("number", "words"), [(17.0, "17.0"), (184.2, "184"), (0.1239, "0.124"), (0.0, "0.00")])
+def test_three_digits_end_in_no_point(number, words):
+    assert three_digits(number) == words
 
 
 def test_a_long_line_is_folded_and_goes_on_farther_in():

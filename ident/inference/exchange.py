@@ -1,0 +1,98 @@
+"""Which two values, put into each other's row, would make a fit of data that do not fit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ident.inference.fit import Fit
+from ident.inference.information import RANK_TOLERANCE
+from ident.inference.least_squares import End, solve
+from ident.inference.problem import InverseProblem
+from ident.inference.verdicts import IMPROBABLE, outlying
+
+TRIED = 4
+"""Exchanges that are fitted anew: the best ones along a straight line."""
+
+Pair = tuple[int, int]
+"""Places of two values."""
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Two values that may have been taken for each other.
+
+    Attributes:
+        rows: their places.
+        chi_squared: of the data, fitted anew with the two values exchanged.
+    """
+
+    rows: Pair
+    chi_squared: float
+
+
+def exchanges(fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair] = ()) -> tuple[Exchange, ...]:
+    """Return the exchanges after which nothing speaks against the fit any more, of the least chi-squared first.
+
+    Two values change places together with their sigmas. All pairs are compared by the least squares of the model along
+    a straight line from the optimum; the best ones are fitted anew from there. It is a hint where to look: two values
+    that were not exchanged may look so, where both are wrong.
+
+    Args:
+        fit: of data that do not fit.
+        pairs: which values might be exchanged.
+        suspected: those that are fitted anew in any case.
+    """
+    nearest = [pairs[i] for i in np.argsort(_costs(fit, pairs), kind="stable")]
+    tried = list(dict.fromkeys([*suspected, *nearest]))[:TRIED]
+    found = []
+    for pair in tried:
+        end = solve(_exchanged(fit.problem, pair), fit.best.theta)
+        sigma = _swapped(np.asarray(fit.problem.sigma), pair)
+        residuals = (end.predicted - _swapped(np.asarray(fit.problem.measured), pair)) / sigma
+        if _fits(fit, end, residuals[np.isfinite(sigma)]):
+            found.append(Exchange(pair, float(residuals @ residuals)))
+    return tuple(sorted(found, key=lambda each: each.chi_squared))
+
+
+def _fits(fit: Fit, end: End, residuals: Float[np.ndarray, "D"]) -> bool:
+    """Tell whether neither chi-squared, nor a value, nor what was said of values speaks against an end."""
+    if not (np.isfinite(end.cost) and end.choice.settled) or outlying(residuals).any():
+        return False
+    from scipy.special import chdtrc
+
+    return bool(chdtrc(fit.degrees_of_freedom, residuals @ residuals) >= IMPROBABLE)
+
+
+def _costs(fit: Fit, pairs: Sequence[Pair]) -> Float[np.ndarray, "N"]:
+    """Return the least cost of each exchange where predictions change along a straight line.
+
+    With r the residuals and S their slope, it is r'r - (S'r)' (S'S)^+ S'r, of which an exchange changes two rows.
+    """
+    problem = fit.problem
+    residuals, slope = problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta)
+    measured, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
+    here = np.array(pairs, int).reshape(-1, 2)
+    there = here[:, ::-1]
+    old = np.concatenate([slope[here], residuals[here][:, :, None]], 2)
+    moved = (fit.predicted[here] - measured[there]) / sigma[there]
+    new = np.concatenate([fit.jacobian[here] / sigma[there][:, :, None], moved[:, :, None]], 2)
+    rows = np.concatenate([slope, residuals[:, None]], 1)
+    squares = rows.T @ rows + np.einsum("nip,niq->npq", new, new) - np.einsum("nip,niq->npq", old, old)
+    A, b, c = squares[:, :-1, :-1], squares[:, :-1, -1], squares[:, -1, -1]
+    inverse = np.linalg.pinv(A, rcond=RANK_TOLERANCE, hermitian=True)
+    return np.asarray(c - np.einsum("np,npq,nq->n", b, inverse, b))
+
+
+def _exchanged(problem: InverseProblem, pair: Pair) -> InverseProblem:
+    values = [jax.device_put(_swapped(np.asarray(x), pair)) for x in (problem.measured, problem.sigma)]
+    return eqx.tree_at(lambda p: (p.measured, p.sigma), problem, tuple(values))
+
+
+def _swapped(values: Float[np.ndarray, "D"], pair: Pair) -> Float[np.ndarray, "D"]:
+    swapped = values.copy()
+    swapped[list(pair)] = values[list(pair[::-1])]
+    return swapped
