@@ -25,6 +25,7 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
+from threading import RLock
 from types import FunctionType
 from typing import Any
 
@@ -72,6 +73,7 @@ class Programs:
         self.f, self.options = f, options
         self.loaded: dict[Any, Callable[..., Any]] = {}
         self.refused: set[int] = set()  # hashes only: what can't be kept must not be held on to either
+        self.lock = RLock()  # of several threads that ask for one program, the first makes it
 
     def find(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
         """Return what computes f of these arguments without tracing it, or None where there is no such thing."""
@@ -80,15 +82,18 @@ class Programs:
         settings = tuple(jax.config.values.values())
         key = tree, tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf)), arrays, settings
         try:
-            if hash(key) in self.refused:
-                return None
-            if key not in self.loaded and (program := self._program(args, more)):
-                self.loaded[key] = program
+            with self.lock:
+                if key not in self.loaded and hash(key) not in self.refused:
+                    self._take(key, self._program(args, more))
+                return self.loaded.get(key)
         except TypeError:  # a static value that has no hash, or what the function itself will raise again
             return None
-        if key not in self.loaded:
+
+    def _take(self, key: Any, program: Callable[..., Any] | None) -> None:
+        if program:
+            self.loaded[key] = program
+        else:
             self.refused.add(hash(key))
-        return self.loaded.get(key)
 
     def _program(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
         """Read a program from its file, or trace it and write it there."""

@@ -335,8 +335,8 @@ for name, values in designs.items():
 # depends on, remedies (torsion, mass centres, both, another speed) judged by the posterior's draws, and a proof by the
 # exact equations and by draws that nothing was chosen by. For the shipped campaign, which is synthetic, and a limit of
 # 0.5 mm it answers: too much, 0.71 mm; make joint 1 stiffer in torsion by 1.16 and leave the others within 2 %, which
-# brings 0.47 mm, and 98 % of 1000 fresh draws keep the limit. The same story with what is at hand here, the fit in
-# place of the posterior, and joint 1 alone:
+# brings 0.47 mm, and 98 % of the fresh draws, as many as settle it, keep the limit. The same story with what is at hand
+# here, the fit in place of the posterior, and joint 1 alone:
 
 # %%
 fit = ident.fit(arm_file, ident.read_campaign(data / "campaign.csv"))

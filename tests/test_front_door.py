@@ -42,9 +42,22 @@ def test_the_door_opens_without_a_library():
 def test_a_fit_loads_neither_the_sampler_nor_what_vibrates():
     loaded = of_the_door("ident.studies.fit, ident.identify.fit, ident.present.files.fit, ident.present.text.fit")
     assert "ident.inference.fit" in loaded
-    assert not {
-        name for name in loaded if name.startswith(("emcee", "scipy.stats", "arviz", "diffrax", "ident.vibrate"))
-    }
+    others = "emcee", "scipy.stats", "scipy.optimize", "arviz", "diffrax", "optimistix", "ident.vibrate"
+    assert not {name for name in loaded if name.startswith(others)}
+
+
+def test_a_prediction_loads_what_fits_only_where_it_fits():
+    loaded = of_the_door(
+        "ident.studies.predict, ident.identify.values, ident.assess.prediction, ident.present.text.predict"
+    )
+    assert "ident.assess.prediction" in loaded
+    assert not {name for name in loaded if name.startswith(("optimistix", "scipy.optimize", "matplotlib", "rich"))}
+
+
+def test_help_and_a_campaign_that_is_refused_load_neither_jax_nor_numpy():
+    loaded = of_the_door("ident.cli, ident.measure.reading, ident.studies.fit, ident.studies.spectrum")
+    assert "ident.measure.campaign" in loaded
+    assert not loaded & {"numpy", "jax", "scipy", "matplotlib", "rich", "jaxtyping"}
 
 
 def test_the_first_name_switches_to_double_precision():

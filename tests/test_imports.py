@@ -26,7 +26,7 @@ ONLY_IN = {
     "emcee": "inference",
     "jinja2": "present/html",
     "matplotlib": "present",
-    "optimistix": "inference/least_squares",
+    "optimistix": "inference/levenberg_marquardt",
     "pydantic": "description",
     "rich": "cli",
     "ruckig": "vibrate/motion/stroke",

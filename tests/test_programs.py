@@ -4,8 +4,11 @@ import json
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Barrier
+from time import sleep
 
 import jax
 import numpy as np
@@ -134,6 +137,27 @@ def test_an_error_of_the_function_itself_is_no_verdict_on_its_program(cache, mon
 def test_programs_are_kept_where_that_is_switched_on(cache, monkeypatch, value, kept):
     monkeypatch.setenv("IDENT_PROGRAMS", value)
     assert (own_folder() is not None) == kept
+
+
+def test_threads_that_ask_for_one_program_at_once_get_the_same(cache, monkeypatch):
+    monkeypatch.setattr(programs, "described", lambda value: "as it is")
+    traced, begin = [], Barrier(4)
+
+    def slow(x):
+        traced.append(x)
+        sleep(0.05)
+        return 2 * x
+
+    places = Programs(slow, {})
+
+    def ask(number):
+        begin.wait()
+        return places.find((np.full(3, number),), {})
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(ask, range(4)))
+    assert len(traced) == 1
+    assert len(set(found)) == 1
 
 
 def test_nothing_is_kept_without_a_cache(cache):

@@ -13,7 +13,6 @@ class Effort:
         draws: of the posterior, at most.
         band_draws: of these, for the bands of natural frequencies.
         assessment_draws: of these, to assess vibration and remedies by; all others are left for the verification.
-        speed_draws: of these, to choose a speed by.
         speeds: that are tried, as factors of the present one.
         values: of a single number that are tried; 41 are steps of 3.5 % from half to twice as much.
         screened: places at which a search for several numbers looks for its start; a power of two.
@@ -25,7 +24,6 @@ class Effort:
     draws: int = 1100
     band_draws: int = 100
     assessment_draws: int = 100
-    speed_draws: int = 20
     speeds: tuple[float, ...] = (0.5, 0.625, 0.75, 0.875, 1.0, 1.125, 1.25, 1.375, 1.5)
     values: int = 41
     screened: int = 64

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from ident.arm.fields import SPEED
-from ident.assess.task import CONFIDENT, Task
+from ident.assess.keeping import keeping
+from ident.assess.task import CONFIDENT, RATE, Task
 from ident.assess.vibration import exact_response
-from ident.vibrate.redesign.binomial import BinomialEstimate, binomial_estimate
+from ident.vibrate.redesign.binomial import BinomialEstimate
 from ident.vibrate.redesign.constraints import Requirements
-from ident.vibrate.redesign.evaluator import Draws
+from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.objective import Point
 from ident.vibrate.redesign.search import Effort, Search
-from ident.vibrate.redesign.sweep import Axis, axis, sweep
 from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.response import peak
@@ -141,86 +141,92 @@ def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
     changes = np.linspace(*variable.span(task.basis.arm), task.effort.values)[:, None]
     amplitude = task.evaluator(variable).amplitudes(changes)[:, :, 0].max(0)
     size = np.abs(changes[:, 0]) / np.abs(changes).max()
-    good = np.flatnonzero(amplitude <= task.limit)
-    for place in good[np.argsort(size[good])][:CANDIDATES]:
-        remedy = _remedy(task, (variable,), kind, changes[place], float(size[place]))
-        if remedy.meets_limit:
-            return remedy
-    best = np.argmin(amplitude)
-    return _remedy(task, (variable,), kind, changes[best], float(size[best]))
+    evaluator = task.evaluator(variable, draws=task.assessment_draws)
+    return _least(
+        size, amplitude, task.limit, lambda k: _remedy(task, evaluator, kind, changes[k], change_norm=float(size[k]))
+    )
+
+
+def _least(
+    size: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"], limit: float, remedy: Callable[[int], Remedy]
+) -> Remedy:
+    """Return the remedy of the least size that meets the limit, else that of the least amplitude."""
+    good = np.flatnonzero(amplitude <= limit)
+    tried: dict[int, Remedy] = {}
+    for place in good[np.argsort(size[good], kind="stable")][:CANDIDATES].tolist():
+        tried[place] = remedy(place)
+        if tried[place].meets_limit:
+            return tried[place]
+    quietest = int(np.argmin(amplitude))
+    return tried.get(quietest) or remedy(quietest)
 
 
 def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:
     """Take the least change of several numbers that reaches the aim, or the least amplitude; from two starts."""
     effort = Effort(task.effort.screened, task.effort.iterations)
     search = Search(task.evaluator(*variables), Requirements(), effort)
-    starts = search.starts(2, seed=0)
+    starts, objective = search.starts(2, seed=0), search.objective
+    quiet: list[Point] = []
+    if min(map(objective.largest, starts)) > aim:  # out of reach, it seems: the least amplitude tells
+        quiet = [u for start in starts if (u := search.minimum_amplitude(start)) is not None]
+        starts = [u for u in quiet if objective.largest(u) <= aim]
     reached = [u for start in starts if (u := search.minimum_change(start, aim)) is not None]
     if reached:
-        best = min(reached, key=search.objective.change_norm)
+        best = min(reached, key=objective.change_norm)
     else:
-        quiet = [u for start in starts if (u := search.minimum_amplitude(start)) is not None]
-        best = min([*starts, *quiet], key=search.objective.largest)
-    return _remedy(task, variables, kind, best * search.objective.scale, search.objective.change_norm(best))
+        quiet = quiet or [u for start in starts if (u := search.minimum_amplitude(start)) is not None]
+        best = min([0 * objective.scale, *starts, *quiet], key=objective.largest)
+    evaluator = task.evaluator(*variables, draws=task.assessment_draws)
+    return _remedy(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))
+
+
+def _slower_or_faster(task: Task) -> Remedy:
+    """Return the speed nearest to the present one that meets the limit, else that of the least amplitude."""
+    ratios = np.unique([ratio for ratio in task.effort.speeds if ratio != 1])
+    ratios = ratios[ratios * task.basis.percent <= max(FULL, task.basis.percent)]
+    evaluators = [_at_speed(task, ratio, ratio / ratios[0]) for ratio in ratios]
+    amplitude = np.array([each.alone.amplitudes(np.zeros((1, 0))).max() for each in evaluators])
+    size = np.abs(np.log2(ratios))
+    return _least(
+        size,
+        amplitude,
+        task.limit,
+        lambda k: _remedy(task, evaluators[k], "speed", np.zeros(0), ratio=ratios[k], change_norm=float(size[k])),
+    )
+
+
+def _at_speed(task: Task, ratio: float, clock: float) -> Evaluator:
+    """Return what simulates at another speed, with as many samples and steps as where the clock is 1."""
+    evaluator = task.evaluator(draws=task.assessment_draws)
+    moved = task.basis.motion.at_speed(100 * ratio)
+    return replace(evaluator, motion=moved, rate=RATE * clock, step=task.step / clock)
 
 
 def _remedy(
-    task: Task, variables: Sequence[Variable], kind: str, changes: Float[np.ndarray, "V"], change_norm: float
+    task: Task,
+    evaluator: Evaluator,
+    kind: str,
+    changes: Float[np.ndarray, "V"],
+    *,
+    change_norm: float,
+    ratio: float = 1.0,
 ) -> Remedy:
     """Assess a change by the draws."""
-    evaluator = task.evaluator(*variables, draws=task.assessment_draws)
-    amplitudes = evaluator.amplitudes(changes[None])[:, 0]
+    amplitude, keeps = keeping(evaluator, changes, task.limit)
     end_state = evaluator.end_states(changes[None])
     values = evaluator.values(changes)
     return Remedy(
         kind,
         values,
         {path: float(task.basis.arm.get(path)) for path in values},
+        float(ratio * task.basis.percent),
         task.basis.percent,
-        task.basis.percent,
-        amplitudes[:, 0],
-        binomial_estimate(amplitudes[:, 1:].max(0) <= task.limit),
+        amplitude,
+        keeps,
         float(end_state.frequency[0]),
         float(end_state.deflection[0]),
         change_norm,
     )
-
-
-def _slower_or_faster(task: Task) -> Remedy:
-    """Return the speed nearest to the present one that meets the limit, else that of the least amplitude."""
-    percents = task.basis.percent * np.asarray(task.effort.speeds)
-    speeds = axis(task.basis.arm, [SPEED], percents[percents <= max(FULL, task.basis.percent)], task.basis.percent)
-    amplitude, keeps = _at_speeds(task, speeds, task.speed_draws)
-    best = _best_speed(speeds, amplitude.max(0), keeps.mean(1) >= CONFIDENT, task.limit)
-    _, keeps = _at_speeds(task, replace(speeds, values=speeds.values[best : best + 1]), task.assessment_draws)
-    end_state = task.evaluator().end_states(np.zeros((1, 0)))
-    return Remedy(
-        "speed",
-        {},
-        {},
-        float(speeds.values[best]),
-        task.basis.percent,
-        amplitude[:, best],
-        binomial_estimate(keeps),
-        float(end_state.frequency[0]),
-        float(end_state.deflection[0]),
-        float(abs(np.log(speeds.values[best] / speeds.present)) / np.log(2)),
-    )
-
-
-def _at_speeds(task: Task, speeds: Axis, draws: Draws) -> tuple[Float[np.ndarray, "3 K"], Bool[np.ndarray, "K D"]]:
-    """Return the amplitudes of the arm itself [m], and which draws keep the limit."""
-    swept = sweep(task.evaluator(draws=draws), [speeds])
-    assert swept.draws is not None
-    return swept.amplitude, swept.draws.max(0) <= task.limit
-
-
-def _best_speed(speeds: Axis, amplitude: Float[np.ndarray, "K"], likely: Bool[np.ndarray, "K"], limit: float) -> int:
-    ratio = speeds.values / speeds.present
-    other = np.abs(ratio - 1) > 1e-9
-    good = np.flatnonzero(other & likely & (amplitude <= limit))
-    nearest = good[np.argmin(np.abs(np.log(ratio[good])))] if len(good) else None
-    return int(np.argmin(np.where(other, amplitude, np.inf)) if nearest is None else nearest)
 
 
 def verify_in_turn(
@@ -250,6 +256,5 @@ def verify_remedy(task: Task, remedy: Remedy, progress: Progress = iter) -> Veri
     evaluator = task.evaluator(*variables, draws=task.fresh_draws)
     evaluator = replace(evaluator, motion=motion, step=task.step / max(ratio, 1.0))
     changes = np.array([float(variable.change(task.basis.arm, variable.low)) for variable in variables])
-    amplitudes = evaluator.amplitudes(changes[None], progress)[:, 0, 1:]
-    keeps = binomial_estimate(amplitudes.max(0) <= task.limit)
+    _, keeps = keeping(evaluator, changes, task.limit, progress)
     return Verification(np.asarray(peak(response.vibration)), keeps, task.limit)

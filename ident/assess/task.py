@@ -40,11 +40,6 @@ class Task:
         return self._first(self.effort.assessment_draws)
 
     @property
-    def speed_draws(self) -> Draws:
-        """Those of them by which a speed is chosen."""
-        return self._first(min(self.effort.speed_draws, self.effort.assessment_draws))
-
-    @property
     def band_draws(self) -> Draws:
         """The draws for the bands of natural frequencies."""
         return self._first(self.effort.band_draws)

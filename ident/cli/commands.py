@@ -218,7 +218,7 @@ def run_diagnose(
     except KeyboardInterrupt:
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
-    typer.echo(result.advice)
+    typer.echo(result.closing)
     for written in result.save(out):
         typer.echo(f"wrote {written}")
     discard(folder)

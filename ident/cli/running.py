@@ -71,12 +71,12 @@ def check_folder(out: Path) -> None:
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:
     """Return what shows a bar over an iterable on a terminal; it vanishes at the end."""
+    if not sys.stderr.isatty():
+        return iter
     from rich.console import Console
     from rich.progress import track
 
     def shown(numbers: Iterable[int]) -> Iterator[int]:
-        hidden = not sys.stderr.isatty()
-        bar = track(numbers, description, total, console=Console(stderr=True), transient=True, disable=hidden)
-        return iter(bar)
+        return iter(track(numbers, description, total, console=Console(stderr=True), transient=True))
 
     return shown

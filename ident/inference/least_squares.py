@@ -6,14 +6,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, InverseProblem
 from ident.jit import jit
 
-MAX_STEPS = 200
 WHOLE, NOTHING = np.array(1.0), np.array(0.0)
 TO_THE_END, UNTIL_ANEW = np.array(True), np.array(False)
 STEEP = 1e-2
@@ -22,8 +20,6 @@ WORTH = 1e-7
 """Fall of the cost by a whole search that is worth another one."""
 TURNS = 6
 """Searches in a row at most, each with another choice of what the values belong to, or more steps."""
-TOLERANCE = 1e-10
-"""Relative and absolute change of theta and of the residuals at which a search ends."""
 
 
 class End(NamedTuple):
@@ -154,6 +150,7 @@ def search(
     The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
     affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
     """
+    from ident.inference.levenberg_marquardt import minimum  # a program that is known needs no solver
 
     def affine(theta: Array, args: tuple[InverseProblem, Any, Array]) -> Any:
         problem, held, weight = args
@@ -163,18 +160,7 @@ def search(
         end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J, choice)
         return residuals + slope @ (theta - here), end
 
-    solver = _OneStepMore(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]  # it inherits its constructor
-    found: Any = optx.least_squares(
-        affine,
-        solver,
-        start,
-        args=(problem, held, weight),
-        options={"to_the_end": to_the_end},
-        max_steps=MAX_STEPS + 1,
-        throw=False,
-        has_aux=True,
-    )
-    return found.aux, found.stats["num_steps"] <= MAX_STEPS
+    return minimum(affine, start, (problem, held, weight), {"to_the_end": to_the_end})
 
 
 @jit
@@ -185,35 +171,3 @@ def _with_jacobian(problem: InverseProblem, theta: Array, held: Any) -> tuple[Ar
         return jax.jvp(lambda theta: problem.holding(theta, held), (theta,), (direction,), has_aux=True)
 
     return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(theta.shape[0]))
-
-
-class _Progress(NamedTuple):
-    """State of the solver itself, what the model holds, whether it has ended, and whether it had a step before."""
-
-    inner: Any
-    held: Any
-    ended: Bool[Array, ""]
-    ended_before: Bool[Array, ""]
-
-
-class _OneStepMore(optx.LevenbergMarquardt[Any, Any, Any]):
-    """Goes on for one step after the end.
-
-    What a step of optimistix returns beside its point belongs to the point where the step began, so that of the last
-    point comes with one step more. Why the search ended is no matter: the gradient tells whether it is an optimum.
-    """
-
-    def init(self, fn: Any, y: Any, args: Any, *inputs: Any) -> Any:
-        return _Progress(super().init(fn, y, args, *inputs), args[1], jnp.array(False), jnp.array(False))
-
-    def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> tuple[Any, Any, Any]:
-        args = args[0], state.held, args[2]
-        y, inner, aux = super().step(fn, y, args, options, state.inner, tags)
-        ended, result = super().terminate(fn, y, args, options, inner, tags)
-        choice = inner.aux.choice  # of the last point that was accepted
-        short = jnp.abs(inner.y_eval - y).max() < TOLERANCE * (1 + jnp.abs(y).max())  # else rejected to the last step
-        ended |= short | (result != optx.RESULTS.successful) | ~(choice.settled | options["to_the_end"])
-        return y, _Progress(inner, choice.held, ended, state.ended), aux
-
-    def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
-        return state.ended_before, optx.RESULTS.successful

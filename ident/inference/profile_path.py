@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from scipy.optimize import brentq
-
 from ident.inference.constrained_fit import ConstrainedFit, Point
 
 FIRST = 0.1
@@ -96,6 +94,8 @@ def _outwards(constrained: ConstrainedFit, sign: int, limit: float, top: float) 
 
 def _bound(constrained: ConstrainedFit, sign: int, path: dict[float, Point], ending: Ending, level: float) -> Bound:
     """Find where the profile leaves an interval for good; the points that it takes are added to the path."""
+    from scipy.optimize import brentq  # long to import, and a fit of short intervals needs none
+
     places = sorted(path)
     last = max(i for i, place in enumerate(places) if path[place].delta_chi_squared <= level or i == 0)
     if last == len(places) - 1:

@@ -1,14 +1,19 @@
 """What was measured: campaigns of single numbers, logs and traces, from CSV into SI units."""
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from ident.measure.campaign import KINDS, Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.load import OWN_WEIGHT, Load, parse_direction
-from ident.measure.log import Log, parse_log, read_log
-from ident.measure.pulleys import Pulley, read_pulleys
 from ident.measure.reading import parse_campaign, read_campaign
-from ident.measure.trace import Trace, parse_trace, read_trace
 from ident.measure.writing import format_campaign, write_campaign
 from ident.units import NMM_PER_DEG, to_si
+
+if TYPE_CHECKING:
+    from ident.measure.log import Log, parse_log, read_log
+    from ident.measure.pulleys import Pulley, read_pulleys
+    from ident.measure.trace import Trace, parse_trace, read_trace
 
 __all__ = [
     "COLUMNS",
@@ -33,3 +38,17 @@ __all__ = [
     "to_si",
     "write_campaign",
 ]
+
+_SERIES = {
+    "log": ("Log", "parse_log", "read_log"),
+    "pulleys": ("Pulley", "read_pulleys"),
+    "trace": ("Trace", "parse_trace", "read_trace"),
+}
+"""Series in time: they need NumPy, for which a campaign that is refused need not wait."""
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _SERIES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"ident.measure.{module}"), name)
+    raise AttributeError(f"module 'ident.measure' has no attribute '{name}'")

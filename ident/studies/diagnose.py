@@ -78,6 +78,13 @@ class DiagnoseResult(Result):
 
         return verdict_words(self.diagnosis)
 
+    @property
+    def closing(self) -> str:
+        """The advice as the report ends with it, in lines that fit a terminal."""
+        from ident.present.text.words import folded
+
+        return folded(self.advice)
+
     def figures(self) -> "dict[str, Figure]":
         """Return the figures of the page, by the stages' names."""
         from ident.present.figures.diagnose import diagnose_figures

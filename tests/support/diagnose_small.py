@@ -20,7 +20,6 @@ SMALL = Effort(
     draws=30,
     band_draws=4,
     assessment_draws=10,
-    speed_draws=4,
     speeds=(0.5, 1.25),
     values=5,
     screened=4,

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.optimize import linear_sum_assignment
 
 ALIKE = 0.9
 """MAC of successive postures below which a mode is not followed with certainty."""
@@ -100,8 +99,16 @@ class _Step(NamedTuple):
 def _matched(frequency: np.ndarray, before: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> _Step:
     here = _turned(frequency, shape, weight @ before)
     mac = weighted_mac(before, here, weight)
-    place = linear_sum_assignment(mac, maximize=True)[1]
+    place = _assigned(mac)
     return _Step(place, here[:, place], mac[np.arange(len(place)), place])
+
+
+def _assigned(likeness: np.ndarray) -> np.ndarray:
+    """Return for each row the column that is its own, so that they are most alike in all."""
+    from scipy.optimize import linear_sum_assignment  # takes longer to import than a prediction to compute
+
+    columns: np.ndarray = linear_sum_assignment(likeness, maximize=True)[1]
+    return columns
 
 
 def weighted_mac(
@@ -131,7 +138,7 @@ def follow(
     likeness = cross / own / np.einsum("nbk,nbk->bk", weighted, reference)[:, None, :, None]
     place = likeness.argmax(1)
     for k, s in np.argwhere(_shared(place)):
-        place[:, k, s] = linear_sum_assignment(likeness[:, :, k, s], maximize=True)[1]
+        place[:, k, s] = _assigned(likeness[:, :, k, s])
     return place, np.take_along_axis(likeness, place[:, None], 1)[:, 0]
 
 
