@@ -25,6 +25,7 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
+from threading import RLock
 from types import FunctionType
 from typing import Any
 
@@ -67,6 +68,7 @@ class Programs:
         self.f, self.options = f, options
         self.loaded: dict[Any, Callable[..., Any]] = {}
         self.refused: set[int] = set()  # hashes only: what can't be kept must not be held on to either
+        self.lock = RLock()
 
     def find(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
         """Return what computes f of these arguments without tracing it, or None where there is no such thing."""
@@ -76,8 +78,9 @@ class Programs:
         try:
             if hash(key) in self.refused:
                 return None
-            if key not in self.loaded and (program := self._program(args, more)):
-                self.loaded[key] = program
+            with self.lock:  # threads that ask for the same at once get the same
+                if key not in self.loaded and (program := self._program(args, more)):
+                    self.loaded[key] = program
         except TypeError:  # a static value that has no hash, or what the function itself will raise again
             return None
         if key not in self.loaded:

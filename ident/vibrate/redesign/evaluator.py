@@ -109,9 +109,9 @@ class Evaluator:
 
         def run(first: int) -> np.ndarray:
             some = {path: column[first : first + BATCH] for path, column in numbers.items()}
-            vibration = vibrations(self.arm, some, solve)
+            vibration = np.asarray(vibrations(self.arm, some, solve))
             refuse_collapse(self.motion, vibration)
-            return np.asarray(measure(vibration))
+            return measure(vibration)
 
         starts = range(0, len(changes) * self.size, BATCH)
         try:
@@ -139,7 +139,7 @@ class Evaluator:
         for first in range(0, len(self.variables), WIDTH):
             point = numbers, _directions(numbers, self.variables[first : first + WIDTH])
             pair = by_chunk(lambda point: _pushed(self.arm, point, solve, measure), point, chunk=1)
-            parts, pushed = (np.moveaxis(np.asarray(part), 0, -1) for part in pair)
+            parts, pushed = (np.moveaxis(np.asarray(part), 0, -1)[..., : measure.count, :] for part in pair)
             slopes.append(pushed)
         if not np.isfinite(parts).all():
             raise ModelError(self._collapse(change[None]) or f"no response to {self.motion.name}: the arm collapses")
@@ -191,7 +191,10 @@ def _pushed(
 
     def one(pair: tuple[dict[str, Array], dict[str, Array]]) -> tuple[Array, Array]:
         values, directions = pair
-        parts, push = jax.linearize(lambda now: measure.parts(vibration_of(solve(arm.replace(now)))), values)
-        return parts, jax.vmap(push)(directions)
+
+        def pushed(direction: dict[str, Array]) -> tuple[Array, Array]:
+            return jax.jvp(lambda now: measure.parts(vibration_of(solve(arm.replace(now)))), (values,), (direction,))
+
+        return jax.vmap(pushed, out_axes=(None, 0))(directions)
 
     return jax.lax.map(one, point)
