@@ -18,15 +18,8 @@ from ident.vibrate.redesign.variable import Variable, apply
 from ident.vibrate.response.amplitude import Amplitude, amplitude
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.fast import step_for
-from ident.vibrate.response.simulate import (
-    RATE,
-    FastMethod,
-    by_chunk,
-    fast_method,
-    refuse_collapse,
-    vibration_of,
-    vibrations,
-)
+from ident.vibrate.response.fast_method import FastMethod, vibration_of
+from ident.vibrate.response.simulate import RATE, by_chunk, fast_method, refuse_collapse, vibrations
 
 BATCH = 64
 """Arms between two steps of progress."""
@@ -121,8 +114,11 @@ class Evaluator:
         return np.concatenate(parts, 1).reshape((3, len(changes), self.size))
 
     def step_for(self, changes: Float[np.ndarray, "G V"]) -> float:
-        """Return the time step [s] that the stiffest arm after these changes needs."""
-        return step_for(self.changed(changes), self.motion)
+        """Return the time step [s] that the stiffest arm after these changes needs, some of them at a time."""
+        numbers, count = self.batch(changes), len(changes) * self.size
+        picked = [np.minimum(np.arange(first, first + BATCH), count - 1) for first in range(0, count, BATCH)]
+        groups = (self.arm.replace({path: values[some] for path, values in numbers.items()}) for some in picked)
+        return min(step_for(arms, self.motion) for arms in groups)
 
     def slopes(
         self, change: Float[np.ndarray, "V"], which: slice = slice(None)

@@ -57,7 +57,8 @@ class Variable:
         """Return ln(value / present) or value - present."""
         present = arm.get(self.paths[0])
         xp = library(value, present)
-        return xp.asarray(value) - xp.asarray(present) if self.shifted else xp.log(xp.asarray(value) / present)
+        value, present = xp.asarray(value), xp.asarray(present)
+        return xp.asarray(value - present if self.shifted else xp.log(value / present))
 
     def value(self, arm: Arm, change: Float[AnyArray, "*batch"] | float) -> AnyArray:
         """Return the number after a change, the inverse of `change`."""
@@ -95,7 +96,8 @@ def refuse_factor(path: str, present: float, values: Iterable[float] = ()) -> It
 def changed(shifted: bool, number: AnyArray, change: AnyArray | float) -> AnyArray:
     """Return a number after a change."""
     xp = library(number, change)
-    return xp.asarray(number) + change if shifted else xp.asarray(number) * xp.exp(change)
+    number, change = xp.asarray(number), xp.asarray(change)
+    return xp.asarray(number + change if shifted else number * xp.exp(change))
 
 
 def apply(

@@ -14,14 +14,14 @@ References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
 """
 
-from functools import lru_cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
@@ -42,10 +42,10 @@ from ident.arm.rotations import matvec
 from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.few_sizes import ladder, where
+from ident.vibrate.response.few_sizes import where
 from ident.vibrate.response.quasi_static import initial_equilibrium, quasi_static_deflection, slope
+from ident.vibrate.response.step_weights import GAUSS, STAGES, STEPS, StepWeights
 from ident.vibrate.response.time_intervals import (
-    MOST_STEPS,
     NODE_PLACES,
     NODES,
     TimeIntervals,
@@ -60,10 +60,6 @@ from ident.vibrate.response.time_intervals import (
 
 ABSTRACT = 0.005
 """Step for an arm whose first frequency is not known [s]."""
-STAGES = 3
-"""Stages of a step; the order is twice as high."""
-GAUSS = (np.polynomial.legendre.leggauss(STAGES)[0] + 1) / 2
-"""The stages within a step, from 0 to 1."""
 ONCE, TWICE = ([p.integ(k) for p in basis(GAUSS)] for k in (1, 2))
 """Rate and value within a step by the stages' accelerations; h and h^2 are factors."""
 A, B = np.array([[p(c) for p in ONCE] for c in GAUSS]), np.array([p(1.0) for p in ONCE])
@@ -71,10 +67,6 @@ A2, B2 = A @ A, B @ A
 """The same, of the method for first-order equations applied twice: unlike TWICE at the stages it is always stable."""
 START, EDGES, AT_NODES = weights(np.array([0.0]))[0], weights(np.array([0.0, 1.0]))[1], weights(NODE_PLACES)
 """Weights of the nodes for value at the start of an interval, slopes at its edges, and everything at the nodes."""
-STEPS = 16
-"""Steps that are computed together."""
-MOST_CHUNKS = -(-MOST_STEPS // STEPS)
-"""Chunks of steps of an interval."""
 
 
 class Fast(NamedTuple):
@@ -103,42 +95,6 @@ class Fast(NamedTuple):
         return y + x.T, rate + v.T
 
 
-class Places(NamedTuple):
-    """Weights of an interval's nodes for its start, its edges, steps about nodes, and each of its steps, in chunks.
-
-    Attributes:
-        steps: () number S of steps of an interval.
-        about_nodes: (STAGES, m, m) for the stages of steps about the nodes.
-        within: (chunks, STEPS) the steps' numbers.
-        middles: (chunks, m, STEPS) for the middles of the steps.
-        in_steps: (chunks, STEPS STAGES) places of the stages, in steps.
-        stages: (chunks, 3, m, STEPS STAGES) for the stages: value, slope, curvature.
-    """
-
-    steps: Int[Array | np.ndarray, ""]
-    about_nodes: Float[Array | np.ndarray, "stages m m"]
-    within: Int[Array | np.ndarray, "chunks steps"]
-    middles: Float[Array | np.ndarray, "chunks m steps"]
-    in_steps: Float[Array | np.ndarray, "chunks places"]
-    stages: Float[Array | np.ndarray, "chunks 3 m places"]
-
-
-@lru_cache
-def places(S: int) -> Places:
-    """Return the weights for intervals of S steps, filled up to one of few numbers of chunks."""
-    within = np.arange(ladder(-(-S // STEPS), MOST_CHUNKS) * STEPS).reshape((-1, STEPS))
-    at = np.minimum(within, S - 1)
-    in_steps = (at[..., None] + GAUSS).reshape((len(at), -1))
-    return Places(
-        steps=np.asarray(S),
-        about_nodes=np.stack([weights(NODE_PLACES + (stage - 0.5) / S)[0] for stage in GAUSS]),
-        within=within,
-        middles=np.moveaxis(weights((at.ravel() + 0.5) / S)[0].reshape((NODES, *at.shape)), 1, 0),
-        in_steps=in_steps,
-        stages=np.moveaxis(np.stack(weights(in_steps.ravel() / S)).reshape((3, NODES, *in_steps.shape)), 2, 0),
-    )
-
-
 def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
@@ -165,7 +121,7 @@ def _first_frequency(arm: Arm, posture: AnyArray) -> Array:
 
 
 def integrate(
-    arm: Arm, model: Multibody, motion: Motion, grid: TimeIntervals, at: Places, loads: Loads | None = None
+    arm: Arm, model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, loads: Loads | None = None
 ) -> Fast:
     """Integrate from rest at the first break of the motion.
 

@@ -4,28 +4,27 @@ import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, has_transmission_error, multibody
-from ident.arm.multibody_kinematics import at_rest, bushings, deviations, end_point, pins
 from ident.errors import InputError, ModelError, Problem
 from ident.jit import AnyArray, concrete, jit, library
 from ident.vibrate.modal.modes_along_path import nominal
-from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact, fast
 from ident.vibrate.response.exact import Progress
-from ident.vibrate.response.few_sizes import filled_up, ladder, where
+from ident.vibrate.response.fast_method import FastMethod, Solution, displacement, repeated, vibration_of
+from ident.vibrate.response.few_sizes import filled_up
 from ident.vibrate.response.response import Response
-from ident.vibrate.response.time_intervals import TimeIntervals, Times, between_nodes, jumps_of, time_intervals
+from ident.vibrate.response.step_weights import step_weights
+from ident.vibrate.response.time_intervals import jumps_of, time_intervals
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
@@ -34,10 +33,6 @@ JUMP = 1e-4
 """Largest jump of a pin's speed [rad/s]: 4 m of arm on a mode of 4 Hz would vibrate by 0.02 mm."""
 CHUNK = 4
 """Arms of a batch that one call solves."""
-TOGETHER = 512
-"""Times at which the response is computed together."""
-LEAST = 4 * TOGETHER
-"""Times of the least program."""
 
 
 def simulate(
@@ -84,23 +79,8 @@ def simulate(
     return Response(model, motion, time, y, yd, path, displacement, static, method, interrupted)
 
 
-class Solution(NamedTuple):
-    """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T)."""
-
-    y: AnyArray
-    yd: AnyArray
-    path: AnyArray
-    displacement: AnyArray
-    quasi_static: AnyArray
-
-
 def _whole(solution: Solution) -> Solution:
     return solution
-
-
-def vibration_of(solution: Solution) -> Float[AnyArray, "3 T"]:
-    """Return the displacement of the end point from its quasi-static deflection [m]."""
-    return solution.displacement - solution.quasi_static
 
 
 def vibrations(
@@ -118,14 +98,9 @@ def fast_method(
     refuse_jumps(arm, motion)
     time = sample_times(motion, rate)
     grid = time_intervals(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
-    weights, error = fast.places(int(grid.steps)), has_transmission_error(arm)
+    weights, error = step_weights(int(grid.steps)), has_transmission_error(arm)
     samples = np.asarray(len(time))
-    return FastMethod(filled_up(motion), loads, _repeated(time), samples, grid.filled_up(), weights, elastic, error)
-
-
-def _repeated(time: Float[np.ndarray, "T"]) -> Float[np.ndarray, "more"]:
-    """Return times with the last one repeated, in one of few numbers."""
-    return np.pad(time, (0, ladder(len(time), LEAST) - len(time)), mode="edge")
+    return FastMethod(filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights, elastic, error)
 
 
 def _over_batch(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
@@ -179,51 +154,6 @@ def _mapped(arm: Arm, values: dict[str, Array], solve: "FastMethod", keep: Calla
     return jax.lax.map(lambda one: keep(solve(arm.replace(one))), values)
 
 
-class FastMethod(eqx.Module):
-    """The fast method for one arm, all else given."""
-
-    motion: Motion
-    loads: Loads | None
-    time: Times
-    samples: Int[AnyArray, ""]
-    grid: TimeIntervals
-    weights: fast.Places
-    elastic: bool = eqx.field(static=True)
-    transmission_error: bool = eqx.field(static=True)
-
-    @jit
-    def __call__(self, arm: Arm) -> Solution:
-        """Simulate an arm without batch axes; what is behind the samples means nothing."""
-        model = multibody(
-            arm, self.loads, rank=1, elastic_belts=self.elastic, transmission_error=self.transmission_error
-        )
-        solved = fast.integrate(arm, model, self.motion, self.grid, self.weights, self.loads)
-        nodes, y = self.grid.nodes.ravel(), jnp.moveaxis(solved.quasi_static, 1, 0)
-        bent = _end_point(model, self.motion, nodes, y.reshape((model.size, -1)), 0.0)[1]
-        bent = jnp.moveaxis(bent.reshape((3, *self.grid.nodes.shape)), 1, 0)
-
-        def at(time: Array) -> tuple[Array, ...]:
-            y, yd = solved.at(self.grid, time)
-            return y, yd, *_end_point(model, self.motion, time, y), between_nodes(self.grid, bent, time)[0]
-
-        return Solution(*_by_time(at, jnp.asarray(self.time), (model.size, model.size, 3, 3, 3)))
-
-
-def _by_time(f: Callable[..., tuple[Array, ...]], time: Array, rows: tuple[int, ...], *more: Array) -> list[Array]:
-    """Return what f gives for times and what belongs to them, some together, none that are repeated."""
-    chunks = time.reshape((-1, TOGETHER))
-    real = chunks[:, 0] > jnp.concatenate([jnp.full(1, -jnp.inf), chunks[:-1, -1]])
-    with_times = [jnp.moveaxis(x.reshape((x.shape[0], *chunks.shape)), 1, 0) for x in more]
-
-    def turned(none: Any, given: tuple[Array, ...]) -> tuple[Any, tuple[Array, ...]]:
-        return none, tuple(part.T for part in f(*given[1:]))
-
-    parts: tuple[Array, ...] = jax.lax.scan(
-        where(lambda given: given[0], turned, TOGETHER, rows), None, (real, chunks, *with_times)
-    )[1]
-    return [part.reshape((-1, part.shape[-1])).T for part in parts]
-
-
 def _exact(
     model: Multibody, method: FastMethod, solution: Solution, time: Float[np.ndarray, "T"], progress: Progress
 ) -> tuple[Solution, float | None]:
@@ -233,18 +163,8 @@ def _exact(
     y = np.asarray(solved.y)
     whole = np.pad(y, ((0, 0), (0, len(method.time) - y.shape[1])), mode="edge")
     times = np.minimum(method.time, time[y.shape[1] - 1])
-    displacement = np.asarray(_displacement(model, method.motion, times, whole))
-    return solution._replace(y=y, yd=np.asarray(solved.yd), displacement=displacement), solved.interrupted
-
-
-@jit
-def _displacement(model: Multibody, motion: Motion, time: Times, y: AnyArray) -> Float[Array, "3 T"]:
-    """Return how far the end point is from its path."""
-
-    def at(time: Array, y: Array) -> tuple[Array]:
-        return (_end_point(model, motion, time, y)[1],)
-
-    return _by_time(at, jnp.asarray(time), (3,), jnp.asarray(y))[0]
+    moved = np.asarray(displacement(model, method.motion, times, whole))
+    return solution._replace(y=y, yd=np.asarray(solved.yd), displacement=moved), solved.interrupted
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -255,7 +175,7 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
 
 def _concrete(arm: Arm) -> Arm:
     """Return the arm as it is apart from being differentiated: the grid of time does not depend on it smoothly."""
-    return jax.lax.stop_gradient(arm)
+    return arm if library(arm) is np else jax.lax.stop_gradient(arm)
 
 
 def _check_method(method: str, batch: tuple[int, ...]) -> None:
@@ -302,13 +222,3 @@ def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
 @jit
 def _multibody(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
     return multibody(arm, loads, rank=rank, elastic_belts=elastic)
-
-
-def _end_point(
-    model: Multibody, motion: Motion, time: AnyArray, y: Array, error: float = 1.0
-) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
-    """Return path and displacement of the end point, with so much of the kinematic error in the latter."""
-    turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
-    path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
-    angle = turning.pin.angle - (1 - error) * turning.error
-    return path, end_point(model, angle, bushings(model, y)) - path
