@@ -105,8 +105,7 @@ def step_for(arm: Arm, motion: Motion) -> float:
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
         return ABSTRACT
     ends = np.asarray(motion(np.asarray(motion.breaks)[[0, -1]])[0])
-    at_ends = [_first_frequency(arm, ends[:, k].reshape((-1,) + (1,) * len(arm.batch))) for k in range(2)]
-    first = max(float(np.max(frequency)) for frequency in at_ends)
+    first = float(np.max(_first_frequency(arm, ends.reshape((*ends.shape, *(1,) * len(arm.batch))))))
     speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
     orders = [1 + may_differ_from_zero(drive.error) for drive in arm.drives]
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
