@@ -7,9 +7,11 @@ from typing import Any, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ident.programs import Programs
 
+AnyArray = jax.Array | np.ndarray
 F = TypeVar("F", bound=Callable[..., Any])
 SMALL_KERNELS: Any = {
     "compiler_options": {
@@ -46,3 +48,13 @@ def _traced(arguments: Any) -> bool:
     """Return whether a program is being traced: then what is made anew is a tracer, too."""
     leaves = [jnp.zeros(()), *jax.tree.leaves(arguments)]
     return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+
+
+def library(*values: Any) -> Any:
+    """Return jax's NumPy where anything is traced, else NumPy: each operation of jax would be a program of its own."""
+    return jnp if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)) else np
+
+
+def concrete(tree: Any) -> Any:
+    """Return a tree with NumPy's arrays, where nothing is traced."""
+    return tree if library(tree) is jnp else jax.tree.map(np.asarray, tree)

@@ -10,6 +10,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.drive import Belt, Drive, Stroke
@@ -18,6 +19,7 @@ from ident.arm.fields import STIFFNESS, fields_of
 from ident.arm.parts import Body, Joint, Payload, Point
 from ident.arm.workspace import ANYWHERE, Workspace
 from ident.errors import InputError, Problem
+from ident.jit import library
 from ident.text import did_you_mean
 
 GRAVITY = (0.0, 0.0, -9.80665)
@@ -101,7 +103,7 @@ class Arm(eqx.Module):
         """
         name, field, component = self._split(path)
         value = getattr(next(part for part in self.parts() if part.name == name), field)
-        return value[component] if component else value
+        return _component(value, component)
 
     def replace(self, values: Mapping[str, Any]) -> "Arm":
         """Return an arm that has these numbers at these paths; differentiable in the numbers.
@@ -153,7 +155,7 @@ class Arm(eqx.Module):
         numbers = {}
         for path, part, field, component in self._places():
             value = getattr(part, field)
-            numbers[path] = value[component] if component else value
+            numbers[path] = _component(value, component)
         return numbers
 
     def _check_workspace(self) -> None:
@@ -195,7 +197,19 @@ def stiffness_paths(arm: Arm) -> tuple[str, ...]:
     return tuple(f"{joint.name}.{field}" for field in STIFFNESS for joint in arm.joints)
 
 
+def _component(value: Array, component: tuple[int, ...]) -> Array:
+    if not component or library(value) is jnp:
+        return value[component] if component else value
+    return jnp.asarray(np.asarray(value)[component])
+
+
 def _with_component(old: Array, component: tuple[int, ...], value: Array) -> Array:
     batch = jnp.broadcast_shapes(old.shape[len(component) :], value.shape)
-    spread = old.reshape(old.shape + (1,) * (len(component) + len(batch) - old.ndim))
-    return jnp.broadcast_to(spread, old.shape[: len(component)] + batch).at[component].set(value)
+    xp = library(old, value)
+    spread = xp.reshape(xp.asarray(old), old.shape + (1,) * (len(component) + len(batch) - old.ndim))
+    whole = xp.broadcast_to(spread, old.shape[: len(component)] + batch)
+    if xp is jnp:
+        return whole.at[component].set(value)
+    whole = whole.copy()
+    whole[component] = value
+    return jnp.asarray(whole)

@@ -9,6 +9,7 @@ from ident.arm.arm import Arm
 from ident.arm.assembly import Loads, axes, bushings, carriers, lift, moments, no_loads, offsets, positions
 from ident.arm.rotations import identity, matmul, matvec, turn_about
 from ident.errors import ModelError
+from ident.jit import AnyArray
 
 
 class Chain(eqx.Module):
@@ -51,7 +52,7 @@ class Chain(eqx.Module):
         return self.bend + self.tors
 
 
-def at_posture(arm: Arm, posture: Float[Array, "driven *#batch"], loads: Loads | None = None) -> Chain:
+def at_posture(arm: Arm, posture: Float[AnyArray, "driven *#batch"], loads: Loads | None = None) -> Chain:
     """Fix the arm's pins at a posture [rad] under its own weight and the given loads.
 
     Numbers of the arm may carry batch dimensions too (see `Arm.replace`), no more than the posture, against which they

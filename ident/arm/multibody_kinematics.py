@@ -26,6 +26,7 @@ from ident.arm.rotations import (
     turn_about,
     turned,
 )
+from ident.jit import AnyArray
 
 Joints = Float[Array, "N *#batch"]
 
@@ -39,9 +40,9 @@ class Command(NamedTuple):
         qdd: (driven, *batch) [rad/s^2]
     """
 
-    q: Float[Array, "driven *#batch"]
-    qd: Float[Array, "driven *#batch"]
-    qdd: Float[Array, "driven *#batch"]
+    q: Float[AnyArray, "driven *#batch"]
+    qd: Float[AnyArray, "driven *#batch"]
+    qdd: Float[AnyArray, "driven *#batch"]
 
 
 class Turning(NamedTuple):
@@ -118,7 +119,7 @@ def end_point(model: Multibody, q: Joints, phi: Phi | None = None) -> Float[Arra
     return jnp.stack(jnp.broadcast_arrays(*r))
 
 
-def _spread(driven: Array, model: Multibody) -> Joints:
+def _spread(driven: AnyArray, model: Multibody) -> Joints:
     none = jnp.zeros_like(driven[0])
     return jnp.stack([driven[model.driven.index(j)] if j in model.driven else none for j in range(model.joints)])
 

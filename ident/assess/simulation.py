@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -84,7 +83,7 @@ class Simulation:
     @cached_property
     def slack(self) -> tuple[tuple[int, str, float, float], ...]:
         """Belt, span (`upper` or `lower`) and the times [s] between which it pulls with nothing, the earliest first."""
-        spans = slack(self.response.time, jnp.asarray(self.tension))
+        spans = slack(self.time, self.tension)
         return tuple(sorted(spans, key=lambda span: span[2]))
 
     @cached_property

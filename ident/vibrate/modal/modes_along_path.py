@@ -17,7 +17,7 @@ from ident.arm.mechanics import flat, mass_matrix, unflatten
 from ident.arm.modes import in_shaft_axes, modes_about
 from ident.arm.rotations import matvec
 from ident.errors import ModelError
-from ident.jit import jit
+from ident.jit import jit, library
 from ident.vibrate.modal.tracking import ALIKE, Track, follow, track
 from ident.vibrate.motion.motion import Motion
 
@@ -147,7 +147,7 @@ def nominal(arm: Arm) -> Arm:
 
     def middle(path: Any, leaf: Any) -> Any:
         batch = tuple(range(ranks.get(getattr(path[-1], "name", ""), 0), np.ndim(leaf)))
-        return jnp.median(leaf, axis=batch) if batch else leaf
+        return library(leaf).median(leaf, axis=batch) if batch else leaf
 
     return jax.tree_util.tree_map_with_path(middle, arm)
 

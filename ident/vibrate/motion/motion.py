@@ -9,9 +9,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import ArrayLike, Float, Int
 
 from ident.errors import InputError, Problem
+from ident.jit import AnyArray, library
 
 JOINED = 1e-9
 """Largest jump of an angle [rad] between two pieces that counts as none."""
@@ -19,8 +20,7 @@ JOINED = 1e-9
 FASTEST = 1000.0
 """Highest speed override [%]."""
 
-AnyArray = Array | np.ndarray
-State = tuple[Float[Array, "driven *t"], Float[Array, "driven *t"], Float[Array, "driven *t"]]
+State = tuple[Float[AnyArray, "driven *t"], Float[AnyArray, "driven *t"], Float[AnyArray, "driven *t"]]
 """Angles [rad], their velocities [rad/s] and accelerations [rad/s^2], each `(driven, *t.shape)`."""
 
 
@@ -62,8 +62,8 @@ class Motion(eqx.Module):
     def __call__(self, t: ArrayLike) -> State:
         """Return angles, velocities and accelerations at times t.
 
-        Works under `jit` and `vmap`; differentiable in t (within a piece) and in the coefficients. Where nothing is
-        traced NumPy computes: each operation of jax would be a program of its own.
+        Works under `jit` and `vmap`; differentiable in t (within a piece) and in the coefficients. Where nothing
+        is traced the arrays are NumPy's.
 
         Args:
             t: (*t) [s]
@@ -77,7 +77,7 @@ class Motion(eqx.Module):
         piece = xp.searchsorted(breaks, time, side="right") - 1
         at = xp.where(moves, time, xp.where(time < first, first, last))
         q, qd, qdd = self.on_piece(xp.clip(piece, 0, len(breaks) - 2), at)
-        return q, jnp.asarray(xp.where(moves, qd, 0.0)), jnp.asarray(xp.where(moves, qdd, 0.0))
+        return q, xp.where(moves, qd, 0.0), xp.where(moves, qdd, 0.0)
 
     def on_piece(self, k: int | Int[ArrayLike, "*t"], t: ArrayLike) -> State:
         """Return what a call returns, by the polynomial of piece k: at a break, the values on either side of it.
@@ -91,13 +91,11 @@ class Motion(eqx.Module):
         """
         xp, time, breaks, coefficients = self._arrays(t, k)
         piece = xp.broadcast_to(xp.asarray(k), time.shape)
-        q, qd, qdd = _horner(xp, xp.moveaxis(coefficients[:, piece], -1, 1), xp.asarray(time - breaks[piece]))
-        return jnp.asarray(q), jnp.asarray(qd), jnp.asarray(qdd)
+        return _horner(xp, xp.moveaxis(coefficients[:, piece], -1, 1), xp.asarray(time - breaks[piece]))
 
     def _arrays(self, t: ArrayLike, *more: Any) -> tuple[Any, Any, Any, Any]:
         """Return NumPy, or jax where anything is traced, with times, breaks and coefficients as its arrays."""
-        every = (t, self.breaks, self.coefficients, *more)
-        xp: Any = jnp if any(isinstance(x, jax.core.Tracer) for x in every) else np
+        xp = library(t, self.breaks, self.coefficients, *more)
         return xp, xp.asarray(t, float), xp.asarray(self.breaks), xp.asarray(self.coefficients)
 
     def dwell(self, seconds: float) -> "Motion":

@@ -170,8 +170,9 @@ def _limits(path: StraightPath) -> _Limits:
         for name, limit, unit, right in zip(limits._fields, limits, units, expected, strict=True)
         if not limit > 0 or (math.isinf(limit) and name != "jerk")
     ]
-    if not math.isfinite(path.folded - path.unfolded) or path.folded == path.unfolded:
-        got = f"folded at {math.degrees(path.folded):g} deg and unfolded at {math.degrees(path.unfolded):g} deg"
+    folded, unfolded = float(path.folded), float(path.unfolded)
+    if not math.isfinite(folded - unfolded) or folded == unfolded:
+        got = f"folded at {math.degrees(folded):g} deg and unfolded at {math.degrees(unfolded):g} deg"
         problems.append(Problem("", got, "two different angles", "correct the stroke", "folded"))
     if problems:
         raise InputError(problems)

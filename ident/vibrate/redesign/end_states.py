@@ -10,7 +10,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.equilibrium import deflection, static_equilibrium
 from ident.arm.modes import lowest_eigenpairs, to_hertz
-from ident.jit import jit
+from ident.jit import AnyArray, jit
 from ident.vibrate.motion.motion import Motion
 
 
@@ -28,12 +28,17 @@ class EndState(NamedTuple):
 
 def end_states(arm: Arm, motion: Motion, loads: Loads | None = None) -> EndState:
     """Return the worse of the arm's states at the start and at the end of a motion. Differentiable once."""
-    breaks = jnp.asarray(motion.breaks)
-    return _of_postures(arm, motion(breaks[np.array([0, -1])])[0], loads)
+    return worst_state(arm, ends(motion), loads)
+
+
+def ends(motion: Motion) -> Float[AnyArray, "driven 2"]:
+    """Return the postures [rad] at both ends of a motion."""
+    return motion(motion.breaks[np.array([0, -1])])[0]
 
 
 @jit
-def _of_postures(arm: Arm, posture: Float[Array, "driven ends"], loads: Loads | None) -> EndState:
+def worst_state(arm: Arm, posture: Float[AnyArray, "driven ends"], loads: Loads | None) -> EndState:
+    """Return the worse of the arm's states at some postures [rad]."""
     chain = at_posture(arm, posture.reshape((*posture.shape, *(1,) * len(arm.batch))), loads)
     at = static_equilibrium(chain)
     frequency = to_hertz(lowest_eigenpairs(chain, at, count=1)[0])[0]

@@ -18,15 +18,8 @@ from ident.vibrate.redesign.variable import Variable, apply
 from ident.vibrate.response.amplitude import Amplitude, amplitude
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.fast import step_for
-from ident.vibrate.response.simulate import (
-    RATE,
-    FastMethod,
-    by_chunk,
-    fast_method,
-    refuse_collapse,
-    vibration_of,
-    vibrations,
-)
+from ident.vibrate.response.fast_method import FastMethod, vibration_of
+from ident.vibrate.response.simulate import RATE, by_chunk, fast_method, refuse_collapse, vibrations
 
 BATCH = 64
 """Arms between two steps of progress."""
@@ -109,9 +102,9 @@ class Evaluator:
 
         def run(first: int) -> np.ndarray:
             some = {path: column[first : first + BATCH] for path, column in numbers.items()}
-            vibration = vibrations(self.arm, some, solve)
+            vibration = np.asarray(vibrations(self.arm, some, solve))
             refuse_collapse(self.motion, vibration)
-            return np.asarray(measure(vibration))
+            return measure(vibration)
 
         starts = range(0, len(changes) * self.size, BATCH)
         try:
@@ -121,8 +114,11 @@ class Evaluator:
         return np.concatenate(parts, 1).reshape((3, len(changes), self.size))
 
     def step_for(self, changes: Float[np.ndarray, "G V"]) -> float:
-        """Return the time step [s] that the stiffest arm after these changes needs."""
-        return step_for(self.changed(changes), self.motion)
+        """Return the time step [s] that the stiffest arm after these changes needs, some of them at a time."""
+        numbers, count = self.batch(changes), len(changes) * self.size
+        picked = [np.minimum(np.arange(first, first + BATCH), count - 1) for first in range(0, count, BATCH)]
+        groups = (self.arm.replace({path: values[some] for path, values in numbers.items()}) for some in picked)
+        return min(step_for(arms, self.motion) for arms in groups)
 
     def slopes(
         self, change: Float[np.ndarray, "V"], which: slice = slice(None)
@@ -139,7 +135,7 @@ class Evaluator:
         for first in range(0, len(self.variables), WIDTH):
             point = numbers, _directions(numbers, self.variables[first : first + WIDTH])
             pair = by_chunk(lambda point: _pushed(self.arm, point, solve, measure), point, chunk=1)
-            parts, pushed = (np.moveaxis(np.asarray(part), 0, -1) for part in pair)
+            parts, pushed = (np.moveaxis(np.asarray(part), 0, -1)[..., : measure.count, :] for part in pair)
             slopes.append(pushed)
         if not np.isfinite(parts).all():
             raise ModelError(self._collapse(change[None]) or f"no response to {self.motion.name}: the arm collapses")
@@ -191,7 +187,10 @@ def _pushed(
 
     def one(pair: tuple[dict[str, Array], dict[str, Array]]) -> tuple[Array, Array]:
         values, directions = pair
-        parts, push = jax.linearize(lambda now: measure.parts(vibration_of(solve(arm.replace(now)))), values)
-        return parts, jax.vmap(push)(directions)
+
+        def pushed(direction: dict[str, Array]) -> tuple[Array, Array]:
+            return jax.jvp(lambda now: measure.parts(vibration_of(solve(arm.replace(now)))), (values,), (direction,))
+
+        return jax.vmap(pushed, out_axes=(None, 0))(directions)
 
     return jax.lax.map(one, point)

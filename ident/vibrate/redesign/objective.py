@@ -13,9 +13,8 @@ from scipy.special import log_ndtr, logsumexp
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.jit import jit
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.redesign.end_states import end_states
+from ident.jit import AnyArray, jit
+from ident.vibrate.redesign.end_states import ends, worst_state
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.variable import Variable, apply
 
@@ -87,7 +86,7 @@ class Objective:
 
         def end_state() -> tuple[np.ndarray, np.ndarray]:
             e = self.evaluator
-            values, slopes = _end_state_slopes(e.arm, e.variables, e.motion, e.loads, jnp.asarray(u * self.scale))
+            values, slopes = _end_state_slopes(e.arm, e.variables, ends(e.motion), e.loads, u * self.scale)
             return np.asarray(values), np.asarray(slopes) * self.scale
 
         return self._cached("end state", u, end_state)
@@ -123,11 +122,16 @@ class Objective:
 
 @jit
 def _end_state_slopes(
-    arm: Arm, variables: tuple[Variable, ...], motion: Motion, loads: Loads | None, changes: Float[Array, "V"]
+    arm: Arm,
+    variables: tuple[Variable, ...],
+    posture: Float[AnyArray, "driven 2"],
+    loads: Loads | None,
+    changes: Float[AnyArray, "V"],
 ) -> tuple[Float[Array, "2"], Float[Array, "2 V"]]:
     """Return first frequency and deflection after changes, and their slopes."""
 
     def end_state(changes: Array) -> Array:
-        return jnp.stack(end_states(arm.replace(apply(arm.numbers(), variables, list(changes))), motion, loads))
+        return jnp.stack(worst_state(arm.replace(apply(arm.numbers(), variables, list(changes))), posture, loads))
 
+    changes = jnp.asarray(changes)
     return end_state(changes), jax.jacfwd(end_state)(changes)

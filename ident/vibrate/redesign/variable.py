@@ -4,13 +4,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.fields import COMPONENTS, field_of
 from ident.errors import InputError, Problem
+from ident.jit import AnyArray, library
 from ident.text import did_you_mean
 
 ROUNDING = 1e-9
@@ -53,12 +53,14 @@ class Variable:
         """Return the number as it is [SI]."""
         return float(arm.get(self.paths[0]))
 
-    def change(self, arm: Arm, value: Float[Array | np.ndarray, "*batch"] | float) -> Array:
+    def change(self, arm: Arm, value: Float[AnyArray, "*batch"] | float) -> AnyArray:
         """Return ln(value / present) or value - present."""
         present = arm.get(self.paths[0])
-        return jnp.asarray(value) - present if self.shifted else jnp.log(jnp.asarray(value) / present)
+        xp = library(value, present)
+        value, present = xp.asarray(value), xp.asarray(present)
+        return xp.asarray(value - present if self.shifted else xp.log(value / present))
 
-    def value(self, arm: Arm, change: Float[Array | np.ndarray, "*batch"] | float) -> Array:
+    def value(self, arm: Arm, change: Float[AnyArray, "*batch"] | float) -> AnyArray:
         """Return the number after a change, the inverse of `change`."""
         return changed(self.shifted, arm.get(self.paths[0]), change)
 
@@ -91,14 +93,16 @@ def refuse_factor(path: str, present: float, values: Iterable[float] = ()) -> It
         yield Problem(path, got, expected, "it is changed by a factor: correct them")
 
 
-def changed(shifted: bool, number: Array | np.ndarray, change: Array | np.ndarray | float) -> Array:
+def changed(shifted: bool, number: AnyArray, change: AnyArray | float) -> AnyArray:
     """Return a number after a change."""
-    return jnp.asarray(number) + change if shifted else jnp.asarray(number) * jnp.exp(change)
+    xp = library(number, change)
+    number, change = xp.asarray(number), xp.asarray(change)
+    return xp.asarray(number + change if shifted else number * xp.exp(change))
 
 
 def apply(
-    numbers: Mapping[str, Any], variables: Iterable[Variable], changes: Iterable[Float[Array | np.ndarray, "*batch"]]
-) -> dict[str, Array]:
+    numbers: Mapping[str, Any], variables: Iterable[Variable], changes: Iterable[Float[AnyArray, "*batch"]]
+) -> dict[str, AnyArray]:
     """Return the numbers by path after changes; `numbers` has those before, a change broadcasts with them."""
     pairs = zip(variables, changes, strict=True)
     return {

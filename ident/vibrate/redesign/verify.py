@@ -90,5 +90,5 @@ def _exact(evaluator: Evaluator, change: Float[np.ndarray, "V"], fast: Float[np.
         step=evaluator.step,
     )
     vibration = np.asarray(response.vibration)
-    amplitude = np.asarray(evaluator.amplitude(response.vibration))
+    amplitude = evaluator.amplitude(vibration)
     return Check(np.asarray(response.time), vibration, amplitude, (fast - amplitude) / amplitude.max())

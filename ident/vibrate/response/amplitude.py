@@ -5,12 +5,13 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float, Int
 
 from ident.errors import InputError, Problem
+from ident.jit import AnyArray
 from ident.text import did_you_mean, quoted
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.response import Vibration, peak, rms
+from ident.vibrate.response.response import peak, rms
 from ident.vibrate.response.simulate import sample_times
 
 MEASURES = {
@@ -28,26 +29,36 @@ class Amplitude(eqx.Module):
     Attributes:
         measure: a name in MEASURES.
         first: number of the sample from which on it counts.
+        end: number of samples.
         window: samples of a window.
     """
 
     measure: str = eqx.field(static=True)
-    first: int = eqx.field(static=True)
+    first: Int[AnyArray, ""]
+    end: Int[AnyArray, ""]
     window: int = eqx.field(static=True)
 
-    def __call__(self, vibration: Vibration) -> Float[Array, "3 *batch"]:
+    def __call__(self, vibration: Float[np.ndarray, "3 T *batch"]) -> Float[np.ndarray, "3 *batch"]:
         """Return the amplitude in each direction [m]."""
-        late = vibration[:, self.first :]
-        return rms(late) if self.measure == "rms" else peak(late)
+        late = vibration[:, int(self.first) : int(self.end)]
+        return np.asarray((rms if self.measure == "rms" else peak)(late))
 
-    def parts(self, vibration: Float[Array, "3 T"]) -> Float[Array, "3 W"]:
-        """Return the maxima of the windows, smooth where one sample of each is the largest; of an RMS itself."""
-        late = vibration[:, self.first :]
+    @property
+    def count(self) -> int:
+        """Number W of windows."""
+        return 1 if self.measure == "rms" else -(-int(self.end - self.first) // self.window)
+
+    def parts(self, vibration: Float[AnyArray, "3 T"]) -> Float[AnyArray, "3 more"]:
+        """Return the maxima of the windows, smooth where one sample of each is the largest; of an RMS itself.
+
+        What is behind the end of the vibration does not count; there may be more windows than `count`, of zeros.
+        """
+        late = jnp.roll(vibration, -self.first, 1)
+        counts = jnp.arange(late.shape[1]) < self.end - self.first
         if self.measure == "rms":
-            return rms(late)[:, None]
-        count = -(-late.shape[1] // self.window)
-        padded = jnp.pad(jnp.abs(late), ((0, 0), (0, count * self.window - late.shape[1])))
-        return padded.reshape((3, count, self.window)).max(2)
+            return jnp.sqrt(jnp.where(counts, late**2, 0.0).sum(1) / (self.end - self.first))[:, None]
+        whole = jnp.pad(jnp.where(counts, jnp.abs(late), 0.0), ((0, 0), (0, -late.shape[1] % self.window)))
+        return whole.reshape((3, -1, self.window)).max(2)
 
 
 def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
@@ -61,7 +72,7 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
         if first > len(time) - 2:
             got = "a motion that ends at its arrival"
             raise InputError(Problem("", got, "time after it", "hold the arm (`dwell`)", "measure"))
-    return Amplitude(measure, first, max(1, round(WINDOW * rate)))
+    return Amplitude(measure, np.asarray(first), np.asarray(len(time)), max(1, round(WINDOW * rate)))
 
 
 def largest(parts: Any) -> Any:

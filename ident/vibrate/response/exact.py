@@ -14,7 +14,7 @@ from ident.arm.multibody import Multibody
 from ident.arm.multibody_dynamics import residual
 from ident.arm.multibody_kinematics import Command
 from ident.errors import ConvergenceError, ModelError
-from ident.jit import jit
+from ident.jit import AnyArray, jit
 from ident.vibrate.motion.motion import Motion
 
 MAX_STEPS = 2_000_000
@@ -25,6 +25,8 @@ REACH = 3.0
 """Largest |rate| times step at which an explicit method of order eight stays stable, about."""
 OMEGA = 2 * np.pi * 10
 """Rates are weighed against coordinates as at this frequency [rad/s]."""
+NEAR = 1e-6
+"""Differences of the state [rad, rad/s] by which derivatives are estimated: they choose the method only."""
 SAMPLES = 250
 """Times of a section, after each of which progress is shown and the solution so far can be returned."""
 
@@ -44,8 +46,8 @@ class Exact(NamedTuple):
         interrupted: [s] until when it was solved before the user stopped it; None if to the end.
     """
 
-    y: Float[Array, "n T"]
-    yd: Float[Array, "n T"]
+    y: Float[np.ndarray, "n T"]
+    yd: Float[np.ndarray, "n T"]
     steps: int
     method: str
     interrupted: float | None = None
@@ -74,7 +76,7 @@ def acceleration(model: Multibody, command: Command, y: Array, yd: Array) -> Flo
 def integrate(
     model: Multibody,
     motion: Motion,
-    start: tuple[Array, Array],
+    start: tuple[AnyArray, AnyArray],
     times: Float[np.ndarray, "T"],
     *,
     rtol: float = 1e-7,
@@ -112,12 +114,13 @@ def integrate(
             "the arm has no stable equilibrium where the motion starts; check stiffnesses, masses and units"
         )
     method = "Dopri8" if _explicit_steps(model, motion, start) < EXPLICIT_STEPS else "Kvaerno5"
-    parts, steps, interrupted = [(start[0][:, None], start[1][:, None])], 0, None
-    sections, tolerances = _sections(times), (jnp.asarray(rtol), jnp.asarray(atol))
+    parts, steps, interrupted = [tuple(np.asarray(part)[:, None] for part in start)], 0, None
+    sections, tolerances = _sections(times), (np.asarray(rtol), np.asarray(atol))
     try:
         for k in progress(range(len(sections))):
             state = parts[-1][0][:, -1], parts[-1][1][:, -1]
-            solved, y, yd, took = _solve(model, motion, state, jnp.asarray(sections[k]), *tolerances, method, max_steps)
+            answer = _solve(model, motion, state, sections[k], *tolerances, method, max_steps)
+            solved, y, yd, took = map(np.asarray, answer)
             if not solved:
                 raise ConvergenceError(
                     f"the simulation cannot meet its tolerance from {sections[k][0]:.4g} to {sections[k][-1]:.4g} s; "
@@ -128,7 +131,7 @@ def integrate(
     except KeyboardInterrupt:
         reached = (len(parts) - 1) * SAMPLES
         interrupted = float(times[reached]) if reached < len(times) - 1 else None
-    y, yd = (jnp.concatenate(part, 1)[:, : len(times)] for part in zip(*parts, strict=True))
+    y, yd = (np.concatenate(part, 1)[:, : len(times)] for part in zip(*parts, strict=True))
     return Exact(y, yd, steps, method, interrupted)
 
 
@@ -140,31 +143,33 @@ def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:
     return [whole[k * SAMPLES : (k + 1) * SAMPLES + 1] for k in range(count)]
 
 
-def _explicit_steps(model: Multibody, motion: Motion, start: tuple[Array, Array]) -> float:
+def _explicit_steps(model: Multibody, motion: Motion, start: tuple[AnyArray, AnyArray]) -> float:
     """Return how many steps an explicit method needs for a second, by the fastest rate at the start."""
     return float(np.abs(np.linalg.eigvals(np.asarray(_linear(model, motion, start)))).max() / REACH)
 
 
 @jit
-def _linear(model: Multibody, motion: Motion, start: tuple[Array, Array]) -> Float[Array, "state state"]:
-    """Return the derivatives of the rates at the start by the state there."""
+def _linear(model: Multibody, motion: Motion, start: tuple[AnyArray, AnyArray]) -> Float[Array, "state state"]:
+    """Return the derivatives of the rates at the start by the state there, by differences."""
     command = Command(*motion(motion.breaks[0]))
 
     def rates(state: Array) -> Array:
         y, yd = jnp.split(state, 2)
         return jnp.concatenate([yd, acceleration(model, command, y, yd)])
 
-    return jax.jacfwd(rates)(jnp.concatenate(start))
+    state = jnp.concatenate(start)
+    moved = jax.vmap(rates)(state + NEAR * jnp.eye(len(state)))
+    return (moved - rates(state)).T / NEAR
 
 
 @jit
 def _solve(
     model: Multibody,
     motion: Motion,
-    start: tuple[Array, Array],
-    times: Array,
-    rtol: Array,
-    atol: Array,
+    start: tuple[AnyArray, AnyArray],
+    times: AnyArray,
+    rtol: AnyArray,
+    atol: AnyArray,
     method: str,
     max_steps: int,
 ) -> tuple[Array, Array, Array, Array]:
@@ -181,7 +186,7 @@ def _solve(
         times[-1],
         None,
         (y, yd / OMEGA),
-        saveat=diffrax.SaveAt(ts=times),
+        saveat=diffrax.SaveAt(ts=jnp.asarray(times)),
         stepsize_controller=diffrax.ClipStepSizeController(control, jump_ts=jnp.asarray(motion.breaks)),
         max_steps=max_steps,
         throw=False,

@@ -39,10 +39,12 @@ from ident.arm.multibody_kinematics import (
     transmission_error,
 )
 from ident.arm.rotations import matvec
-from ident.jit import jit
+from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
+from ident.vibrate.response.few_sizes import where
 from ident.vibrate.response.quasi_static import initial_equilibrium, quasi_static_deflection, slope
+from ident.vibrate.response.step_weights import GAUSS, STAGES, STEPS, StepWeights
 from ident.vibrate.response.time_intervals import (
     NODE_PLACES,
     NODES,
@@ -58,15 +60,13 @@ from ident.vibrate.response.time_intervals import (
 
 ABSTRACT = 0.005
 """Step for an arm whose first frequency is not known [s]."""
-STAGES = 3
-"""Stages of a step; the order is twice as high."""
-GAUSS = (np.polynomial.legendre.leggauss(STAGES)[0] + 1) / 2
-"""The stages within a step, from 0 to 1."""
 ONCE, TWICE = ([p.integ(k) for p in basis(GAUSS)] for k in (1, 2))
 """Rate and value within a step by the stages' accelerations; h and h^2 are factors."""
 A, B = np.array([[p(c) for p in ONCE] for c in GAUSS]), np.array([p(1.0) for p in ONCE])
 A2, B2 = A @ A, B @ A
 """The same, of the method for first-order equations applied twice: unlike TWICE at the stages it is always stable."""
+START, EDGES, AT_NODES = weights(np.array([0.0]))[0], weights(np.array([0.0, 1.0]))[1], weights(NODE_PLACES)
+"""Weights of the nodes for value at the start of an interval, slopes at its edges, and everything at the nodes."""
 
 
 class Fast(NamedTuple):
@@ -95,31 +95,6 @@ class Fast(NamedTuple):
         return y + x.T, rate + v.T
 
 
-class _Places(NamedTuple):
-    """Weights of the nodes for stages and middles of an interval's steps, its start, edges, and steps about nodes."""
-
-    in_steps: np.ndarray
-    stages: tuple[np.ndarray, ...]
-    nodes: tuple[np.ndarray, ...]
-    start: np.ndarray
-    edges: np.ndarray
-    middles: np.ndarray
-    about_nodes: list[np.ndarray]
-
-
-def _places(S: int) -> _Places:
-    in_steps = (np.arange(S)[:, None] + GAUSS).ravel()
-    return _Places(
-        in_steps=in_steps,
-        stages=weights(in_steps / S),
-        nodes=weights(NODE_PLACES),
-        start=weights(np.array([0.0]))[0],
-        edges=weights(np.array([0.0, 1.0]))[1],
-        middles=weights((np.arange(S) + 0.5) / S)[0],
-        about_nodes=[weights(NODE_PLACES + (stage - 0.5) / S)[0] for stage in GAUSS],
-    )
-
-
 def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
@@ -129,9 +104,8 @@ def step_for(arm: Arm, motion: Motion) -> float:
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
         return ABSTRACT
-    ends = motion(jnp.asarray(motion.breaks)[np.array([0, -1])])[0]
-    at_ends = [_first_frequency(arm, ends[:, k].reshape((-1,) + (1,) * len(arm.batch))) for k in range(2)]
-    first = max(float(jnp.max(frequency)) for frequency in at_ends)
+    ends = np.asarray(motion(np.asarray(motion.breaks)[[0, -1]])[0])
+    first = float(np.max(_first_frequency(arm, ends.reshape((*ends.shape, *(1,) * len(arm.batch))))))
     speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
     orders = [1 + may_differ_from_zero(drive.error) for drive in arm.drives]
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
@@ -141,42 +115,66 @@ def step_for(arm: Arm, motion: Motion) -> float:
 
 
 @jit
-def _first_frequency(arm: Arm, posture: Array) -> Array:
+def _first_frequency(arm: Arm, posture: AnyArray) -> Array:
     return natural_frequencies(at_posture(arm, posture), 1)
 
 
-def integrate(arm: Arm, model: Multibody, motion: Motion, grid: TimeIntervals, loads: Loads | None = None) -> Fast:
+def integrate(
+    arm: Arm, model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, loads: Loads | None = None
+) -> Fast:
     """Integrate from rest at the first break of the motion.
+
+    Intervals that start at infinity, and steps beyond those of an interval, are left out: what is filled up to one of
+    few sizes takes no time, and one program serves many motions.
 
     Args:
         arm: the arm.
         model: its multibody model under the load, gathered with `rank=1`.
         motion: the commanded motion.
         grid: the time intervals; their steps are the method's.
+        at: weights for so many steps.
         loads: the load case.
     """
-    at, first = _places(grid.steps), grid.start[0]
+    first, chunks = grid.start[0], jax.tree.map(jnp.asarray, (at.within, at.middles, at.in_steps, at.stages))
 
     def interval(state: tuple[Array, Array], given: tuple[Array, Array, _Slow]) -> tuple[tuple, tuple]:
         (z, seam), (start, h, slow) = state, given
-        first_slope, last_slope = (interpolate(slow.quasi_static, at.edges) / (h * grid.steps)).T
-        gain, yields = _transitions(slow, at, h)
+        first_slope, last_slope = (interpolate(slow.quasi_static, EDGES) / (h * at.steps)).T
+        gain, yields = _transitions(slow, jnp.asarray(at.about_nodes), h)
         drift, push = _advance(h, model.size)
-        own = _at_middles(at, yields @ _excitation(model, motion, slow, at, start, h))
         along = drift + push @ gain
 
-        def step(z: Array, given: tuple[Array, Array]) -> tuple[Array, Array]:
-            share, kick = given
-            return jnp.tensordot(share, along, 1) @ z + kick, z
+        def begin(z: Array) -> Array:
+            y, K = (interpolate(part, START)[..., 0] for part in (slow.quasi_static, slow.K))
+            return jnp.concatenate([initial_equilibrium(model, motion, y, K) - y, jnp.zeros(model.size)])
 
-        z = z.at[model.size :].add(jnp.where(start == first, 0.0, seam - first_slope))
-        z, states = jax.lax.scan(step, z, (jnp.asarray(at.middles.T), (push @ own).T))
-        return (z, last_slope), (states, (_at_middles(at, gain @ states.T) + own).T)
+        def go_on(z: Array) -> Array:
+            return z.at[model.size :].add(seam - first_slope)
 
-    slow, none = _slow(arm, model, motion, loads, at, grid), jnp.zeros(model.size)
-    y = interpolate(slow.quasi_static[0], at.start)[:, 0]
-    state = jnp.concatenate([initial_equilibrium(model, motion, y) - y, none]), none
-    _, (states, a) = jax.lax.scan(interval, state, (jnp.asarray(grid.start), jnp.asarray(grid.step), slow))
+        def some_steps(z: Array, given: tuple[Array, ...]) -> tuple[Array, tuple]:
+            within, middles, in_steps, stages = given
+            f = _excitation(model, motion, slow, stages, start + h * in_steps, h * at.steps)
+            own = _at_middles(middles, yields @ f)
+
+            def step(z: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+                share, kick, real = given
+                return jnp.where(real, jnp.tensordot(share, along, 1) @ z + kick, z), z
+
+            z, states = jax.lax.scan(step, z, (middles.T, (push @ own).T, within < at.steps))
+            return z, (states, (_at_middles(middles, gain @ states.T) + own).T)
+
+        parts: tuple[Array, ...]
+        z = jax.lax.cond(start == first, begin, go_on, z)
+        z, parts = jax.lax.scan(where(lambda given: given[0][0] < at.steps, some_steps, STEPS, rows), z, chunks)
+        return (z, last_slope), tuple(part.reshape((-1, part.shape[-1])) for part in parts)
+
+    slow, rows = _slow(arm, model, motion, loads, grid._replace(steps=at.steps)), (2 * model.size, STAGES * model.size)
+    times = jnp.asarray(grid.start), jnp.asarray(grid.step)
+    rest = jnp.zeros(2 * model.size), jnp.zeros(model.size)
+    real = where(lambda given: jnp.isfinite(given[0]), interval, at.within.size, rows)
+    states: Array
+    a: Array
+    states, a = jax.lax.scan(real, rest, (*times, slow))[1]
     x, v = jnp.split(states, 2, -1)
     return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), slow.quasi_static)
 
@@ -191,9 +189,9 @@ def _advance(h: Array, n: int) -> tuple[Float[Array, "state state"], Float[Array
     return drift, jnp.concatenate([h * h * np.kron(B2, unit), h * np.kron(B, unit)])
 
 
-def _at_middles(at: _Places, x: Float[Array, "m k S"]) -> Float[Array, "k S"]:
+def _at_middles(middles: Float[Array, "m S"], x: Float[Array, "m k S"]) -> Float[Array, "k S"]:
     """Return of values by each node's matrix what the matrix at the middle of the step gives: their weighted sum."""
-    return (x * at.middles[:, None]).sum(0)
+    return (x * middles[:, None]).sum(0)
 
 
 class _Slow(NamedTuple):
@@ -208,7 +206,7 @@ class _Slow(NamedTuple):
     kinematics: Kinematics
 
 
-def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, at: _Places, grid: TimeIntervals) -> _Slow:
+def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals) -> _Slow:
     """Linearise the equations at the nodes, nothing exciting them: in the coordinates and in the pins' angles."""
     length = (grid.step * grid.steps)[:, None]
     smooth, commanded = balanced(model), command(model, motion, grid.nodes.ravel())
@@ -218,7 +216,7 @@ def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, at: _
     def by_interval(x: Array) -> Array:
         return x.reshape((*x.shape[:-1], len(grid.start), NODES))
 
-    line = [(interpolate(by_interval(y), W) / length**k).reshape(y.shape) for k, W in enumerate(at.nodes)]
+    line = [(interpolate(by_interval(y), W) / length**k).reshape(y.shape) for k, W in enumerate(AT_NODES)]
     turning = pins(smooth, commanded, Turning(*(deviations(model, part) for part in line)))
 
     def shifted(k: int, pin: Array) -> Array:
@@ -239,29 +237,29 @@ def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, at: _
 
 
 def _excitation(
-    model: Multibody, motion: Motion, slow: _Slow, at: _Places, start: Array, h: Array
+    model: Multibody, motion: Motion, slow: _Slow, stages: Float[Array, "3 m places"], time: Array, length: Array
 ) -> Float[Array, "stages S"]:
-    """Return f at the stages of each step, one above the other."""
-    moving = jax.tree.map(lambda x: interpolate(x, at.stages[0]), slow.kinematics)
-    commanded = command(model, motion, start + h * at.in_steps)
-    line = [interpolate(slow.quasi_static, W) / (h * len(at.middles.T)) ** k for k, W in enumerate(at.stages)]
+    """Return f at the stages of some steps, one above the other."""
+    moving = jax.tree.map(lambda x: interpolate(x, stages[0]), slow.kinematics)
+    commanded = command(model, motion, time)
+    line = [interpolate(slow.quasi_static, stages[k]) / length**k for k in range(3)]
     turning = pins(model, commanded, Turning(*(deviations(model, part) for part in line)))
     turned = equations(model, moving, turning.slope, imbalance(model, moving, turning.pulley))
-    f = interpolate(slow.residual, at.stages[0]) + turned
+    f = interpolate(slow.residual, stages[0]) + turned
     for by_pin, deviation in zip(slow.by_pin, transmission_error(model, turning), strict=False):
-        f = f + matvec(interpolate(by_pin, at.stages[0]), deviation)
+        f = f + matvec(interpolate(by_pin, stages[0]), deviation)
     return -jnp.concatenate([f[:, stage::STAGES] for stage in range(STAGES)])
 
 
 def _transitions(
-    slow: _Slow, at: _Places, h: Array
+    slow: _Slow, about_nodes: Float[Array, "inner m m"], h: Array
 ) -> tuple[Float[Array, "m stages state"], Float[Array, "m stages stages"]]:
     """Return how the accelerations at the stages of a step follow from the state at its start, and from f.
 
     They are computed for steps about the nodes; between, they change as slowly as M, D and K do.
     """
     rows, known = [], []
-    for i, W in enumerate(at.about_nodes):
+    for i, W in enumerate(about_nodes):
         m, d, k = (interpolate(X, W) for X in (slow.M, slow.D, slow.K))
         rows.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * A2[i, j] * k for j in range(STAGES)])
         known.append([-k, -d - h * GAUSS[i] * k])

@@ -13,7 +13,7 @@ from ident.arm.multibody import Multibody
 from ident.arm.multibody_kinematics import at_rest, bushings, deviations, kinematics, pins
 from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
-from ident.jit import jit
+from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.quasi_static import quasi_static_deflection
@@ -58,17 +58,17 @@ def outline(
     if not 0 < factor < np.inf:
         raise InputError(Problem("factor", f"{factor:g}", "a factor above 0", "1 draws the vibration as it is"))
     at = np.clip(np.round((moments - clock[0]) / slack).astype(int), 0, len(clock) - 1)
-    lines = _lines(arm, response.model, response.motion, jnp.asarray(clock[at]), response.y[:, at], loads)
+    lines = _lines(arm, response.model, response.motion, clock[at], response.y[:, at], loads)
     rest, moved = (np.asarray(line) for line in lines)
     return Outline(clock[at], rest, rest + factor * (moved - rest), float(factor))
 
 
 @jit
 def _lines(
-    arm: Arm, model: Multibody, motion: Motion, times: Float[Array, "F"], y: Array, loads: Loads | None
+    arm: Arm, model: Multibody, motion: Motion, times: Float[AnyArray, "F"], y: AnyArray, loads: Loads | None
 ) -> tuple[Float[Array, "3 K F"], Float[Array, "3 K F"]]:
     """Return bushing centres and end point of the arm at rest in the posture of the moment, and as it vibrates [m]."""
-    commanded = command(model, motion, times)
+    commanded, y_now = command(model, motion, times), jnp.asarray(y)
 
     def line(y: Array, error: float) -> Array:
         phi = bushings(model, y)
@@ -79,4 +79,4 @@ def _lines(
         end = at.centre[:, body] + matvec(at.link[:, :, body], model.position[:, -1])
         return jnp.concatenate([at.centre, end[:, None]], 1)
 
-    return line(quasi_static_deflection(arm, model, commanded.q, loads), 0.0), line(y, 1.0)
+    return line(quasi_static_deflection(arm, model, commanded.q, loads), 0.0), line(y_now, 1.0)

@@ -15,17 +15,17 @@ from ident.arm.modes import in_shaft_axes
 from ident.arm.multibody import Multibody, balanced
 from ident.arm.multibody_dynamics import residual
 from ident.arm.multibody_kinematics import Command
-from ident.jit import jit
-from ident.vibrate.motion.command import command
+from ident.jit import AnyArray
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.time_intervals import TimeIntervals, Times, between_nodes
 
+START_STEPS = 3
+"""Newton steps that take the weight of the turning masses into account."""
 BELT_STEPS = 3
 """Newton steps that take the stretch of belts into account; it moves the equilibrium by less than a thousandth."""
 
 
 def quasi_static_deflection(
-    arm: Arm, model: Multibody, posture: Array, loads: Loads | None = None
+    arm: Arm, model: Multibody, posture: AnyArray, loads: Loads | None = None
 ) -> Float[Array, "n *#batch"]:
     """Return the coordinates of the static equilibrium at a posture (driven, *batch) [rad]; see `kinematics`.
 
@@ -60,34 +60,24 @@ def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "k n *bat
     return jax.vmap(column, out_axes=1)(jnp.arange(at.shape[0]))
 
 
-@jit
-def quasi_static_along(
-    arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals
-) -> Float[Array, "P n m"]:
-    """Return the coordinates of the static equilibrium at the nodes of the intervals."""
-    y = quasi_static_deflection(arm, model, command(model, motion, grid.nodes.ravel()).q, loads)
-    return jnp.moveaxis(y.reshape((y.shape[0], *grid.nodes.shape)), 1, 0)
-
-
-@jit
-def quasi_static_start(grid: TimeIntervals, nodes: Float[Array, "P n m"], time: Times) -> Float[Array, "n"]:
-    """Return the coordinates of the static equilibrium at the first of some times, by those at the nodes."""
-    return between_nodes(grid, nodes, time[:1])[0][:, 0]
-
-
-@jit
-def initial_equilibrium(model: Multibody, motion: Motion, balanced: Float[Array, "n"]) -> Float[Array, "n"]:
+def initial_equilibrium(
+    model: Multibody, motion: Motion, balanced: Float[Array, "n"], stiffness: Float[Array, "n n"]
+) -> Float[Array, "n"]:
     """Return the coordinates of the static equilibrium before a motion, the weight of the turning masses included.
 
-    By one step of Newton's method from the equilibrium without them: they hardly bend the arm.
+    By steps of Newton's method with the stiffness without them, which they change by less than a thousandth.
 
     Args:
         model: gathered with `rank=1`.
         motion: at whose start the arm is at rest.
         balanced: coordinates of the equilibrium with the turning masses on their axes.
+        stiffness: of that equilibrium.
     """
-    posture = motion(motion.breaks[:1])[0]
+    posture = jnp.asarray(motion(motion.breaks[:1])[0])
     still = Command(posture, *(jnp.zeros_like(posture),) * 2)
-    y, none = balanced[:, None], jnp.zeros((len(balanced), 1))
-    K = slope(lambda y: residual(model, still, y, none, none), y)
-    return (y - solve_positive(K, residual(model, still, y, none, none)))[:, 0]
+    none, K = jnp.zeros((len(balanced), 1)), stiffness[..., None]
+
+    def improve(_: Array, y: Array) -> Array:
+        return y - solve_positive(K, residual(model, still, y, none, none))
+
+    return jax.lax.fori_loop(0, START_STEPS, improve, balanced[:, None])[:, 0]

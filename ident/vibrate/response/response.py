@@ -1,19 +1,17 @@
 """What a simulation gives: how the end point vibrates, how the joints are loaded, and measures of it."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ident.arm.multibody import Multibody
-from ident.arm.multibody_kinematics import bushings
-from ident.arm.rotations import matvec
+from ident.jit import AnyArray, concrete, library
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 
-Vibration = Float[Array, "3 T *batch"]
+Vibration = Float[AnyArray, "3 T *batch"]
 
 
 class Pulleys(NamedTuple):
@@ -24,8 +22,8 @@ class Pulleys(NamedTuple):
         frequency: of turning, counted positive [Hz]
     """
 
-    angle: Float[Array, "driven T"]
-    frequency: Float[Array, "driven T"]
+    angle: Float[AnyArray, "driven T"]
+    frequency: Float[AnyArray, "driven T"]
 
 
 class Response(eqx.Module):
@@ -46,10 +44,10 @@ class Response(eqx.Module):
 
     model: Multibody
     motion: Motion
-    time: Float[Array, "T"]
-    y: Float[Array, "n T *batch"]
-    yd: Float[Array, "n T *batch"]
-    path: Float[Array, "3 T"]
+    time: Float[AnyArray, "T"]
+    y: Float[AnyArray, "n T *batch"]
+    yd: Float[AnyArray, "n T *batch"]
+    path: Float[AnyArray, "3 T"]
     displacement: Vibration
     quasi_static: Vibration
     method: str = eqx.field(static=True)
@@ -61,46 +59,49 @@ class Response(eqx.Module):
         return self.displacement - self.quasi_static
 
     @property
-    def posture(self) -> Float[Array, "driven T"]:
+    def posture(self) -> Float[AnyArray, "driven T"]:
         """Commanded angles [rad]."""
         return self.motion(self.time)[0]
 
     @property
-    def phi(self) -> Float[Array, "3 N T *batch"]:
+    def phi(self) -> Float[AnyArray, "3 N T *batch"]:
         """Rotation vectors of the bushings along their shafts' axes [rad]."""
-        return bushings(self.model, self.y)
+        return self._by_bushing(self.y)
 
     @property
-    def moment(self) -> Float[Array, "3 N T *batch"]:
+    def moment(self) -> Float[AnyArray, "3 N T *batch"]:
         """Moments of the bushings, stiffness and damping, along their shafts' axes [N m]."""
-        rate = bushings(self.model, self.yd)
-        return matvec(self.model.stiffness, self.phi) + matvec(self.model.damping, rate)
+        K, D = concrete((self.model.stiffness, self.model.damping))
+        return (K * self.phi).sum(1) + (D * self._by_bushing(self.yd)).sum(1)
+
+    def _by_bushing(self, y: Float[AnyArray, "n T *batch"]) -> Float[AnyArray, "3 N T *batch"]:
+        return y[: 3 * self.model.joints].reshape((-1, 3, *y.shape[1:])).swapaxes(0, 1)
 
     @property
     def pulley(self) -> Pulleys:
         """Angles [rad] and turning frequencies [Hz], counted positive, of the pulleys, `(driven, T)` each."""
-        q, qd, _ = command(self.model, self.motion, self.time)
-        ratio = self.model.drives.ratio[np.asarray(self.model.driven)]
+        q, qd, _ = concrete(command(self.model, self.motion, self.time))
+        ratio = concrete(self.model.drives.ratio)[np.asarray(self.model.driven)]
         angle, rate = (_first_of_batch(ratio * part) for part in (q, qd))
-        return Pulleys(angle, jnp.abs(rate) / (2 * jnp.pi))
+        return Pulleys(angle, library(rate).abs(rate) / (2 * np.pi))
 
     def after(self, time: float) -> Vibration:
         """Return the vibration from a time on."""
         return self.vibration[:, int(np.searchsorted(np.asarray(self.time), time - 1e-9)) :]
 
 
-def _first_of_batch(x: Array) -> Float[Array, "driven T"]:
+def _first_of_batch(x: Any) -> Float[AnyArray, "driven T"]:
     return x[(..., *(0,) * (x.ndim - 2))]
 
 
-def peak(vibration: Vibration) -> Float[Array, "3 *batch"]:
+def peak(vibration: Vibration) -> Float[AnyArray, "3 *batch"]:
     """Return the largest magnitude in each direction [m]."""
-    return jnp.abs(vibration).max(1)
+    return library(vibration).abs(vibration).max(1)
 
 
-def rms(vibration: Vibration) -> Float[Array, "3 *batch"]:
+def rms(vibration: Vibration) -> Float[AnyArray, "3 *batch"]:
     """Return the root mean square in each direction [m]."""
-    return jnp.sqrt((vibration**2).mean(1))
+    return library(vibration).sqrt((vibration**2).mean(1))
 
 
 def settling_time(response: Response, tolerance: float) -> Float[np.ndarray, "3 *batch"]:

@@ -4,9 +4,8 @@ import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,17 +14,17 @@ from jaxtyping import Array, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, has_transmission_error, multibody
-from ident.arm.multibody_kinematics import at_rest, bushings, deviations, end_point, pins
 from ident.errors import InputError, ModelError, Problem
-from ident.jit import jit
+from ident.jit import AnyArray, concrete, jit, library
 from ident.vibrate.modal.modes_along_path import nominal
-from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact, fast
 from ident.vibrate.response.exact import Progress
-from ident.vibrate.response.quasi_static import initial_equilibrium, quasi_static_along, quasi_static_start
+from ident.vibrate.response.fast_method import FastMethod, Solution, displacement, repeated, vibration_of
+from ident.vibrate.response.few_sizes import filled_up
 from ident.vibrate.response.response import Response
-from ident.vibrate.response.time_intervals import NODES, TimeIntervals, Times, between_nodes, jumps_of, time_intervals
+from ident.vibrate.response.step_weights import step_weights
+from ident.vibrate.response.time_intervals import jumps_of, time_intervals
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
@@ -68,54 +67,27 @@ def simulate(
     """
     batch = arm.batch
     _check_method(method, batch)
-    solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
-    interrupted = None
+    time, solve = sample_times(motion, rate), fast_method(arm, motion, loads, elastic_belts, rate, step)
+    solution = concrete(_over_batch(arm, solve, _whole) if batch else solve(arm))
+    refuse_collapse(motion, solution.displacement[:, : len(time)])
+    model, interrupted = _multibody(arm, loads, 1 + len(batch), elastic_belts), None
     if method == "exact":
-        solution, interrupted = _exact(arm, solve, progress)
-    else:
-        solution = _over_batch(arm, solve, _whole) if batch else solve(arm)
-    time = solve.time[: solution.y.shape[1]]
-    refuse_collapse(motion, solution.displacement)
-    model = _multibody(arm, loads, 1 + len(batch), elastic_belts)
-    path = solution.path[(..., *(0,) * len(batch))]
-    return Response(
-        model,
-        motion,
-        jnp.asarray(time),
-        solution.y,
-        solution.yd,
-        path,
-        solution.displacement,
-        solution.quasi_static,
-        method,
-        interrupted,
-    )
-
-
-class Solution(NamedTuple):
-    """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T)."""
-
-    y: Array
-    yd: Array
-    path: Array
-    displacement: Array
-    quasi_static: Array
+        solution, interrupted = _exact(model, solve, solution, time, progress)
+        time = time[: solution.y.shape[1]]
+    y, yd, path, displacement, static = (part[:, : len(time)] for part in solution)
+    path = path[(..., *(0,) * len(batch))]
+    return Response(model, motion, time, y, yd, path, displacement, static, method, interrupted)
 
 
 def _whole(solution: Solution) -> Solution:
     return solution
 
 
-def vibration_of(solution: Solution) -> Float[Array, "3 T"]:
-    """Return the displacement of the end point from its quasi-static deflection [m]."""
-    return solution.displacement - solution.quasi_static
-
-
 def vibrations(
     arm: Arm, numbers: Mapping[str, Float[Array | np.ndarray, "batch"]], solve: "FastMethod"
-) -> Float[Array, "3 T batch"]:
+) -> Float[AnyArray, "3 T batch"]:
     """Return how the end point vibrates [m] with each of some numbers of the arm, by path; NaN where it collapses."""
-    return _of_each(arm, numbers, solve, vibration_of)
+    return _of_each(arm, numbers, solve, vibration_of)[:, : int(solve.samples)]
 
 
 def fast_method(
@@ -126,7 +98,9 @@ def fast_method(
     refuse_jumps(arm, motion)
     time = sample_times(motion, rate)
     grid = time_intervals(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
-    return FastMethod(_nameless(motion), loads, time, grid, elastic, has_transmission_error(arm))
+    weights, error = step_weights(int(grid.steps)), has_transmission_error(arm)
+    samples = np.asarray(len(time))
+    return FastMethod(filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights, elastic, error)
 
 
 def _over_batch(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
@@ -137,7 +111,7 @@ def _over_batch(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) 
     """
     batch, one = arm.batch, nominal(arm)
     varying = {path: value for path, value in arm.numbers().items() if jnp.ndim(value)}
-    flat = {path: jnp.broadcast_to(value, batch).reshape(-1) for path, value in varying.items()}
+    flat = {path: library(value).broadcast_to(value, batch).reshape(-1) for path, value in varying.items()}
     return jax.tree.map(lambda x: x.reshape((*x.shape[:-1], *batch)), _of_each(one, flat, solve, keep))
 
 
@@ -146,7 +120,7 @@ def _of_each(
 ) -> Any:
     """Solve for an arm with each of these numbers (batch,), by path."""
     chunked = by_chunk(lambda values: _mapped(arm, values, solve, keep), dict(numbers))
-    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), chunked)
+    return jax.tree.map(lambda x: library(x).moveaxis(x, 0, -1), chunked)
 
 
 @cache
@@ -172,7 +146,7 @@ def by_chunk(run: Callable[[Any], Any], flat: Any, chunk: int = CHUNK) -> Any:
     finally:
         for future in futures:
             future.cancel()
-    return jax.tree.map(lambda *leaf: jnp.concatenate(leaf)[:count], *parts)
+    return jax.tree.map(lambda *leaf: np.concatenate(leaf)[:count], *parts)
 
 
 @jit
@@ -180,38 +154,17 @@ def _mapped(arm: Arm, values: dict[str, Array], solve: "FastMethod", keep: Calla
     return jax.lax.map(lambda one: keep(solve(arm.replace(one))), values)
 
 
-class FastMethod(eqx.Module):
-    """The fast method for one arm, all else given."""
-
-    motion: Motion
-    loads: Loads | None
-    time: Times
-    grid: TimeIntervals
-    elastic: bool = eqx.field(static=True)
-    transmission_error: bool = eqx.field(static=True)
-
-    @jit
-    def __call__(self, arm: Arm) -> Solution:
-        """Simulate an arm without batch axes."""
-        model = multibody(
-            arm, self.loads, rank=1, elastic_belts=self.elastic, transmission_error=self.transmission_error
-        )
-        solved = fast.integrate(arm, model, self.motion, self.grid, self.loads)
-        y, yd = solved.at(self.grid, self.time)
-        return Solution(y, yd, *_end_point(model, self.motion, self.grid, self.time, y, solved.quasi_static))
-
-
-def _exact(arm: Arm, method: FastMethod, progress: Progress) -> tuple[Solution, float | None]:
-    """Return the exact solution, and until when it was solved if it was interrupted [s]."""
-    motion, loads, time, grid = method.motion, method.loads, np.asarray(method.time), method.grid
-    model = _multibody(arm, loads, 1, method.elastic)
-    nodes = quasi_static_along(arm, model, motion, loads, grid)
-    first = initial_equilibrium(model, motion, quasi_static_start(grid, nodes, time))
-    start = first, jnp.zeros_like(first)
-    solved = exact.integrate(model, motion, start, time, progress=progress)
-    y = solved.y
-    solution = Solution(y, solved.yd, *_end_point(model, motion, grid, time[: y.shape[1]], y, nodes))
-    return solution, solved.interrupted
+def _exact(
+    model: Multibody, method: FastMethod, solution: Solution, time: Float[np.ndarray, "T"], progress: Progress
+) -> tuple[Solution, float | None]:
+    """Return the exact solution from where the fast one starts, and until when it was solved if interrupted [s]."""
+    start = np.asarray(solution.y[:, 0])
+    solved = exact.integrate(model, method.motion, (start, np.zeros_like(start)), time, progress=progress)
+    y = np.asarray(solved.y)
+    whole = np.pad(y, ((0, 0), (0, len(method.time) - y.shape[1])), mode="edge")
+    times = np.minimum(method.time, time[y.shape[1] - 1])
+    moved = np.asarray(displacement(model, method.motion, times, whole))
+    return solution._replace(y=y, yd=np.asarray(solved.yd), displacement=moved), solved.interrupted
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -220,14 +173,9 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
     return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
 
 
-def _nameless(motion: Motion) -> Motion:
-    """Return the motion without name and arrival, for each of which the solvers would be compiled anew."""
-    return Motion("motion", motion.breaks, motion.coefficients, arrival=float(motion.breaks[0]))
-
-
 def _concrete(arm: Arm) -> Arm:
     """Return the arm as it is apart from being differentiated: the grid of time does not depend on it smoothly."""
-    return jax.lax.stop_gradient(arm)
+    return arm if library(arm) is np else jax.lax.stop_gradient(arm)
 
 
 def _check_method(method: str, batch: tuple[int, ...]) -> None:
@@ -258,7 +206,7 @@ def refuse_jumps(arm: Arm, motion: Motion) -> None:
         raise InputError(Problem(motion.name, got, "a motion from rest without such jumps", remedy))
 
 
-def refuse_collapse(motion: Motion, displacement: Array) -> None:
+def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
     """Refuse a displacement that is NaN; under `jit` or `grad` it may be.
 
     Raises:
@@ -274,20 +222,3 @@ def refuse_collapse(motion: Motion, displacement: Array) -> None:
 @jit
 def _multibody(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
     return multibody(arm, loads, rank=rank, elastic_belts=elastic)
-
-
-@jit
-def _end_point(
-    model: Multibody, motion: Motion, grid: TimeIntervals, time: Times, y: Array, nodes: Float[Array, "P n m"]
-) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"], Float[Array, "3 T"]]:
-    """Return path, displacement and quasi-static deflection of the end point, the last by the intervals' nodes."""
-
-    def from_path(time: Times, y: Array, error: float) -> tuple[Array, Array]:
-        turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
-        path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
-        angle = turning.pin.angle - (1 - error) * turning.error
-        return path, end_point(model, angle, bushings(model, y)) - path
-
-    path, displacement = from_path(jnp.asarray(time), y, 1.0)
-    _, at_nodes = from_path(grid.nodes.ravel(), jnp.moveaxis(nodes, 1, 0).reshape((y.shape[0], -1)), 0.0)
-    return path, displacement, between_nodes(grid, jnp.moveaxis(at_nodes.reshape((3, -1, NODES)), 1, 0), time)[0]

@@ -4,11 +4,13 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from numpy.polynomial import Polynomial
 from scipy.interpolate import PPoly
 
+from ident.jit import AnyArray
 from ident.vibrate.motion.motion import Motion
+from ident.vibrate.response.few_sizes import ladder
 
 NODES = 6
 """Nodes of an interval: the slow quantities are polynomials of degree five in it."""
@@ -25,6 +27,8 @@ INTERVAL_COST = 90
 """What an interval costs apart from its steps, in steps: measured on the paper's arm."""
 MOST_STEPS = 200
 """Steps of an interval at most: beyond, its intermediate values leave the cache."""
+FEWEST = 12
+"""Intervals of the least program: a stroke at 3 to 50 % of full speed has no more."""
 SHORTEST = 1e-9
 """Time [s] within which a jump counts as at the edge."""
 
@@ -42,18 +46,25 @@ class TimeIntervals(NamedTuple):
 
     start: Float[Array | np.ndarray, "P"]
     step: Float[Array | np.ndarray, "P"]
-    steps: int
+    steps: int | Int[Array | np.ndarray, ""]
 
     @property
     def nodes(self) -> Float[Array | np.ndarray, "P m"]:
         """Times of the nodes [s]."""
         return self.start[:, None] + (self.step * self.steps)[:, None] * NODE_PLACES
 
+    def filled_up(self) -> "TimeIntervals":
+        """Return the same with intervals that start at infinity, in one of few numbers."""
+        more = ladder(len(self.start), FEWEST, 2) - len(self.start)
+        start, step = np.pad(self.start, (0, more), constant_values=np.inf), np.pad(self.step, (0, more), mode="edge")
+        return TimeIntervals(start, step, np.asarray(self.steps))
+
     def steps_of(self, time: Times) -> tuple[Array, Array, Array, Array]:
         """Return for each time its interval, its step there, the share of that past, and the step's length [s]."""
-        interval = jnp.clip(jnp.searchsorted(self.start, time, side="right") - 1, 0, len(self.start) - 1)
+        start = jnp.asarray(self.start)
+        interval = jnp.clip(jnp.searchsorted(start, time, side="right") - 1, 0, len(start) - 1)
         h = jnp.asarray(self.step)[interval]
-        count = (time - jnp.asarray(self.start)[interval]) / h
+        count = (time - start[interval]) / h
         step = jnp.clip(jnp.floor(count).astype(int), 0, self.steps - 1)
         return interval, step, jnp.asarray(count - step), h
 
@@ -147,7 +158,7 @@ def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return values, slopes, curvatures
 
 
-def interpolate(x: Float[Array, "*rest m"], W: Float[np.ndarray, "m places"]) -> Float[Array, "*rest places"]:
+def interpolate(x: Float[Array, "*rest m"], W: Float[AnyArray, "m places"]) -> Float[Array, "*rest places"]:
     """Return the sum over the nodes, on the last axis of x, of their values times their weights."""
     return jnp.tensordot(x, jnp.asarray(W), 1)
 

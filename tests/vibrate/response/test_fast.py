@@ -12,6 +12,7 @@ from ident.vibrate.motion.replay import replay
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.fast import integrate
 from ident.vibrate.response.response import peak
+from ident.vibrate.response.step_weights import step_weights
 from ident.vibrate.response.time_intervals import (
     NODE_PLACES,
     NODES,
@@ -30,7 +31,7 @@ def test_order() -> None:
     counts, found = np.array([30, 45, 68, 400]), []
     for count in counts:
         grid = TimeIntervals(starts, np.full(10, 0.5 / count), int(count))
-        found.append(np.asarray(integrate(arm, gathered, motion, grid).x)[:, 0, :3])
+        found.append(np.asarray(integrate(arm, gathered, motion, grid, step_weights(int(count))).x)[:, 0, :3])
     errors = [np.abs(x - found[-1]).max() for x in found[:-1]]
     slopes = -np.diff(np.log(errors)) / np.diff(np.log(counts[:-1]))
     print(errors, slopes)

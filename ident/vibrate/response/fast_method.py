@@ -1,0 +1,112 @@
+"""The fast method for one arm, all else given: one compiled program, whatever the motion's length."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads
+from ident.arm.multibody import Multibody, multibody
+from ident.arm.multibody_kinematics import at_rest, bushings, deviations, end_point, pins
+from ident.jit import AnyArray, jit
+from ident.vibrate.motion.command import command
+from ident.vibrate.motion.motion import Motion
+from ident.vibrate.response import fast
+from ident.vibrate.response.few_sizes import ladder, where
+from ident.vibrate.response.step_weights import StepWeights
+from ident.vibrate.response.time_intervals import TimeIntervals, Times, between_nodes
+
+TOGETHER = 512
+"""Times at which the response is computed together."""
+LEAST = 4 * TOGETHER
+"""Times of the least program."""
+
+
+class Solution(NamedTuple):
+    """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T)."""
+
+    y: AnyArray
+    yd: AnyArray
+    path: AnyArray
+    displacement: AnyArray
+    quasi_static: AnyArray
+
+
+def vibration_of(solution: Solution) -> Float[AnyArray, "3 T"]:
+    """Return the displacement of the end point from its quasi-static deflection [m]."""
+    return solution.displacement - solution.quasi_static
+
+
+class FastMethod(eqx.Module):
+    """The fast method for one arm, all else given."""
+
+    motion: Motion
+    loads: Loads | None
+    time: Times
+    samples: Int[AnyArray, ""]
+    grid: TimeIntervals
+    weights: StepWeights
+    elastic: bool = eqx.field(static=True)
+    transmission_error: bool = eqx.field(static=True)
+
+    @jit
+    def __call__(self, arm: Arm) -> Solution:
+        """Simulate an arm without batch axes; what is behind the samples means nothing."""
+        model = multibody(
+            arm, self.loads, rank=1, elastic_belts=self.elastic, transmission_error=self.transmission_error
+        )
+        solved = fast.integrate(arm, model, self.motion, self.grid, self.weights, self.loads)
+        nodes, y = self.grid.nodes.ravel(), jnp.moveaxis(solved.quasi_static, 1, 0)
+        bent = _end_point(model, self.motion, nodes, y.reshape((model.size, -1)), 0.0)[1]
+        bent = jnp.moveaxis(bent.reshape((3, *self.grid.nodes.shape)), 1, 0)
+
+        def at(time: Array) -> tuple[Array, ...]:
+            y, yd = solved.at(self.grid, time)
+            return y, yd, *_end_point(model, self.motion, time, y), between_nodes(self.grid, bent, time)[0]
+
+        return Solution(*_by_time(at, jnp.asarray(self.time), (model.size, model.size, 3, 3, 3)))
+
+
+def _by_time(f: Callable[..., tuple[Array, ...]], time: Array, rows: tuple[int, ...], *more: Array) -> list[Array]:
+    """Return what f gives for times and what belongs to them, some together, none that are repeated."""
+    chunks = time.reshape((-1, TOGETHER))
+    real = chunks[:, 0] > jnp.concatenate([jnp.full(1, -jnp.inf), chunks[:-1, -1]])
+    with_times = [jnp.moveaxis(x.reshape((x.shape[0], *chunks.shape)), 1, 0) for x in more]
+
+    def turned(none: Any, given: tuple[Array, ...]) -> tuple[Any, tuple[Array, ...]]:
+        return none, tuple(part.T for part in f(*given[1:]))
+
+    parts: tuple[Array, ...] = jax.lax.scan(
+        where(lambda given: given[0], turned, TOGETHER, rows), None, (real, chunks, *with_times)
+    )[1]
+    return [part.reshape((-1, part.shape[-1])).T for part in parts]
+
+
+@jit
+def displacement(model: Multibody, motion: Motion, time: Times, y: AnyArray) -> Float[Array, "3 T"]:
+    """Return how far the end point is from its path."""
+
+    def at(time: Array, y: Array) -> tuple[Array]:
+        return (_end_point(model, motion, time, y)[1],)
+
+    return _by_time(at, jnp.asarray(time), (3,), jnp.asarray(y))[0]
+
+
+def repeated(time: Float[np.ndarray, "T"]) -> Float[np.ndarray, "more"]:
+    """Return times with the last one repeated, in one of few numbers."""
+    return np.pad(time, (0, ladder(len(time), LEAST) - len(time)), mode="edge")
+
+
+def _end_point(
+    model: Multibody, motion: Motion, time: AnyArray, y: Array, error: float = 1.0
+) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
+    """Return path and displacement of the end point, with so much of the kinematic error in the latter."""
+    turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
+    path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
+    angle = turning.pin.angle - (1 - error) * turning.error
+    return path, end_point(model, angle, bushings(model, y)) - path

@@ -1,0 +1,61 @@
+"""Arrays of few sizes: what is filled up takes no time, so that one compiled program serves many lengths."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ident.jit import library
+from ident.vibrate.motion.motion import Motion
+
+PIECES, POWERS = 32, 6
+"""Least number of pieces and of powers of a motion: those of a stroke, and of a spline of degree five."""
+AFTER = 1e6
+"""When a motion's pieces begin that are none [s]; each lasts as long."""
+
+
+def ladder(count: int, least: int, growth: int = 4) -> int:
+    """Return the size for so many: the least one, or that times a power of the growth."""
+    size = least
+    while size < count:
+        size *= growth
+    return size
+
+
+def where(
+    real: Callable[[Any], Array], body: Callable[[Any, Any], tuple], count: int, rows: Sequence[int]
+) -> Callable[[Any, Any], tuple]:
+    """Return a body of `jax.lax.scan` that does nothing where what is given is not real.
+
+    There it returns zeros, for each of its results an array (count, row).
+    """
+
+    def guarded(state: Any, given: Any) -> tuple:
+        def nothing(state: Any) -> tuple:
+            return state, tuple(jnp.zeros((count, row)) for row in rows)
+
+        return jax.lax.cond(real(given), lambda state: body(state, given), nothing, state)
+
+    return guarded
+
+
+def filled_up(motion: Motion) -> Motion:
+    """Return the same motion with pieces long after its end, and powers of nothing; without name and arrival.
+
+    Where numbers are traced it stays as it is.
+    """
+    breaks, c = motion.breaks, motion.coefficients
+    if library(breaks, c) is np:
+        breaks, c = _filled_up(motion, np.asarray(breaks), np.asarray(c))
+    return Motion("motion", breaks, c, arrival=float(motion.breaks[0]))
+
+
+def _filled_up(motion: Motion, breaks: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    powers, pieces = (ladder(count, least) - count for count, least in zip(c.shape, (POWERS, PIECES), strict=False))
+    q = np.asarray(motion.on_piece(c.shape[1] - 1, breaks[-1])[0])
+    still = np.concatenate([np.zeros((c.shape[0] - 1, pieces, c.shape[2])), np.tile(q, (1, pieces, 1))])
+    whole = np.pad(np.concatenate([c, still], 1), ((powers, 0), (0, 0), (0, 0)))
+    return np.concatenate([breaks, breaks[-1] + AFTER * np.arange(1, pieces + 1)]), whole

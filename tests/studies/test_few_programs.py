@@ -1,0 +1,69 @@
+"""Another speed, range or profile finds every program that a command needs: none is compiled for a length.
+
+As long as it has no more time intervals than the least program: 12, which strokes at 3 to 50 % mostly keep to.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import jax
+import pytest
+from commands import ARM
+
+import ident
+from ident.studies.result import Result
+
+COMPILED = "/jax/core/compile/backend_compile_duration"
+"""What jax reports of each program that is compiled, or loaded from its cache."""
+
+
+@contextmanager
+def counting() -> Iterator[list[str]]:
+    events: list[str] = []
+
+    def listener(event: str, _: float, **more: object) -> None:
+        if event == COMPILED:
+            events.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(listener)
+    try:
+        yield events
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listener)
+
+
+def simulated(speed: float, **more: object) -> ident.SimulateResult:
+    return ident.simulate(ARM, ident.SimulateOptions(speed=speed, rate=250.0, dwell=1.0, **more))
+
+
+def swept(speed: float) -> ident.SweepResult:
+    vary = {"joint2.k_tors": ("0.5x", "2x", 4 if speed > 30 else 7)}
+    return ident.sweep(ARM, ident.SweepOptions(speed=speed, rate=250.0, dwell=1.0, vary=vary))
+
+
+def designed(speed: float) -> ident.DesignResult:
+    change = {"joint2.k_tors": ("0.5x", "2x")}
+    options = {"rate": 250.0, "starts": 1, "limit": 1.0, "no_curve": True}
+    return ident.design(ARM, ident.DesignOptions(speed=speed, change=change, **options))
+
+
+def resonating(speed: float) -> ident.ResonanceResult:
+    return ident.resonance(ARM, ident.ResonanceOptions(speed=speed))
+
+
+@pytest.mark.parametrize("study", [simulated, swept, designed, resonating])
+def test_another_speed_compiles_nothing(study: Callable[[float], Result], tmp_path: Path) -> None:
+    with counting() as first:
+        study(41.0).save(tmp_path)
+    assert first or study is not simulated, "it counts"
+    with counting() as second:
+        study(23.0).save(tmp_path)
+    assert not second
+
+
+def test_another_profile_compiles_nothing() -> None:
+    simulated(37.0, method="fast").report()
+    with counting() as others:
+        simulated(44.0, method="fast", profile="trapezoid", retract=True).report()
+    assert not others
