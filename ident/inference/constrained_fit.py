@@ -20,6 +20,8 @@ GAIN = 1e-6
 """Fall of the cost that is not worth a further step."""
 MORE = 3
 """Further searches where none has converged."""
+BEYOND = 100.0
+"""Delta chi-squared above which a point is outside of every interval, and need not be known any better."""
 REACH = 1000.0
 """Factor on a positive parameter beyond which a profile is called open; for the others, ln(REACH) units of theta or
 standard deviations, whichever is more."""
@@ -109,7 +111,7 @@ class ConstrainedFit:
                 if converges(guess, point.choice):
                     return _best(points)
         for _ in range(MORE if points else 0):
-            if converges(_best(points).theta, None):
+            if _best(points).delta_chi_squared > BEYOND or converges(_best(points).theta, None):
                 break
         return _best(points) if points else None
 

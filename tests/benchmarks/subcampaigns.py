@@ -72,7 +72,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     asked = parser.parse_args()
     seed, begin = asked.seed, time.perf_counter()
-    wanted = [("judge", p, f, i, seed) for p in parts() for f in FACTORS for i in range(asked.draws if f == 1 else 1)]
+    wanted = [("judge", p, f, i, seed) for f in FACTORS for p in parts() for i in range(asked.draws if f == 1 else 1)]
     wanted += [("sample", p, 1.0, 0, seed) for p in parts()] if asked.sample else []
     print(machine(), f"seed {seed}, commit {commit()}", sep="\n")
     done = resumable.run(work, wanted, {"seed": seed}, asked.resume, asked.processes)
