@@ -162,8 +162,10 @@ def most_probable(
         off = jnp.where(_fitted(values, data, modes.frequency.ndim - 2).any(0), off, 0.0)
     cost = name_costs(modes, off)
     names = jnp.stack([cost[direction] + cost[kind] for direction, kind in NAMES], 1)
-    against = jnp.zeros((len(names), sum(values.top) + 1, *names.shape[2:]))
-    against = against.at[:, values.places, values.states].add(_misfits(values, modes, data, off))
+    # by sums of products: XLA's scatter on several cores (jax 0.10) does not give the same bits twice
+    place = (values.places[:, None] == np.arange(sum(values.top) + 1)).astype(float)
+    state = (values.states[:, None] == np.arange(names.shape[2])).astype(float)
+    against = jnp.einsum("mr...,rt,rs->mts...", _misfits(values, modes, data, off), place, state)
     return _best_naming(values, names, against)[:, values.places, values.states]
 
 

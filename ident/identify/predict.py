@@ -89,7 +89,8 @@ class ArmModel(eqx.Module, Choosing, Growing):
         likeness = jnp.where(held.in_order, held.place, overlap(shapes, M, held.shape))
         same = (jnp.argmax(likeness, 0) == jnp.arange(len(likeness))[:, None]).astype(float)
         chosen = jax.lax.stop_gradient(jnp.where(held.fresh, wanted, same))
-        cost = jnp.zeros_like(data.sigma).at[values.rows].set(said_costs(values, modes, chosen))
+        against = said_costs(values, modes, chosen)
+        cost = jnp.pad(against, (0, len(data.sigma) - len(against)))[self.conditions.order]
         off, no = how_far_off(values, modes, data, chosen), jnp.array(False)
         now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
