@@ -5,9 +5,9 @@ arrays come back in. A later process reads it by a key of all that it may depend
 their shapes, dtypes, weak types and static values; the compiler's options; and the circumstances, such as the package's
 own source files. What the key can't name, a function from outside the package say, is not kept.
 
-Only where `IDENT_PROGRAMS` is `on`, as the command line sets it, or `1`, and jax has a compilation cache: a process of
-Python may have changed a constant of the package, which no key can see. Nothing is unpickled; a folder that others can
-write is not used, and a damaged or foreign file is passed over.
+Only where `IDENT_PROGRAMS` is on (see `ident.text.is_on`), as the command line sets it, and jax has a compilation
+cache: a process of Python may have changed a constant of the package, which no key can see. Nothing is unpickled; a
+folder that others can write is not used, and a damaged or foreign file is passed over.
 """
 
 import hashlib

@@ -167,14 +167,15 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
     search = Search(task.evaluator(*variables), Requirements(), effort)
     starts, objective = search.starts(2, seed=0), search.objective
     quiet: list[Point] = []
+    near = starts
     if min(map(objective.largest, starts)) > aim:  # out of reach, it seems: the least amplitude tells
         quiet = [u for start in starts if (u := search.minimum_amplitude(start)) is not None]
-        starts = [u for u in quiet if objective.largest(u) <= aim]
-    reached = [u for start in starts if (u := search.minimum_change(start, aim)) is not None]
+        near = [u for u in quiet if objective.largest(u) <= aim]
+    reached = [u for start in near if (u := search.minimum_change(start, aim)) is not None]
     if reached:
         best = min(reached, key=objective.change_norm)
     else:
-        quiet = quiet or [u for start in starts if (u := search.minimum_amplitude(start)) is not None]
+        quiet = quiet or [u for start in near if (u := search.minimum_amplitude(start)) is not None]
         best = min([0 * objective.scale, *starts, *quiet], key=objective.largest)
     evaluator = task.evaluator(*variables, draws=task.assessment_draws)
     return _remedy(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))

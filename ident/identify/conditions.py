@@ -57,7 +57,8 @@ class Readings(eqx.Module):
 class Conditions(eqx.Module):
     """The states (posture and load case) in which an arm was measured, and what was read in each.
 
-    All are arrays, so that another campaign of the same sizes finds its program compiled; `padded` makes few of them.
+    Rows, states and places are arrays, so that another campaign of the same sizes, kinds and names of modes finds its
+    program compiled; `padded` makes few of these sizes.
 
     Attributes:
         posture: (joints, S) [rad]

@@ -13,6 +13,7 @@ from ident.identify.data_checks import check_values, row_names
 from ident.identify.mode_assignment import FAR
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
+from ident.inference.curvature import stretches
 from ident.inference.exchange import Exchange, Pair, exchanges
 from ident.inference.fit import STARTS, Fit, fit
 from ident.measure import Campaign, Measurement
@@ -103,6 +104,7 @@ def fit_campaign(
     if weak != (unknowns or Unknowns()):
         compared, _ = cross_predictions(build_problem(arm, campaign, weak), [o.theta for o in best.optima], seed=seed)
         best = replace(best, cross_predictions=compared)
+        best = replace(best, stretch=stretches(best.problem, best.best, best.end, best.supported))
     granted = assumptions(best, arm, campaign) if best.best.converged else None
     found = CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted)
     return replace(found, exchanges=_suspected(found))

@@ -24,8 +24,7 @@ def stretches(
     """Return by what factor each half of an interval is longer than the linear one, below and above; infinite if open.
 
     One where the profile of the cost (see `profile`) says of the linear end that it is where it should be, to `LINEAR`;
-    elsewhere the profile is followed to the end. Of long intervals (a fifth of a stiffness and more) the linear ones
-    hold the truth in 85 to 90 % instead of 95 % (tests/benchmarks/README.md).
+    elsewhere the profile is followed to the end. What that does to coverage is in tests/benchmarks/README.md.
 
     Args:
         problem: what was fitted.

@@ -15,7 +15,7 @@ from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import IMPROBABLE, outlying
 
 TRIED = 4
-"""Exchanges that are fitted anew: the best ones along a straight line."""
+"""Exchanges that are fitted anew: so many of those suspected, and the best ones along a straight line."""
 
 Pair = tuple[int, int]
 """Places of two values."""
@@ -44,12 +44,11 @@ def exchanges(fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair] = ()) -
     Args:
         fit: of data that do not fit.
         pairs: which values might be exchanged.
-        suspected: those that are fitted anew in any case.
+        suspected: those that are fitted anew wherever they come along the line, the first `TRIED` of them.
     """
     nearest = [pairs[i] for i in np.argsort(_costs(fit, pairs), kind="stable")]
-    tried = list(dict.fromkeys([*suspected, *nearest]))[:TRIED]
     found = []
-    for pair in tried:
+    for pair in dict.fromkeys([*suspected[:TRIED], *nearest[:TRIED]]):
         end = solve(_exchanged(fit.problem, pair), fit.best.theta)
         sigma = _swapped(np.asarray(fit.problem.sigma), pair)
         residuals = (end.predicted - _swapped(np.asarray(fit.problem.measured), pair)) / sigma

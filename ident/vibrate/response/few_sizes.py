@@ -1,4 +1,4 @@
-"""Arrays of few sizes: what is filled up takes no time, so that one compiled program serves many lengths."""
+"""Arrays of few sizes, so that one compiled program serves many lengths: no steps are made where one is filled up."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -45,7 +45,7 @@ def where(
 def filled_up(motion: Motion) -> Motion:
     """Return the same motion with pieces long after its end, and powers of nothing; without name and arrival.
 
-    Where numbers are traced it stays as it is.
+    Traced pieces stay as they are.
     """
     breaks, c = motion.breaks, motion.coefficients
     if library(breaks, c) is np:
