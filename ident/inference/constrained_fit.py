@@ -111,7 +111,10 @@ class ConstrainedFit:
                 if converges(guess, point.choice):
                     return _best(points)
         for _ in range(MORE if points else 0):
-            if _best(points).delta_chi_squared > BEYOND or converges(_best(points).theta, None):
+            best = _best(points)
+            if best.delta_chi_squared > BEYOND or converges(
+                best.theta, None if self.end.choice.settled else best.choice
+            ):
                 break
         return _best(points) if points else None
 

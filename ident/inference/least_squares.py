@@ -68,11 +68,12 @@ def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | N
         problem: model, data and unknowns.
         start: theta.
         example: the best end so far, if any.
-        choice: what the model may hold from a point nearby; where it stays the most probable one, that is all.
+        choice: what the model may hold from a point nearby; where it stays the most probable one, that is all. So it is
+            where the example's own choice is not the most probable: nothing else belongs to that optimum.
     """
     if choice is not None:
         near = _held(problem, start, choice.likened())
-        if near.choice.settled and np.isfinite(near.cost):
+        if (near.choice.settled and np.isfinite(near.cost)) or (example and not example.choice.settled):
             return near
     own = _choosing(problem, start)
     if own.choice.settled or not np.isfinite(own.cost):

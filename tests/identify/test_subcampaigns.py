@@ -3,8 +3,12 @@
 A small form; all 55 parts, several truths each, are tests/benchmarks/subcampaigns.py.
 """
 
+import numpy as np
 import pytest
-from subcampaigns import judge, parts
+from arms import lcd_arm
+from subcampaigns import TRUST, judge, parts, simulated
+
+import ident
 
 PARTS = ("deflections, at 60 deg", "all modes, at 0 deg", "one mode and deflections, everywhere")
 
@@ -23,3 +27,13 @@ def test_a_part_is_judged_without_a_break_and_what_is_shown_holds(part):
     assert verdict.refused == ""
     assert len(verdict.held) >= len(verdict.shown) - 1
     assert len(verdict.profiled) >= len(verdict.shown) - 1
+
+
+def test_where_labels_contradict_the_optimum_its_profile_keeps_to_the_modes_that_it_was_fitted_with():
+    _, campaign = simulated("lateral modes, at 60 deg", 1.0, 0, 0)
+    options = ident.ProfileOptions(trust_values=TRUST, parameter=("joint1.k_bend",))
+    result = ident.profile(lcd_arm(), campaign, options)
+    assert not result.fit.end.choice.settled
+    (found,) = result.profiles
+    assert found.converged.all()
+    assert np.diff(np.sqrt(np.maximum(found.delta_chi_squared, 0))).max() < 1  # it jumped by 27, to other modes

@@ -19,7 +19,6 @@ import ident
 from ident.errors import InputError, ModelError
 from ident.identify.build_problem import build_problem
 from ident.inference.least_squares import evaluate
-from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign
 from ident.studies.result import Result
 
@@ -111,10 +110,7 @@ def sampled(part: str, factor: float, draw: int, seed: int) -> Verdict:
 def _of_simulated(
     speak: Callable[[Verdict, Campaign, np.ndarray], Verdict], part: str, factor: float, draw: int, seed: int
 ) -> Verdict:
-    campaign = parts()[part]
-    problem = build_problem(lcd_arm(), campaign)
-    rng = np.random.default_rng([seed, list(parts()).index(part), draw])
-    truth, campaign = simulated(problem, campaign, factor, rng)
+    truth, campaign = simulated(part, factor, draw, seed)
     verdict = Verdict(part, factor, draw)
     try:
         return speak(verdict, campaign, truth)
@@ -124,10 +120,11 @@ def _of_simulated(
         return replace(verdict, broken=traceback.format_exc(limit=-4))
 
 
-def simulated(
-    problem: InverseProblem, campaign: Campaign, factor: float, rng: np.random.Generator
-) -> tuple[np.ndarray, Campaign]:
+def simulated(part: str, factor: float, draw: int, seed: int) -> tuple[np.ndarray, Campaign]:
     """Return a truth from the prior at which the model has an answer, and its campaign."""
+    campaign = parts()[part]
+    problem = build_problem(lcd_arm(), campaign)
+    rng = np.random.default_rng([seed, list(parts()).index(part), draw])
     for _ in range(100):
         truth = np.asarray(
             problem.parameters.from_uniform(jnp.asarray(rng.uniform(size=len(problem.parameters.items))))
