@@ -201,7 +201,7 @@ def circumstances() -> dict[str, Any]:
         "libraries": [version(name) for name in LIBRARIES],
         "python": sys.version,
         "jax": {name: str(value) for name, value in settings if not any(word in name for word in UNIMPORTANT)},
-        "flags": os.environ.get("XLA_FLAGS"),
+        "flags": [os.environ.get(name) for name in ("XLA_FLAGS", "EQX_ON_ERROR")],
         "machine": [jax.default_backend(), platform.machine(), _processor()],
     }
 

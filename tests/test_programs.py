@@ -184,7 +184,9 @@ def test_circumstances_are_those_of_every_setting(monkeypatch):
         assert environment() != place
     assert environment() == place
     monkeypatch.setenv("XLA_FLAGS", "--other")
-    assert circumstances()["flags"] != own["flags"]
+    flags = circumstances()["flags"]
+    monkeypatch.setenv("EQX_ON_ERROR", "off")
+    assert own["flags"] != flags != circumstances()["flags"]
     monkeypatch.setattr(sys, "version", "4.0")
     assert circumstances()["python"] != own["python"]
     assert all(word in str(own["libraries"]) for word in (jax.__version__, np.__version__))

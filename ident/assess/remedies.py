@@ -1,8 +1,6 @@
 """Which change meets the limit: torsional stiffness first, mass centres second, both, or another speed."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,6 +15,7 @@ from ident.vibrate.redesign.constraints import Requirements
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.objective import Point
 from ident.vibrate.redesign.search import Effort, Search
+from ident.vibrate.redesign.side_by_side import side_by_side
 from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.response import peak
@@ -108,13 +107,7 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
         progress: shows how far it is, over the remedies.
     """
     jobs = list(_jobs(task, task.limit / max(scatter, 1.0)))
-    pool = ThreadPoolExecutor(os.cpu_count())
-    try:
-        pending = [pool.submit(job) for job in jobs]
-        computed = [pending[k].result() for k in progress(range(len(jobs)))]
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-    return tuple(sorted(computed, key=_rank))
+    return tuple(sorted(side_by_side(jobs, progress), key=_rank))
 
 
 def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,7 @@ from ident.errors import InputError, ModelError, Problem
 from ident.vibrate.redesign.constraints import Requirements
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.search import Search
+from ident.vibrate.redesign.side_by_side import side_by_side
 from ident.vibrate.redesign.variable import Extents, check
 from ident.vibrate.response.exact import Progress
 
@@ -115,16 +117,17 @@ def design(
     _check(evaluator, limit, required, extents)
     search = Search(evaluator, required)
     begins = search.starts(starts, seed)
-    ends = [search.minimum_amplitude(begins[k]) for k in progress(range(len(begins)))]
+    ends = side_by_side([partial(search.minimum_amplitude, begin) for begin in begins], progress)
     optima = [(_place(search, u, limit), u) for u in ends if u is not None]
     if not optima:
         raise ModelError(_why_not(search, seed))
     optima.sort(key=lambda pair: pair[0].largest)
     places, least = [place for place, _ in optima], optima[0][1]
     likely = search.minimum_exceedance(least, limit) if evaluator.draws and limit else None
-    minimum_change = search.minimum_change(least, limit) if limit else None
     norm = places[0].change_norm if curve else 0.0
-    between = [search.minimum_amplitude(share * least, share * norm) for share in SHARES if norm > 0]
+    further = [partial(search.minimum_amplitude, share * least, share * norm) for share in SHARES if norm > 0]
+    between = side_by_side([*further, partial(search.minimum_change, least, limit)] if limit else further)
+    minimum_change = between.pop() if limit else None
 
     present = _place(search, 0 * least, limit)
     middle = [_place(search, u, limit) for u in between if u is not None]

@@ -23,7 +23,7 @@ from ident.vibrate.response.simulate import RATE, by_chunk, fast_method, refuse_
 
 BATCH = 64
 """Arms between two steps of progress."""
-WIDTH = 6
+WIDTH = 3
 """Derivatives that are pushed forward together: with more variables the same program runs several times."""
 
 Draws = Mapping[str, Float[np.ndarray, "D"]]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import jax
@@ -20,7 +20,7 @@ from ident.vibrate.redesign.variable import Variable, apply
 
 BLUR = 0.05
 """Width in ln(amplitude) over which a draw passes from below the limit to above it, so that there is a slope."""
-CACHED = 16
+CACHED = 64
 """Results that are remembered: an optimiser asks for the same several times."""
 
 Point = Float[np.ndarray, "V"]
@@ -74,50 +74,40 @@ class Objective:
 
     def parts(self, u: Point) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J V"]]:
         """Return the parts of which that is the largest [m], and their slopes."""
-
-        def parts() -> tuple[np.ndarray, np.ndarray]:
-            values, slopes = self.evaluator.alone.slopes(u * self.scale)
-            return values.ravel(), slopes.reshape((len(u), -1)).T * self.scale
-
-        return self._cached("parts", u, parts)
+        return self._remembered(Objective._parts, u.tobytes())
 
     def end_state(self, u: Point) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 V"]]:
         """Return first frequency [Hz] and deflection [m], and their slopes."""
-
-        def end_state() -> tuple[np.ndarray, np.ndarray]:
-            e = self.evaluator
-            values, slopes = _end_state_slopes(e.arm, e.variables, ends(e.motion), e.loads, u * self.scale)
-            return np.asarray(values), np.asarray(slopes) * self.scale
-
-        return self._cached("end state", u, end_state)
+        return self._remembered(Objective._end_state, u.tobytes())
 
     def log_odds(self, u: Point, limit: float) -> tuple[float, Point]:
         """Return the blurred log-odds that a draw exceeds the limit, and their slopes."""
-
-        def odds() -> tuple[float, np.ndarray]:
-            values, slopes = self.evaluator.slopes(u * self.scale, slice(1, None))
-            draws = values.shape[2]
-            parts, slopes = values.reshape((-1, draws)), slopes.reshape((len(u), -1, draws))
-            worst = parts.argmax(0), np.arange(draws)
-            z = np.log(parts[worst] / limit) / BLUR
-            dz = slopes[:, *worst] / parts[worst] / BLUR * self.scale[:, None]
-            above, below = logsumexp(log_ndtr(z)), logsumexp(log_ndtr(-z))
-            density = -(z**2) / 2 - np.log(2 * np.pi) / 2
-            return float(above - below), (dz * (np.exp(density - above) + np.exp(density - below))).sum(1)
-
-        return self._cached(f"odds {limit}", u, odds)
-
-    def _cached(self, name: str, u: Point, compute: Callable[[], Any]) -> Any:
-        key = name, u.tobytes()
-        if key not in self._results:
-            if len(self._results) >= CACHED:
-                del self._results[next(iter(self._results))]
-            self._results[key] = compute()
-        return self._results[key]
+        return self._remembered(Objective._log_odds, u.tobytes(), limit)
 
     @cached_property
-    def _results(self) -> dict[tuple[str, bytes], Any]:
-        return {}
+    def _remembered(self) -> Callable[..., Any]:
+        """Computes something at a place, or remembers it; searches side by side may share it."""
+        return lru_cache(CACHED)(lambda compute, u, *more: compute(self, np.frombuffer(u), *more))
+
+    def _parts(self, u: Point) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J V"]]:
+        values, slopes = self.evaluator.alone.slopes(u * self.scale)
+        return values.ravel(), slopes.reshape((len(u), -1)).T * self.scale
+
+    def _end_state(self, u: Point) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 V"]]:
+        e = self.evaluator
+        values, slopes = _end_state_slopes(e.arm, e.variables, ends(e.motion), e.loads, u * self.scale)
+        return np.asarray(values), np.asarray(slopes) * self.scale
+
+    def _log_odds(self, u: Point, limit: float) -> tuple[float, Point]:
+        values, slopes = self.evaluator.slopes(u * self.scale, slice(1, None))
+        draws = values.shape[2]
+        parts, slopes = values.reshape((-1, draws)), slopes.reshape((len(u), -1, draws))
+        worst = parts.argmax(0), np.arange(draws)
+        z = np.log(parts[worst] / limit) / BLUR
+        dz = slopes[:, *worst] / parts[worst] / BLUR * self.scale[:, None]
+        above, below = logsumexp(log_ndtr(z)), logsumexp(log_ndtr(-z))
+        density = -(z**2) / 2 - np.log(2 * np.pi) / 2
+        return float(above - below), (dz * (np.exp(density - above) + np.exp(density - below))).sum(1)
 
 
 @jit

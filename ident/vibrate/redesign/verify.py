@@ -1,6 +1,7 @@
 """A design is verified: by the exact equations, and with draws that had no part in its search."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +10,7 @@ from jaxtyping import Float
 from ident.vibrate.redesign.binomial import BinomialEstimate, binomial_estimate
 from ident.vibrate.redesign.design import Place
 from ident.vibrate.redesign.evaluator import Draws, Evaluator
+from ident.vibrate.redesign.side_by_side import side_by_side
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.simulate import simulate
 
@@ -63,7 +65,7 @@ def verify(
     evaluator = evaluator if evaluator.step else replace(evaluator, step=evaluator.step_for(changes))
     alone = evaluator.alone
     fast = alone.amplitudes(changes)[:, :, 0].T
-    checks = [_exact(alone, change, own) for change, own in zip(changes, fast, strict=True)]
+    checks = side_by_side([partial(_exact, alone, change, own) for change, own in zip(changes, fast, strict=True)])
     if fresh and limit is not None:
         estimates = exceedances(replace(evaluator, draws=fresh), changes, limit, progress)
         checks = [replace(check, exceedance=one) for check, one in zip(checks, estimates, strict=True)]
