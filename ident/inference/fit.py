@@ -171,11 +171,6 @@ class Fit:
         low, high = (np.array([theta + (2 * i - 1) * half[:, i] for theta, half in halves]) for i in (0, 1))
         return np.asarray(self.problem.parameters.values(np.stack([low.min(0), high.max(0)], 1)))
 
-    @property
-    def predicted_sd(self) -> Float[np.ndarray, "D"]:
-        """Standard deviations [SI] of the predictions by what data and prior tell of the parameters."""
-        return np.sqrt(np.einsum("dp,pq,dq->d", self.jacobian, self.information.covariance, self.jacobian))
-
 
 def fit(
     problem: InverseProblem,
