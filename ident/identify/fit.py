@@ -13,9 +13,8 @@ from ident.identify.exchangeable import exchangeable, moves_of
 from ident.identify.mode_assignment import FAR
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
-from ident.inference.curvature import stretches
 from ident.inference.exchange import Exchange, exchanges
-from ident.inference.fit import STARTS, Fit, fit
+from ident.inference.fit import STARTS, Fit, fit, with_stretch
 from ident.measure import Campaign
 
 
@@ -103,8 +102,7 @@ def fit_campaign(
     weak = (unknowns or Unknowns()).with_prior
     if weak != (unknowns or Unknowns()):
         compared, _ = cross_predictions(build_problem(arm, campaign, weak), [o.theta for o in best.optima], seed=seed)
-        best = replace(best, cross_predictions=compared)
-        best = replace(best, stretch=stretches(best.problem, best.best, best.end, best.supported))
+        best = with_stretch(replace(best, cross_predictions=compared))
     granted = assumptions(best, arm, campaign) if best.best.converged else None
     found = CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted)
     return replace(found, exchanges=_suspected(found))

@@ -42,6 +42,7 @@ class Fit:
         choice: what the model takes the values for there.
         cross_predictions: each kind of measurement against the others.
         stretch: (P, 2) factor of the halves of each interval, below and above; 1 where the linear one serves.
+        beaten: how far the cost fell below the answer's on the way to where intervals end, 0 unless it did.
     """
 
     problem: InverseProblem
@@ -53,6 +54,7 @@ class Fit:
     choice: Choice
     cross_predictions: tuple[CrossPrediction, ...] = ()
     stretch: Float[np.ndarray, "P 2"] | None = None
+    beaten: float = 0.0
 
     @property
     def best(self) -> Optimum:
@@ -123,6 +125,9 @@ class Fit:
         count, fitted = self.outliers.sum(), int(np.isfinite(np.asarray(self.problem.sigma)).sum())
         reasons = {
             "the search has not ended here, so this is not an optimum": not self.best.converged,
+            f"there is a better optimum, by {self.beaten:.2g} in chi-squared and priors: fit again with more starts": (
+                self.beaten > 0
+            ),
             "the kinds of measurement contradict each other (see below)": self.contradictory,
             f"{count} of {fitted} measurements lie too far from the fit (beyond {farthest(fitted):.1f} sigma)": count
             > 0,
@@ -222,7 +227,14 @@ def fit(
         optima = distinct(problem, reached)
     failed = tried - sum(optimum.starts for optimum in optima)
     found = replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
-    return replace(found, stretch=stretches(problem, found.best, found.end, found.supported))
+    return with_stretch(found)
+
+
+def with_stretch(fit: Fit) -> Fit:
+    """Return a fit whose intervals end where the cost has risen enough, for all that speaks against it otherwise."""
+    fit = replace(fit, stretch=None, beaten=0.0)
+    stretch, beaten = stretches(fit.problem, fit.best, fit.end, fit.supported)
+    return replace(fit, stretch=stretch, beaten=beaten)
 
 
 def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:

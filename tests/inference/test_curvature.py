@@ -47,3 +47,31 @@ def test_another_level_is_in_proportion():
     found = fit(stiffness(0.3), starts=1)
     halves = np.log(found.interval(0.683)[0]) / np.log(found.interval(0.95)[0])
     np.testing.assert_allclose(halves, 1.0006 / Z, rtol=1e-3)
+
+
+def two_wells(start: float) -> InverseProblem:
+    """A cost with wells near a = -1 (the deeper one, by 0.34) and a = 1, and a hill of 2.1 between them."""
+    items = (Parameter(("a",), False, start, start),)
+    return InverseProblem(
+        lambda p: jnp.stack([(p["a"] ** 2 - 1) / 0.7, 0.3 * (p["a"] + 1)]),
+        jnp.zeros(2),
+        jnp.ones(2),
+        Parameters(items),
+        ("value",) * 2,
+    )
+
+
+def test_no_interval_is_quoted_where_a_better_optimum_is_met_on_the_way_to_its_end():
+    found = fit(two_wells(1.0), starts=1)
+    assert found.best.theta[0] > 0.9
+    assert 0.2 < found.beaten < 0.36, "no point need lie at the bottom of the other well"
+    assert not found.supported.any()
+    (doubt,) = found.doubts
+    assert (
+        doubt
+        == f"there is a better optimum, by {found.beaten:.2g} in chi-squared and priors: fit again with more starts"
+    )
+    better = fit(two_wells(-1.0), starts=1)
+    assert better.beaten == 0
+    assert better.supported.all()
+    assert better.doubts == ()
