@@ -23,7 +23,7 @@ LINEAR = 0.2
 
 def stretches(
     problem: InverseProblem, optimum: Optimum, end: End, which: Bool[np.ndarray, "P"]
-) -> tuple[Float[np.ndarray, "P 2"], float]:
+) -> tuple[Float[np.ndarray, "P 2"], Float[np.ndarray, "P"] | None]:
     """Return by what factor each half of an interval is longer than the linear one, below and above; infinite if open.
 
     One where the profile of the cost (see `profile`) says of the linear end that it is where it should be, to `LINEAR`;
@@ -36,16 +36,17 @@ def stretches(
         which: the parameters that are looked at.
 
     Returns:
-        Also how far the cost falls below the optimum's on the way, 0 unless it does: then there is a better optimum,
+        Also theta where the cost is lowest on the way, if it falls below the optimum's: then there is a better optimum,
         and the factors mean nothing.
     """
-    found, fall = np.ones((len(which), 2)), 0.0
+    found, points = np.ones((len(which), 2)), list[Point]()
     for index in np.flatnonzero(which):
         constrained = ConstrainedFit(problem, optimum, end, int(index))
         for side, sign in enumerate((-1, 1)):
-            found[index, side], points = _stretch(constrained, sign)
-            fall = max(fall, *(_fall(optimum, point) for point in points))
-    return found, fall if fall > BETTER else 0.0
+            found[index, side], seen = _stretch(constrained, sign)
+            points += seen
+    lowest = max(points, key=lambda point: _fall(optimum, point), default=None)
+    return found, lowest.theta if lowest and _fall(optimum, lowest) > BETTER else None
 
 
 def _stretch(constrained: ConstrainedFit, sign: int) -> tuple[float, Sequence[Point]]:
