@@ -17,7 +17,7 @@ NAME_RULE = "letters, digits, _ and - only, a letter first"
 LONGEST_QUOTE = 40
 """Characters of a user's text that a message repeats."""
 
-OFF = ("", "0", "off", "no", "false")
+OFF = ("", "0", "off", "no", "n", "false", "f")
 """What switches off what an environment variable switches on."""
 
 

@@ -133,7 +133,13 @@ def test_an_error_of_the_function_itself_is_no_verdict_on_its_program(cache, mon
     assert len(list(own_folder().iterdir())) == 1, "that there is none is known from now on"
 
 
-@pytest.mark.parametrize(("value", "kept"), [("", False), ("0", False), ("off", False), ("1", True), ("on", True)])
+@pytest.mark.parametrize(
+    ("value", "kept"),
+    [
+        *((word, False) for word in ("", "0", "off", "no", "n", "N", "False", " f ")),
+        *((w, True) for w in ("1", "on", "yes")),
+    ],
+)
 def test_programs_are_kept_where_that_is_switched_on(cache, monkeypatch, value, kept):
     monkeypatch.setenv("IDENT_PROGRAMS", value)
     assert (own_folder() is not None) == kept

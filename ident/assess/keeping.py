@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.stats import binomtest
 
 from ident.assess.task import CONFIDENT
+from ident.errors import InputError, Problem
 from ident.vibrate.redesign.binomial import BinomialEstimate, binomial_estimate
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.response.exact import Progress
@@ -43,7 +44,13 @@ def keeping(
         change: of its variables.
         limit: [m]
         progress: shows how far it is, over the looks.
+
+    Raises:
+        InputError: there are no draws.
     """
+    if evaluator.size == 1:
+        remedy = "take a posterior's draws: the arm alone says nothing of a probability"
+        raise InputError(Problem("`evaluator`", "no draws", "at least one", remedy))
     parts, keeps = list(looks(evaluator.size - 1)), np.zeros(0, bool)
     for k in progress(range(len(parts))):
         draws = {path: values[parts[k]] for path, values in evaluator.draws.items()}

@@ -125,7 +125,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     Raises:
         InputError: a posture of the wrong length, a point, payload or mode that the arm has not; all at once.
     """
-    problems = [problem for m in campaign for problem in _misfits(arm, m)]
+    problems = [*(problem for m in campaign for problem in _misfits(arm, m)), *_too_many(arm, campaign)]
     if not len(campaign):
         problems = [Problem(campaign.path, "no measurement", "at least one", "add a row")]
     if problems:
@@ -193,9 +193,11 @@ def _unnamed(campaign: Campaign, states: dict[State, int]) -> Unnamed:
     found = [(i, m) for i, m in enumerate(campaign) if m.kind == "frequency" and not m.mode]
     own = np.array([states[m.posture, m.load] for _, m in found], int)
     values = np.array([m.value for _, m in found])
-    ordinals = [1 + sorted(values[own == state]).index(value) for state, value in zip(own, values, strict=True)]
+    ascending = np.lexsort((values, own))  # of equal values the earlier row first: they are of two modes all the same
+    ordinals = np.empty(len(found), int)
+    ordinals[ascending] = 1 + np.arange(len(found)) - np.searchsorted(own[ascending], own[ascending])
     rows = np.array([i for i, _ in found], int)
-    return Unnamed(rows, own, np.array(ordinals, int), max(ordinals, default=0))
+    return Unnamed(rows, own, ordinals, int(ordinals.max(initial=0)))
 
 
 def _readings(arm: Arm, campaign: Campaign, states: dict[State, int]) -> Readings:
@@ -247,6 +249,23 @@ def _misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
             remedy = "name it so, or leave the field empty to match modes in ascending order"
             expected = "a label such as 'vertical bending 1' or 'torsion 2'"
             yield Problem(m.where, f"'{m.mode}'", expected, remedy, "mode")
+
+
+def _too_many(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
+    """Refuse more frequencies of a state than the arm has modes: each without a label is of another mode."""
+    modes = 3 * len(arm.joints)
+    states: dict[State, list[Measurement]] = {}
+    for m in campaign.of_kind("frequency"):
+        states.setdefault((m.posture, m.load), []).append(m)
+    for own in states.values():
+        blank = [m for m in own if not m.mode]
+        labels = {label for m in own if (label := parse_label(m.mode or "")) and label.direction and label.kind}
+        left = max(modes - len(labels), 0)
+        if len(blank) > left:
+            got = f"{len(blank)} frequencies without a label at this posture and load"
+            expected = f"at most {left}, each of another mode: the arm has {modes}, of which labels take {len(labels)}"
+            remedy = "name the modes of repeated ones, or leave out what is no natural frequency"
+            yield Problem(blank[left].where, got, expected, remedy, "mode")
 
 
 def _unknown_names(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:

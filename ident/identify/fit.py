@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -10,13 +9,13 @@ from ident.arm.arm import Arm
 from ident.identify.assumptions import Assumptions, assumptions
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, row_names
+from ident.identify.exchangeable import exchangeable, moves_of
 from ident.identify.mode_assignment import FAR
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
-from ident.inference.curvature import stretches
-from ident.inference.exchange import Exchange, Pair, exchanges
-from ident.inference.fit import STARTS, Fit, fit
-from ident.measure import Campaign, Measurement
+from ident.inference.exchange import Exchange, exchanges
+from ident.inference.fit import STARTS, Fit, fit, with_stretch
+from ident.measure import Campaign
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +102,7 @@ def fit_campaign(
     weak = (unknowns or Unknowns()).with_prior
     if weak != (unknowns or Unknowns()):
         compared, _ = cross_predictions(build_problem(arm, campaign, weak), [o.theta for o in best.optima], seed=seed)
-        best = replace(best, cross_predictions=compared)
-        best = replace(best, stretch=stretches(best.problem, best.best, best.end, best.supported))
+        best = with_stretch(replace(best, cross_predictions=compared))
     granted = assumptions(best, arm, campaign) if best.best.converged else None
     found = CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted)
     return replace(found, exchanges=_suspected(found))
@@ -116,20 +114,5 @@ def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:
     if not (odd and fit.best.converged and fit.degrees_of_freedom > 0):
         return ()
     pairs = list(exchangeable(fit.campaign))
-    return exchanges(fit, pairs, [pair for pair in pairs if set(pair) <= set(fit.renamed)])
-
-
-def exchangeable(campaign: Campaign) -> Iterator[Pair]:
-    """Yield the places of values of one kind that may be taken for each other: at one posture, or of one name."""
-    for (i, a), (j, b) in combinations(enumerate(campaign), 2):
-        together, alike = _state(a) == _state(b), _name(a) == _name(b)
-        if a.kind == b.kind and together != alike:
-            yield i, j
-
-
-def _state(m: Measurement) -> tuple[object, ...]:
-    return m.posture, m.load, m.reference_load
-
-
-def _name(m: Measurement) -> tuple[object, ...]:
-    return m.mode, m.point, m.direction
+    suspected = [pair for pair in pairs if set(pair) <= set(fit.renamed)]
+    return exchanges(fit, pairs, suspected, moves_of(fit.campaign))

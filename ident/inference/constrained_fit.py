@@ -38,6 +38,7 @@ class Point(NamedTuple):
         converged: whether the other parameters' next step is negligible.
         tangent: (P,) estimated d(theta) / d(theta of the held one) along the profile.
         choice: by what the model knows what its values belong to; None where it chooses nothing.
+        said: minus twice the logarithm of the probability of what was said of the values.
     """
 
     theta: Any
@@ -45,6 +46,7 @@ class Point(NamedTuple):
     converged: bool
     tangent: Any
     choice: Any = None
+    said: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class ConstrainedFit:
         """Return the optimum."""
         _, slope = weighed(self.problem, self.end)
         tangent = self._tangent(slope)
-        return Point(self.optimum.theta, 0.0, self.optimum.converged, tangent, self.end.choice.held)
+        return Point(self.optimum.theta, 0.0, self.optimum.converged, tangent, self.end.choice.held, self.optimum.said)
 
     def at(self, theta: float, near: Sequence[Point]) -> Point | None:
         """Fit all others with the held one at theta; None where the model has no answer.
@@ -135,7 +137,8 @@ class ConstrainedFit:
         cost = float(residuals @ residuals)
         others = np.arange(len(theta)) != self.index
         converged = step_length(residuals, slope[:, others]) < SHORT
-        return Point(theta, cost - self.optimum.cost, converged, self._tangent(slope), end.choice.held)
+        said = float(end.choice.cost.sum())
+        return Point(theta, cost - self.optimum.cost, converged, self._tangent(slope), end.choice.held, said)
 
     def _tangent(self, slope: np.ndarray) -> np.ndarray:
         """Return how the others follow in the linear approximation; the shortest way where that is open."""

@@ -1,12 +1,12 @@
 """Which two values, put into each other's row, would make a fit of data that do not fit."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ident.inference.fit import Fit
 from ident.inference.information import RANK_TOLERANCE
@@ -17,8 +17,13 @@ from ident.inference.verdicts import IMPROBABLE, outlying
 TRIED = 4
 """Exchanges that are fitted anew: so many of those suspected, and the best ones along a straight line."""
 
+BLOCK = 1000
+"""Exchanges whose matrices are in memory at once: of twenty parameters some 20 MB."""
+
 Pair = tuple[int, int]
 """Places of two values."""
+Moves = Mapping[int, int]
+"""Where the value comes from that a place gets."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +39,17 @@ class Exchange:
     chi_squared: float
 
 
-def exchanges(fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair] = ()) -> tuple[Exchange, ...]:
+def swap(pair: Pair) -> Moves:
+    """Return the moves of two values that take each other's place."""
+    return {pair[0]: pair[1], pair[1]: pair[0]}
+
+
+def exchanges(
+    fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair] = (), moves: Callable[[Pair], Moves] = swap
+) -> tuple[Exchange, ...]:
     """Return the exchanges after which nothing speaks against the fit any more, of the least chi-squared first.
 
-    Two values change places together with their sigmas. All pairs are compared by the least squares of the model along
+    Values change places together with their sigmas. All pairs are compared by the least squares of the model along
     a straight line from the optimum; the best ones are fitted anew from there. It is a hint where to look: two values
     that were not exchanged may look so, where both are wrong.
 
@@ -45,13 +57,16 @@ def exchanges(fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair] = ()) -
         fit: of data that do not fit.
         pairs: which values might be exchanged.
         suspected: those that are fitted anew wherever they come along the line, the first `TRIED` of them.
+        moves: of all values that change places where two are exchanged.
     """
-    nearest = [pairs[i] for i in np.argsort(_costs(fit, pairs), kind="stable")]
+    blocks = [pairs[i : i + BLOCK] for i in range(0, len(pairs), BLOCK)]
+    costs = np.concatenate([np.zeros(0), *(_costs(fit, [moves(pair) for pair in block]) for block in blocks)])
+    nearest = [pairs[i] for i in np.argsort(costs, kind="stable")[:TRIED]]
     found = []
-    for pair in dict.fromkeys([*suspected[:TRIED], *nearest[:TRIED]]):
-        end = solve(_exchanged(fit.problem, pair), fit.best.theta)
-        sigma = _swapped(np.asarray(fit.problem.sigma), pair)
-        residuals = (end.predicted - _swapped(np.asarray(fit.problem.measured), pair)) / sigma
+    for pair in dict.fromkeys([*suspected[:TRIED], *nearest]):
+        problem = _moved(fit.problem, moves(pair))
+        end, sigma = solve(problem, fit.best.theta), np.asarray(problem.sigma)
+        residuals = (end.predicted - np.asarray(problem.measured)) / sigma
         if _fits(fit, end, residuals[np.isfinite(sigma)]):
             found.append(Exchange(pair, float(residuals @ residuals)))
     return tuple(sorted(found, key=lambda each: each.chi_squared))
@@ -66,16 +81,15 @@ def _fits(fit: Fit, end: End, residuals: Float[np.ndarray, "D"]) -> bool:
     return bool(chdtrc(fit.degrees_of_freedom, residuals @ residuals) >= IMPROBABLE)
 
 
-def _costs(fit: Fit, pairs: Sequence[Pair]) -> Float[np.ndarray, "N"]:
+def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:
     """Return the least cost of each exchange where predictions change along a straight line.
 
-    With r the residuals and S their slope, it is r'r - (S'r)' (S'S)^+ S'r, of which an exchange changes two rows.
+    With r the residuals and S their slope, it is r'r - (S'r)' (S'S)^+ S'r, of which an exchange changes a few rows.
     """
     problem = fit.problem
     residuals, slope = problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta)
     measured, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
-    here = np.array(pairs, int).reshape(-1, 2)
-    there = here[:, ::-1]
+    here, there = _aligned(moves)
     old = np.concatenate([slope[here], residuals[here][:, :, None]], 2)
     moved = (fit.predicted[here] - measured[there]) / sigma[there]
     new = np.concatenate([fit.jacobian[here] / sigma[there][:, :, None], moved[:, :, None]], 2)
@@ -86,12 +100,15 @@ def _costs(fit: Fit, pairs: Sequence[Pair]) -> Float[np.ndarray, "N"]:
     return np.asarray(c - np.einsum("np,npq,nq->n", b, inverse, b))
 
 
-def _exchanged(problem: InverseProblem, pair: Pair) -> InverseProblem:
-    values = [jax.device_put(_swapped(np.asarray(x), pair)) for x in (problem.measured, problem.sigma)]
+def _aligned(moves: Sequence[Moves]) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N K"]]:
+    """Return the places of each exchange and where their values come from; the first place, unmoved, fills up."""
+    most = max(map(len, moves))
+    both = np.array([[*each.items(), *[(0, 0)] * (most - len(each))] for each in moves])
+    return both[:, :, 0], both[:, :, 1]
+
+
+def _moved(problem: InverseProblem, moves: Moves) -> InverseProblem:
+    source = np.arange(len(problem.kinds))
+    source[list(moves)] = list(moves.values())
+    values = [jax.device_put(np.asarray(x)[source]) for x in (problem.measured, problem.sigma)]
     return eqx.tree_at(lambda p: (p.measured, p.sigma), problem, tuple(values))
-
-
-def _swapped(values: Float[np.ndarray, "D"], pair: Pair) -> Float[np.ndarray, "D"]:
-    swapped = values.copy()
-    swapped[list(pair)] = values[list(pair[::-1])]
-    return swapped

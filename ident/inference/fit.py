@@ -42,6 +42,7 @@ class Fit:
         choice: what the model takes the values for there.
         cross_predictions: each kind of measurement against the others.
         stretch: (P, 2) factor of the halves of each interval, below and above; 1 where the linear one serves.
+        beaten: (P,) theta where the cost is less than the answer's, and a search found no better optimum all the same.
     """
 
     problem: InverseProblem
@@ -53,6 +54,7 @@ class Fit:
     choice: Choice
     cross_predictions: tuple[CrossPrediction, ...] = ()
     stretch: Float[np.ndarray, "P 2"] | None = None
+    beaten: Float[np.ndarray, "P"] | None = None
 
     @property
     def best(self) -> Optimum:
@@ -123,6 +125,9 @@ class Fit:
         count, fitted = self.outliers.sum(), int(np.isfinite(np.asarray(self.problem.sigma)).sum())
         reasons = {
             "the search has not ended here, so this is not an optimum": not self.best.converged,
+            "the cost is less elsewhere, so there is a better optimum: fit again with more starts": (
+                self.beaten is not None
+            ),
             "the kinds of measurement contradict each other (see below)": self.contradictory,
             f"{count} of {fitted} measurements lie too far from the fit (beyond {farthest(fitted):.1f} sigma)": count
             > 0,
@@ -171,11 +176,6 @@ class Fit:
         low, high = (np.array([theta + (2 * i - 1) * half[:, i] for theta, half in halves]) for i in (0, 1))
         return np.asarray(self.problem.parameters.values(np.stack([low.min(0), high.max(0)], 1)))
 
-    @property
-    def predicted_sd(self) -> Float[np.ndarray, "D"]:
-        """Standard deviations [SI] of the predictions by what data and prior tell of the parameters."""
-        return np.sqrt(np.einsum("dp,pq,dq->d", self.jacobian, self.information.covariance, self.jacobian))
-
 
 def fit(
     problem: InverseProblem,
@@ -190,7 +190,8 @@ def fit(
     After `starts` of them the search goes on, up to `PATIENCE` times as many, until `AGAIN` starts have ended in the
     best optimum: an optimum that was met once only may not be the best one. Nor may one that data do not fit, so that
     the search goes on there as well, before data are blamed. And where it has met rivals, until
-    fewer than `UNMET` further ones are expected.
+    fewer than `UNMET` further ones are expected. Where the cost falls below the best one's on the way to the end of an
+    interval, a search begins there.
 
     Args:
         problem: model, data and unknowns.
@@ -220,14 +221,32 @@ def fit(
             break
     if not reached:
         raise _no_optimum(evaluate(problem).predicted)
+    lost = tried - len(reached)
+    for _ in range(AGAIN):
+        found = _explained(problem, reached, lost, seed)
+        if found.beaten is None:
+            break
+        reached.append(_measured(problem, solve(problem, found.beaten)))
+    return found
+
+
+def _explained(problem: InverseProblem, reached: list[Ended], lost: int, seed: int) -> Fit:
+    """Return the fit of the best end, with how far it can be trusted; a better end that is met thereby is added."""
+    optima = distinct(problem, reached)
     agreement, least = cross_predictions(problem, [optimum.theta for optimum in optima], seed=seed)
     if least is not optima[0].theta:
-        tried += 1
         reached.append(_measured(problem, solve(problem, least)))
         optima = distinct(problem, reached)
-    failed = tried - sum(optimum.starts for optimum in optima)
+    failed = lost + len(reached) - sum(optimum.starts for optimum in optima)
     found = replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
-    return replace(found, stretch=stretches(problem, found.best, found.end, found.supported))
+    return with_stretch(found)
+
+
+def with_stretch(fit: Fit) -> Fit:
+    """Return a fit whose intervals end where the cost has risen enough, for all that speaks against it otherwise."""
+    fit = replace(fit, stretch=None, beaten=None)
+    stretch, beaten = stretches(fit.problem, fit.best, fit.end, fit.supported)
+    return replace(fit, stretch=stretch, beaten=beaten)
 
 
 def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:

@@ -102,11 +102,6 @@ class Information:
         with np.errstate(invalid="ignore"):
             return self.covariance / np.outer(self.sd, self.sd)
 
-    @property
-    def condition(self) -> float:
-        """Ratio of the least to the best known direction's standard deviation."""
-        return self.directions[-1].sd / self.directions[0].sd
-
     def trade_offs(self) -> tuple["TradeOff", ...]:
         """Say for each open direction which parameter may move, and what then moves along."""
         open_space = np.array([d.weights for d in self.directions if d.open])

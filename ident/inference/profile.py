@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from ident.errors import InputError, Problem
 from ident.inference.constrained_fit import REACH, ConstrainedFit
-from ident.inference.curvature import LINEAR
+from ident.inference.curvature import BETTER, LINEAR
 from ident.inference.fit import Fit
 from ident.inference.information import half_width
 from ident.inference.parameters import Parameter, Parameters
@@ -24,8 +24,6 @@ from ident.text import did_you_mean, one_line
 LEVELS = (0.5, 0.683, 0.95)
 FLAT = 0.01
 """Delta chi-squared below which an open profile counts as flat."""
-BETTER = 1e-3
-"""Fall of the cost below the optimum from which the fit is said to be beaten."""
 
 
 @dataclass(frozen=True)

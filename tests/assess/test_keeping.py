@@ -10,6 +10,7 @@ from scipy.stats import binom
 
 from ident.assess.keeping import is_settled, keeping, looks
 from ident.assess.task import CONFIDENT
+from ident.errors import InputError
 from ident.vibrate.redesign.binomial import BinomialEstimate
 from ident.vibrate.redesign.evaluator import Evaluator
 
@@ -41,6 +42,13 @@ def test_draws_are_counted_in_their_order_until_they_settle_it():
     assert kept(late[::-1]) == BinomialEstimate(159, 159), "what comes later is not looked at"
     one_of_twenty = np.where(np.arange(1000) % 20 == 7, BEYOND, WITHIN)
     assert kept(one_of_twenty) == BinomialEstimate(950, 1000)
+
+
+@pytest.mark.parametrize("draws", [{}, {"amplitude": np.zeros(0)}], ids=["none", "none of a number"])
+def test_without_draws_there_is_no_probability(draws):
+    evaluator = Known(lcd_arm(), swing(), (), draws=draws)
+    with pytest.raises(InputError, match="`evaluator`: got no draws, expected at least one; take a posterior's draws"):
+        keeping(evaluator, np.zeros(0), LIMIT)
 
 
 def test_every_draw_comes_in_once():

@@ -134,10 +134,9 @@ def test_no_other_values_are_found_for_the_shipped_campaign(shipped):
     assert shipped.others.ended > 8
 
 
-def test_orthogonal_columns_are_uncorrelated_and_equally_well_known():
+def test_orthogonal_columns_are_uncorrelated():
     found = check(linear(np.diag([5.0, 5.0, 5.0])))
     assert found.verdicts == ("identifiable",) * 3
-    assert found.information.condition == pytest.approx(1)
     np.testing.assert_allclose(found.information.correlation, np.eye(3), atol=1e-12)
 
 

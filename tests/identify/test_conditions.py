@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 
+from ident.errors import InputError
 from ident.identify.build_problem import build_problem
-from ident.identify.conditions import roomy
+from ident.identify.conditions import bind, roomy
+from ident.identify.modal_analysis import modal_analysis
 from ident.identify.unknowns import Unknowns
-from ident.measure import Campaign, Load, read_campaign
+from ident.inference.least_squares import evaluate
+from ident.measure import Campaign, Load, Measurement, read_campaign
 
 DISCREPANT = Unknowns(discrepancy={"frequency": 0.05})
 
@@ -64,3 +67,36 @@ def test_sizes_are_few_and_never_much_larger():
     assert all(count <= size < max(2 * count, 5) for count, size in enumerate(sizes) if count)
     assert all(size <= 1.5 * count for count, size in enumerate(sizes) if count > 16)
     assert len(set(sizes)) < 25
+
+
+def frequencies(values, labels=()):
+    """Frequencies at one posture, the first of them with labels."""
+    labels = (*labels, *[None] * (len(values) - len(labels)))
+    return Campaign(
+        measurements=tuple(
+            Measurement(kind="frequency", posture=(0.0, 0.0, 0.0), value=value, sigma=0.05, mode=label)
+            for value, label in zip(values, labels, strict=True)
+        )
+    )
+
+
+def test_equal_values_without_a_label_are_of_two_modes():
+    problem = build_problem(lcd_arm(), frequencies([13.5, 4.4, 4.4]))
+    lowest = modal_analysis(lcd_arm(), (0.0, 0.0, 0.0)).modes.frequency[:3]
+    np.testing.assert_allclose(evaluate(problem).predicted, lowest[[2, 0, 1]], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("labels", "left"),
+    [((), 9), (("vertical bending 1", "lateral torsion 1", "torsion 1"), 7), (("torsion 1", "vertical torsion 1"), 8)],
+    ids=["no label", "labels of two modes and perhaps a third", "labels of one mode and perhaps a second"],
+)
+def test_more_frequencies_than_modes_are_refused(labels, left):
+    """An arm of three joints has nine modes; a label of half a name may be of the mode of another label."""
+    values = [float(i) for i in range(1, 1 + len(labels) + left)]
+    bind(lcd_arm(), frequencies(values, labels))
+    refused = f"mode: got {left + 1} frequencies without a label at this posture and load, expected at most {left},"
+    with pytest.raises(InputError, match=refused):
+        bind(lcd_arm(), frequencies([*values, 99.0], labels))
+    elsewhere = replace(frequencies([99.0]).measurements[0], load=Load.parse("5 kg @ tip"))
+    bind(lcd_arm(), Campaign(measurements=(*frequencies(values, labels), elsewhere)))

@@ -1,12 +1,14 @@
 """Two values that were taken for each other are named; data that are right, or wrong otherwise, name none."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 
-from ident.identify.fit import CampaignFit, exchangeable, fit_campaign
+from ident.identify.exchangeable import exchangeable, moves_of
+from ident.identify.fit import CampaignFit, fit_campaign
 from ident.measure import Campaign, read_campaign
 from ident.present.text.fit import fit_report
 
@@ -17,10 +19,15 @@ def fitted(campaign: Campaign) -> CampaignFit:
     return fit_campaign(lcd_arm(), campaign, starts=4)
 
 
-def exchanged(i: int, j: int) -> Campaign:
-    rows = list(SHIPPED.measurements)
+def exchanged(i: int, j: int, campaign: Campaign = SHIPPED) -> Campaign:
+    rows = list(campaign.measurements)
     one, other = rows[i], rows[j]
     rows[i], rows[j] = (replace(a, value=b.value, sigma=b.sigma) for a, b in ((one, other), (other, one)))
+    return replace(campaign, measurements=tuple(rows))
+
+
+def without_labels(blank: Iterable[int]) -> Campaign:
+    rows = (replace(m, mode=None) if i in set(blank) else m for i, m in enumerate(SHIPPED))
     return replace(SHIPPED, measurements=tuple(rows))
 
 
@@ -62,3 +69,34 @@ def test_only_values_that_may_be_confused_are_compared():
     assert not {(0, 4), (0, 6), (1, 5)} & pairs, "another kind; other label and other posture"
     blank = replace(SHIPPED, measurements=tuple(replace(m, mode=None) for m in SHIPPED if m.kind == "frequency"))
     assert not [pair for pair in exchangeable(blank) if np.ptp(np.array(pair) // 4) == 0], "in order anyhow"
+    assert (1, 15) in set(exchangeable(blank)), "of two postures"
+
+
+@pytest.mark.parametrize(
+    ("blank", "rows"),
+    [(range(20), (1, 18)), ((1, 2, 6, 7, 11, 12, 16, 17), (11, 13))],
+    ids=["two blanks", "a blank and a label"],
+)
+def test_values_without_a_label_are_put_in_order_where_they_come_to(right, blank, rows):
+    """By the exchange each of them, and others beside, takes another place in the order of its posture."""
+    found = fitted(exchanged(*rows, without_labels(blank)))
+    assert found.doubts
+    assert found.exchanges[0].rows == rows
+    assert found.exchanges[0].chi_squared == pytest.approx(right.chi_squared, rel=1e-4)
+
+
+@pytest.mark.parametrize("pair", [(0, 7), (1, 18), (3, 15), (4, 9), (2, 12)])
+@pytest.mark.parametrize("labels", [(), (0, 12)], ids=["no label", "two labels"])
+def test_exchanged_values_come_to_the_rows_where_they_would_have_been(pair, labels):
+    """Of each posture, the values in the order of the modes are those of the campaign before the exchange."""
+    before = without_labels(set(range(20)) - set(labels))
+    wrong = exchanged(*pair, before)
+    moves = moves_of(wrong)(pair)
+    assert sorted(moves) == sorted(moves.values())
+    values = [wrong.measurements[moves.get(i, i)].value for i in range(20)]
+    for state in range(4):
+        own = [i for i in range(5 * state, 5 * state + 4) if i not in labels]
+        in_order = sorted(own, key=lambda i: wrong.measurements[i].value)
+        assert [values[i] for i in in_order] == sorted(before.measurements[i].value for i in own)
+    for i in (*labels, 4, 9, 14, 19):
+        assert values[i] == before.measurements[i].value

@@ -62,7 +62,7 @@ def _line(fit: CampaignFit, found: Assumptions, items: tuple[Assumption, ...]) -
 
 
 def _move(fit: CampaignFit, item: Assumption, which: int) -> str:
-    """Write how far a value would move: in its sd, where it has an interval; else in percent."""
+    """Write how far a value would move: in its sd, where it has an interval; else in percent or in its unit."""
     shift, parameter = item.test.shift[which], fit.problem.parameters.items[which]
     if fit.supported[which]:
         return f"{shift / fit.information.sd[which]:+.1f} sd"
@@ -96,10 +96,12 @@ def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iter
         of.setdefault(KINDS[kind].of, []).append(kind)
     shares = "; ".join(f"{', '.join(each)}: {share}" for share, each in of.items())
     origins = "; ".join(dict.fromkeys(part for kind in kinds for part in KINDS[kind].origin.split("; ")))
+    signed = not all(parameter.positive for parameter in fit.problem.parameters.items)
+    amount = "in percent, or in its unit where it may be negative" if signed else "in percent"
     yield (
-        "  A row stands for all its joints: the largest move, in sd of the value's interval or, where it has none, in"
-        " percent; and the largest z, of the joint in brackets: by how many sd the data ask for more of it. What gives"
-        " can't be negative, so that only a z above zero counts there; masses may be off both ways."
+        "  A row stands for all its joints: the largest move, in sd of the value's interval or, where it has none,"
+        f" {amount}; and the largest z, of the joint in brackets: by how many sd the data ask for more of it. What"
+        " gives can't be negative, so that only a z above zero counts there; masses may be off both ways."
     )
     yield f"  Plausible is a share of: {shares}."
     yield f"  Origin of these amounts: {origins}."

@@ -8,6 +8,7 @@ from arms import DATA, lcd_arm
 
 from ident.identify.assumptions import KINDS, Assumption, Assumptions
 from ident.identify.fit import fit_campaign
+from ident.inference.parameters import Parameter, Parameters
 from ident.inference.score import ScoreTest
 from ident.measure import read_campaign
 from ident.present.text.assumptions import asked_for_lines, assumption_lines
@@ -70,6 +71,20 @@ def test_an_sd_is_said_only_of_an_interval_that_is_quoted(fit):
     test = replace(scored(1.0), shift=np.array([9.0, 0.0, 0, 0, 0, 0.1 * fit.information.sd[5]]))
     row = lines(replace(fit, information=known), Assumption("base rocks", "", test))[1]
     assert "+0.1 sd joint3.k_tors" in row
+
+
+def test_a_length_moves_by_millimetres_and_the_columns_say_so(fit):
+    assert "where it has none, in percent; and" in " ".join(lines(fit, *asking(fit)))
+    x = Parameter(("link3.com.x",), False, 0.3, 0.3, 0.1, scale=0.1)
+    unknowns = Parameters((x, *fit.problem.parameters.items[1:]))
+    names = tuple(item.name for item in unknowns.items)
+    known = replace(fit.information, names=names)
+    doubtful = replace(
+        fit, problem=replace(fit.problem, parameters=unknowns), information=known, predicted=fit.predicted * 1.1
+    )
+    found = lines(doubtful, Assumption("base rocks", "", scored(1.0, shift=0.02)))
+    assert "+2 mm link3.com.x" in found[1]
+    assert "where it has none, in percent, or in its unit where it may be negative; and" in " ".join(found)
 
 
 def test_the_columns_are_explained_with_every_share_and_its_origin(fit):

@@ -1,0 +1,49 @@
+"""Which values of a campaign may have been taken for each other, and which row each belongs to once exchanged."""
+
+from collections.abc import Callable, Iterator
+from itertools import combinations
+
+from ident.inference.exchange import Moves, Pair
+from ident.measure import Campaign, Measurement
+
+
+def exchangeable(campaign: Campaign) -> Iterator[Pair]:
+    """Yield the places of values of one kind that may be taken for each other: at one posture, or of one name.
+
+    Frequencies without a label are never so at one posture, as their order alone tells them apart.
+    """
+    for (i, a), (j, b) in combinations(enumerate(campaign), 2):
+        together, alike = _state(a) == _state(b), _name(a) == _name(b)
+        if a.kind == b.kind and together != alike:
+            yield i, j
+
+
+def moves_of(campaign: Campaign) -> Callable[[Pair], Moves]:
+    """Return what tells which row gets the value of which other one, where two values are exchanged.
+
+    A frequency without a label may take another place in the order of its new state, and so move others there.
+    """
+    rows, states = campaign.measurements, [_state(m) for m in campaign]
+    ascending: dict[tuple[object, ...], list[int]] = {}
+    for i in sorted(range(len(rows)), key=lambda i: rows[i].value):
+        if rows[i].kind == "frequency" and not rows[i].mode:
+            ascending.setdefault(states[i], []).append(i)
+
+    def moves(pair: Pair) -> Moves:
+        source = {pair[0]: pair[1], pair[1]: pair[0]}
+        for state in {states[i] for i in pair}:
+            own = ascending.get(state, [])
+            if set(pair) & set(own):
+                values = sorted((source.get(i, i) for i in own), key=lambda i: rows[i].value)
+                source |= dict(zip(own, values, strict=True))
+        return source
+
+    return moves
+
+
+def _state(m: Measurement) -> tuple[object, ...]:
+    return m.posture, m.load, m.reference_load
+
+
+def _name(m: Measurement) -> tuple[object, ...]:
+    return m.mode, m.point, m.direction
