@@ -68,7 +68,8 @@ def profile_path(constrained: ConstrainedFit, sign: int, limit: float, threshold
 def _outwards(constrained: ConstrainedFit, sign: int, limit: float, top: float) -> tuple[dict[float, Point], Ending]:
     """Return the points by their distance, and why there are no more.
 
-    Steps grow where the profile is flat and shrink where it is steep. Towards the end of the model they are halved.
+    Steps grow where the profile is flat and shrink where it is steep. Towards the end of the model they are halved, and
+    towards a jump; beyond one they are as long as the first.
     """
     here, wall = 0.0, math.inf
     step = first = min(FIRST, FINE * constrained.sd)
@@ -88,7 +89,8 @@ def _outwards(constrained: ConstrainedFit, sign: int, limit: float, top: float) 
             step = (there - here) / 2
             continue
         path[there] = point
-        step, here = (there - here) * min(max(FINE / max(gain, 1e-9), 0.5), 2.0), there
+        going_on = (there - here) * min(max(FINE / max(gain, 1e-9), 0.5), 2.0)
+        step, here = first if abs(gain) > COARSE else going_on, there
     return path, Ending.CROSSED
 
 

@@ -20,7 +20,7 @@ from ident.inference.information import half_width
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.inference.profile import LEVELS, Profile, profile, threshold
-from ident.inference.profile_path import EDGE, Ending
+from ident.inference.profile_path import EDGE, Ending, profile_path
 from ident.measure import read_campaign
 
 OPEN, CROSSED, MODEL = Ending.OPEN, Ending.CROSSED, Ending.MODEL
@@ -317,3 +317,19 @@ def test_three_numbers_without_prior_leave_all_six_open_at_99_percent():
         for point in elsewhere
     ]
     assert min(deltas) == pytest.approx(threshold(0.95), abs=1e-2)
+
+
+class Alternating(ConstrainedFit):
+    """A model that chooses otherwise at each point than at the one before, to another cost."""
+
+    def at(self, theta, near):
+        other = not near[0].choice
+        return Point(np.array([theta]), theta**2 + 1.0 * other, True, np.zeros(1), other)
+
+
+def test_a_path_ends_where_the_cost_jumps_to_and_fro():
+    toy = posed(lambda parameters: parameters["x"][None], [0.0], 1.0, number("x"))
+    found = fit(toy, starts=1)
+    side = profile_path(Alternating(toy, found.best, found.end, 0), 1, 5.0, [3.84])
+    assert side.bounds[0].ending is CROSSED  # it went on for ever, by a millionth at a time
+    assert side.bounds[0].distance == pytest.approx(math.sqrt(3.84 - 1), abs=0.3)

@@ -23,8 +23,8 @@ from ident.vibrate.response.time_intervals import TimeIntervals, Times, between_
 
 TOGETHER = 512
 """Times at which the response is computed together."""
-LEAST = 4 * TOGETHER
-"""Times of the least program."""
+LEAST = 32 * TOGETHER
+"""Times of the least program: half a minute at 500 a second; those behind the samples cost next to nothing."""
 
 
 class Solution(NamedTuple):
