@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -173,6 +172,8 @@ def _solve(
     method: str,
     max_steps: int,
 ) -> tuple[Array, Array, Array, Array]:
+    import diffrax  # a program that is known needs no solver
+
     def rates(t: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:
         y, v = state
         return OMEGA * v, acceleration(model, Command(*motion(t)), y, OMEGA * v) / OMEGA

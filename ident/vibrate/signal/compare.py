@@ -7,8 +7,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import make_interp_spline
-from scipy.signal import resample_poly
 
 from ident.errors import Problem
 from ident.vibrate.signal.derivative import second_derivative
@@ -133,6 +131,8 @@ def _size(trace: Trace, band: tuple[float, float], window: str, segments: int) -
 
 def _coarser(trace: Samples, step: float) -> Samples:
     """Bring a trace to a step that is as long or longer, close enough for the rest to be interpolated."""
+    from scipy.signal import resample_poly  # long to import, and only a measured trace needs it
+
     ratio = Fraction(trace.step / step).limit_denominator(1000)
     if ratio == 1:
         return trace
@@ -153,6 +153,8 @@ def _common(one: Samples, other: Samples, step: float) -> np.ndarray:
 
 def _at(trace: Samples, time: np.ndarray) -> np.ndarray:
     """Interpolate by a quintic spline: exact at the trace's own instants, to 0.2 % up to half the Nyquist frequency."""
+    from scipy.interpolate import make_interp_spline
+
     return np.asarray(make_interp_spline(trace.time, trace.values, k=5)(time))
 
 
