@@ -58,8 +58,8 @@ def report(found: list[Verdict], factor: float) -> bool:
     print(f"  several optima in {sum(v.optima > 1 for v in found)}; doubts {dict(doubts)}")
     for v in (*broken, *lost):
         print(f"    {v.part}, draw {v.draw}: lost {v.lost} {v.broken.strip()[-300:]}")
-    right = factor == 1.0
-    return not broken and (not right or not lost) and all(covered(found, w) or not right for w in ("held", "profiled"))
+    enough = [covered(found, what) for what in ("held", "profiled")]
+    return not broken and (factor != 1.0 or not lost and all(enough))
 
 
 def main() -> None:
