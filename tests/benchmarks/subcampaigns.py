@@ -59,7 +59,7 @@ def report(found: list[Verdict], factor: float) -> bool:
     for v in (*broken, *lost):
         print(f"    {v.part}, draw {v.draw}: lost {v.lost} {v.broken.strip()[-300:]}")
     enough = [covered(found, what) for what in ("held", "profiled")]
-    return not broken and (factor != 1.0 or not lost and all(enough))
+    return not broken and (factor != 1.0 or (not lost and all(enough)))
 
 
 def main() -> None:
