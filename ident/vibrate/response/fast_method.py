@@ -78,13 +78,12 @@ def _by_time(f: Callable[..., tuple[Array, ...]], time: Array, rows: tuple[int, 
     real = chunks[:, 0] > jnp.concatenate([jnp.full(1, -jnp.inf), chunks[:-1, -1]])
     with_times = [jnp.moveaxis(x.reshape((x.shape[0], *chunks.shape)), 1, 0) for x in more]
 
-    def turned(none: Any, given: tuple[Array, ...]) -> tuple[Any, tuple[Array, ...]]:
-        return none, tuple(part.T for part in f(*given[1:]))
+    def some(none: Any, given: tuple[Array, ...]) -> tuple[Any, tuple[Array, ...]]:
+        return none, f(*given[1:])
 
-    parts: tuple[Array, ...] = jax.lax.scan(
-        where(lambda given: given[0], turned, TOGETHER, rows), None, (real, chunks, *with_times)
-    )[1]
-    return [part.reshape((-1, part.shape[-1])).T for part in parts]
+    some_real = where(lambda given: given[0], some, *((row, TOGETHER) for row in rows))
+    parts: tuple[Array, ...] = jax.lax.scan(some_real, None, (real, chunks, *with_times))[1]
+    return [jnp.moveaxis(part, 0, 1).reshape((part.shape[1], -1)) for part in parts]
 
 
 @jit

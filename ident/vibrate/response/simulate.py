@@ -87,7 +87,7 @@ def vibrations(
     arm: Arm, numbers: Mapping[str, Float[Array | np.ndarray, "batch"]], solve: "FastMethod"
 ) -> Float[AnyArray, "3 T batch"]:
     """Return how the end point vibrates [m] with each of some numbers of the arm, by path; NaN where it collapses."""
-    return _of_each(arm, numbers, solve, vibration_of)[:, : int(solve.samples)]
+    return _of_each(arm, numbers, solve, vibration_of)
 
 
 def fast_method(
@@ -118,8 +118,12 @@ def _over_batch(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) 
 def _of_each(
     arm: Arm, numbers: Mapping[str, Array | np.ndarray], solve: "FastMethod", keep: Callable[[Solution], Any]
 ) -> Any:
-    """Solve for an arm with each of these numbers (batch,), by path."""
-    chunked = by_chunk(lambda values: _mapped(arm, values, solve, keep), dict(numbers))
+    """Solve for an arm with each of these numbers (batch,), by path; what is behind the samples is left out."""
+
+    def samples_of(values: Any) -> Any:
+        return jax.tree.map(lambda x: x[..., : int(solve.samples)], concrete(_mapped(arm, values, solve, keep)))
+
+    chunked = by_chunk(samples_of, dict(numbers))
     return jax.tree.map(lambda x: library(x).moveaxis(x, 0, -1), chunked)
 
 
