@@ -122,7 +122,7 @@ class Motion(eqx.Module):
 def last_before(starts: Float[AnyArray, "n"], time: Float[AnyArray, "*t"]) -> Int[AnyArray, "*t"]:
     """Return the number of the last start that is not after each time; -1 where all are."""
     if library(starts, time) is np:
-        return np.searchsorted(starts, time, side="right") - 1
+        return np.asarray(np.searchsorted(starts, time, side="right") - 1)
     method = "compare_all" if len(starts) <= FEW else "scan"
     return jnp.searchsorted(jnp.asarray(starts), time, side="right", method=method) - 1
 
