@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
@@ -27,12 +27,14 @@ class Unnamed(eqx.Module):
         rows: (n,) their places in the campaign.
         states: (n,) state of each.
         ordinals: (n,) place among those of its state, from 1.
+        last: (n,) whether it is the last one of its state, so that the next mode was not measured.
         highest: largest of these places, 0 for none.
     """
 
     rows: Int[AnyArray, "n"]
     states: Int[AnyArray, "n"]
     ordinals: Int[AnyArray, "n"]
+    last: Bool[AnyArray, "n"]
     highest: int = eqx.field(static=True)
 
 
@@ -106,7 +108,7 @@ class Conditions(eqx.Module):
                 named.patterns,
                 named.top,
             ),
-            Unnamed(rows[1], unnamed.states[other], unnamed.ordinals[other], unnamed.highest),
+            Unnamed(rows[1], unnamed.states[other], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
             Readings(
                 rows[2],
                 readings.states[reading],
@@ -196,8 +198,9 @@ def _unnamed(campaign: Campaign, states: dict[State, int]) -> Unnamed:
     ascending = np.lexsort((values, own))  # of equal values the earlier row first: they are of two modes all the same
     ordinals = np.empty(len(found), int)
     ordinals[ascending] = 1 + np.arange(len(found)) - np.searchsorted(own[ascending], own[ascending])
+    last = ordinals == (own[:, None] == own).sum(1)
     rows = np.array([i for i, _ in found], int)
-    return Unnamed(rows, own, ordinals, int(ordinals.max(initial=0)))
+    return Unnamed(rows, own, ordinals, last, int(ordinals.max(initial=0)))
 
 
 def _readings(arm: Arm, campaign: Campaign, states: dict[State, int]) -> Readings:

@@ -22,7 +22,7 @@ from ident.arm.modes import (
     modes_about,
     to_hertz,
 )
-from ident.identify.conditions import Conditions, Readings
+from ident.identify.conditions import Conditions, Readings, Unnamed
 from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, Choosing, Data, Growing
@@ -94,7 +94,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
         off, no = how_far_off(values, modes, data, chosen), jnp.array(False)
         now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
-        return _values(chain, at, self.conditions, modes, chosen), jax.lax.stop_gradient(choice)
+        return _values(chain, at, self.conditions, modes, chosen, data), jax.lax.stop_gradient(choice)
 
 
 def predict(
@@ -106,7 +106,7 @@ def predict(
         arm: the arm.
         parameters: numbers by path, `()` or `(*batch)` each, in place of the arm's own.
         conditions: from `bind`.
-        data: what was measured: it helps to tell which mode a label means.
+        data: what was measured: it helps to tell which mode a label means, and which modes are as good as one.
 
     Returns:
         `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], damping ratios [-]. NaN where the arm
@@ -115,9 +115,9 @@ def predict(
     values, chain = conditions.named, chains(arm, parameters, conditions)
     at = static_equilibrium(chain)
     if not len(values.rows):
-        return _values(chain, at, conditions, None, None)
+        return _values(chain, at, conditions, None, None, data)
     modes = modes_about(chain, at)
-    return _values(chain, at, conditions, modes, most_probable(values, modes, data, 0.0))
+    return _values(chain, at, conditions, modes, most_probable(values, modes, data, 0.0), data)
 
 
 def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> Chain:
@@ -133,24 +133,52 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
 
 
 def _values(
-    chain: Chain, at: StaticEquilibrium, conditions: Conditions, modes: Modes | None, chosen: Array | None
+    chain: Chain,
+    at: StaticEquilibrium,
+    conditions: Conditions,
+    modes: Modes | None,
+    chosen: Array | None,
+    data: Data | None,
 ) -> Float[Array, "D *batch"]:
     """Return all values, given the mode of each labelled one."""
     named, unnamed, readings = conditions.named, conditions.unnamed, conditions.readings
     first = named.frequencies
     values: list[Array] = []
     if (modes is None or chosen is None) and unnamed.highest:
-        hertz = to_hertz(lowest_eigenpairs(chain, at, count=unnamed.highest)[0])
-        values.append(hertz[unnamed.ordinals - 1, unnamed.states])
+        count = min(unnamed.highest + 1, 3 * at.phi.shape[1])
+        hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
+        own, above = hertz[unnamed.ordinals - 1, unnamed.states], hertz[unnamed.ordinals, unnamed.states]
+        values.append(_counted(own, above, unnamed, data))
     if modes is not None and chosen is not None:
         values = [pick(modes.frequency, chosen[:, :first], named.states[:first])]
         if named.ratios:
             values.append(pick(_damping_ratios(chain, at), chosen[:, first:], named.states[first:]))
         if unnamed.highest:
-            values.append(pick(modes.frequency, lowest_left(conditions, chosen), unnamed.states))
+            nth, next_one = (lowest_left(conditions, chosen, beyond) for beyond in (0, 1))
+            own, above = (pick(modes.frequency, mode, unnamed.states) for mode in (nth, next_one))
+            values.append(_counted(own, above, unnamed, data))
     if len(readings.rows):
         values.append(read_points(deflection(chain, at.phi), readings))
     return jnp.concatenate(values)[conditions.order]
+
+
+def _counted(
+    own: Float[Array, "n *batch"], above: Float[Array, "n *batch"], unnamed: Unnamed, data: Data | None
+) -> Float[Array, "n *batch"]:
+    """Return the frequencies of the unnamed values, smooth where the highest measured mode and the next one cross.
+
+    The n-th frequency from below, the lesser of two that cross, has a ridge there, on which a search would get stuck.
+    Two modes nearer than a standard deviation s of the value are taken for coupled, so that the lower one is pushed
+    down by (s - gap)^2 / 4s, at most s/4: a smooth minimum (Quilez, "Smooth minimum", 2013, the quadratic one).
+    Between two measured modes none is needed: there the cost is highest on the ridge.
+    """
+    if data is None:
+        return own
+    sigma = jnp.reshape(data.sigma, data.sigma.shape + (1,) * (own.ndim - data.sigma.ndim))[unnamed.rows]
+    last = jnp.reshape(unnamed.last, (-1,) + (1,) * (own.ndim - 1)) & jnp.isfinite(sigma)
+    s = jnp.where(last, sigma, 1.0)
+    short = jnp.where(last & (above - own < s), s - (above - own), 0.0)
+    return own - short**2 / (4 * s)
 
 
 def _damping_ratios(chain: Chain, at: StaticEquilibrium) -> Float[Array, "m S *batch"]:
@@ -174,12 +202,17 @@ def mode_choice(
     return jnp.asarray(chosen), lowest_left(conditions, jnp.asarray(chosen))
 
 
-def lowest_left(conditions: Conditions, chosen: Float[Array, "m R *batch"]) -> Float[Array, "m n *batch"]:
-    """Return one for the mode of each unnamed value: the lowest ones that no label of the same state has taken."""
+def lowest_left(
+    conditions: Conditions, chosen: Float[Array, "m R *batch"], beyond: int = 0
+) -> Float[Array, "m n *batch"]:
+    """Return one for the mode of each unnamed value: the lowest ones that no label of the same state has taken.
+
+    Or for the mode so many places beyond it among these.
+    """
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
     together = (named.states[:first, None] == unnamed.states).astype(float)
     free = jnp.einsum("mr...,rs->ms...", chosen[:, :first], together) == 0
-    ordinal = jnp.reshape(unnamed.ordinals, (-1,) + (1,) * (chosen.ndim - 2))
+    ordinal = jnp.reshape(unnamed.ordinals + beyond, (-1,) + (1,) * (chosen.ndim - 2))
     return (free & (jnp.cumsum(free, 0) == ordinal)).astype(float)
 
 

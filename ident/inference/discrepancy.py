@@ -37,7 +37,9 @@ class Discrepant(eqx.Module, Choosing, Growing):
     def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
         """Predict values for parameters among which `discrepancy.KIND` are the factors."""
         rest, factor = self._split(parameters)
-        return factor * (self.model(rest) if data is None else self.model(rest, _before(data, factor)))
+        if data is None or not isinstance(self.model, Choosing):
+            return factor * self.model(rest)
+        return factor * self.model(rest, _before(data, factor))
 
     def unheld(self) -> Any:
         """Return what the model holds before the first step."""

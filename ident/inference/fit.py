@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ident.errors import ConvergenceError, ModelError
-from ident.inference.convergence import convergence
 from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
 from ident.inference.curvature import stretches
+from ident.inference.descent import ended
 from ident.inference.information import Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd, rivals, unmet
@@ -259,8 +259,7 @@ def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:
 
 def _measured(problem: InverseProblem, end: End) -> Ended:
     """Return where a search ended, and how."""
-    end = jax.device_get(end)
-    return end, convergence(problem, end)
+    return ended(problem, jax.device_get(end))
 
 
 def _no_optimum(predicted: Float[np.ndarray, "D"]) -> ModelError:

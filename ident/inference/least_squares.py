@@ -49,6 +49,13 @@ def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None)
     return _searched(blank, start, None, TO_THE_END, NOTHING)[0]
 
 
+def look(problem: InverseProblem, theta: Float[AnyArray, "P"], held: Any) -> End:
+    """Return what a search would find at theta, with what the model holds, without a step."""
+    here = _searched(problem, theta, held, TO_THE_END, NOTHING)[0]
+    residuals, slope = (np.asarray(part) for part in problem.weigh(here.predicted, here.jacobian, np.asarray(theta)))
+    return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+
+
 def without_priors(problem: InverseProblem) -> InverseProblem:
     """Return the problem in which the priors count nothing."""
     free = tuple(

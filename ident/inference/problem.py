@@ -103,7 +103,7 @@ class InverseProblem(eqx.Module):
     def predict(self, theta: Float[Array, "P *batch"]) -> Float[Array, "D *batch"]:
         """Predict all values at theta, by the most probable choice where the model has one."""
         parameters = self.parameters.by_path(self.parameters.values(theta))
-        return self.model(parameters) if self.unheld() is None else self.model(parameters, self.data)
+        return self.model(parameters, self.data) if isinstance(self.model, Choosing) else self.model(parameters)
 
     def holding(self, theta: Float[Array, "P"], held: Any) -> tuple[Float[Array, "D"], Choice]:
         """Predict all values at theta by the choice that is held."""

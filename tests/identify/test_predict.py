@@ -15,7 +15,10 @@ from ident.errors import InputError
 from ident.identify.conditions import bind
 from ident.identify.predict import predict
 from ident.identify.unknowns import stiffness_parameters
+from ident.inference.problem import Data
 from ident.measure import Campaign, Load, Measurement
+
+pytestmark = pytest.mark.slow
 
 UNFOLDED, BENT = (0.0, 0.0, 0.0), tuple(np.deg2rad([80.0, -160.0, 80.0]))
 KILOGRAMS = Load.parse("5 kg @ tip")
@@ -29,6 +32,14 @@ def predicted(*measurements, parameters=None):
     arm, campaign = lcd_arm(), Campaign(measurements=measurements)  # not within: what is made there is traced
     conditions = bind(arm, campaign)
     return np.asarray(jax.jit(lambda: predict(arm, parameters or {}, conditions))())
+
+
+def predicted_at(arm, k, count, sigma):
+    """The lowest frequencies, without labels, for many stiffnesses; with their sigma, as a fit predicts them."""
+    campaign = Campaign(measurements=tuple(frequency(4.0 + i) for i in range(count)))
+    conditions = bind(arm, campaign)
+    data = sigma and Data(jnp.arange(count) + 4.0, jnp.full(count, sigma))
+    return np.asarray(jax.jit(lambda k: predict(arm, {"joint1.k_tors": k}, conditions, data))(jnp.asarray(k)))
 
 
 def exact(posture):
@@ -64,6 +75,20 @@ def test_values_without_label_take_the_lowest_modes_that_no_label_took():
     _, found = exact(UNFOLDED)
     values = predicted(frequency(15.0), frequency(4.1, mode="lateral torsion 1"), frequency(4.8))
     np.testing.assert_allclose(values, np.asarray(found.frequency)[[2, 0, 1]], rtol=1e-12)
+
+
+def test_the_highest_measured_mode_is_smooth_where_the_next_one_crosses_it():
+    """Nearer than a sigma s the lower of the two is pushed down by (s - gap)^2 / 4s; none below it is."""
+    arm, sigma = lcd_arm(), 0.1
+    k = float(arm.get("joint1.k_tors")) * np.linspace(1.45, 1.8, 71)
+    lowest = predicted_at(arm, k, 2, None)
+    gap = lowest[1] - lowest[0]
+    assert gap.min() < 0.01
+    assert gap.max() > sigma
+    (found,) = predicted_at(arm, k, 1, sigma)
+    np.testing.assert_allclose(found, lowest[0] - np.maximum(sigma - gap, 0) ** 2 / (4 * sigma), rtol=1e-12)
+    assert np.abs(np.diff(found, 2)).max() < np.abs(np.diff(lowest[0], 2)).max() / 5
+    np.testing.assert_allclose(predicted_at(arm, k, 2, sigma), lowest, rtol=1e-12)  # both are measured
 
 
 def test_damping_ratios_belong_to_the_modes_of_their_labels():

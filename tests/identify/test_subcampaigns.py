@@ -10,6 +10,8 @@ from subcampaigns import TRUST, judge, parts, simulated
 
 import ident
 
+pytestmark = pytest.mark.slow
+
 PARTS = ("deflections, at 60 deg", "all modes, at 0 deg", "one mode and deflections, everywhere")
 
 
@@ -37,3 +39,14 @@ def test_where_labels_contradict_the_optimum_its_profile_keeps_to_the_modes_that
     (found,) = result.profiles
     assert found.converged.all()
     assert np.diff(np.sqrt(np.maximum(found.delta_chi_squared, 0))).max() < 1  # it jumped by 27, to other modes
+
+
+@pytest.mark.parametrize(
+    ("part", "draw", "starts"), [("unlabelled modes, at 60 deg", 0, 3), ("all modes, at 80 deg", 1, 6)]
+)
+def test_no_start_is_lost_where_modes_cross(part, draw, starts):
+    """Of the first part 30 of 96 starts stalled where the highest measured mode met the next one."""
+    _, campaign = simulated(part, 1.0, draw, 0)
+    fit = ident.fit(lcd_arm(), campaign, ident.FitOptions(trust_values=TRUST, starts=starts, seed=draw)).fit
+    assert fit.failed == 0
+    assert all(optimum.converged for optimum in fit.optima)

@@ -27,6 +27,8 @@ from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 ALPHA = np.deg2rad([0.0, 30.0, 60.0, 80.0])
 

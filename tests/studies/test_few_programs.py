@@ -14,6 +14,8 @@ from commands import ARM
 import ident
 from ident.studies.result import Result
 
+pytestmark = pytest.mark.slow
+
 COMPILED = "/jax/core/compile/backend_compile_duration"
 """What jax reports of each program that is compiled, or loaded from its cache."""
 
