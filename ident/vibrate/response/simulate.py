@@ -20,11 +20,11 @@ from ident.vibrate.modal.modes_along_path import nominal
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact, fast
 from ident.vibrate.response.exact import Progress
-from ident.vibrate.response.fast_method import FastMethod, Solution, displacement, repeated, vibration_of
+from ident.vibrate.response.fast_method import FastMethod, Integrated, Solution, displacement, repeated, vibration_of
 from ident.vibrate.response.few_sizes import filled_up
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.step_weights import step_weights
-from ident.vibrate.response.time_intervals import jumps_of, time_intervals
+from ident.vibrate.response.time_intervals import Times, jumps_of, time_intervals
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
@@ -121,7 +121,9 @@ def _of_each(
     """Solve for an arm with each of these numbers (batch,), by path; what is behind the samples is left out."""
 
     def samples_of(values: Any) -> Any:
-        return jax.tree.map(lambda x: x[..., : int(solve.samples)], concrete(_mapped(arm, values, solve, keep)))
+        integrated = _integrated(arm, values, solve)
+        parts = [concrete(_sampled(arm, values, solve, integrated, time, keep)) for time in solve.blocks()]
+        return jax.tree.map(lambda *part: library(part).concatenate(part, -1)[..., : int(solve.samples)], *parts)
 
     chunked = by_chunk(samples_of, dict(numbers))
     return jax.tree.map(lambda x: library(x).moveaxis(x, 0, -1), chunked)
@@ -154,8 +156,28 @@ def by_chunk(run: Callable[[Any], Any], flat: Any, chunk: int = CHUNK) -> Any:
 
 
 @jit
-def _mapped(arm: Arm, values: dict[str, Array], solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
-    return jax.lax.map(lambda one: keep(solve(arm.replace(one))), values)
+def _integrated(arm: Arm, values: dict[str, Array], solve: "FastMethod") -> Integrated:
+    def one(values: dict[str, Array]) -> Integrated:
+        changed = arm.replace(values)
+        return solve.integrated(changed, solve.model(changed))
+
+    return jax.lax.map(one, values)
+
+
+@jit
+def _sampled(
+    arm: Arm,
+    values: dict[str, Array],
+    solve: "FastMethod",
+    integrated: Integrated,
+    time: Times,
+    keep: Callable[[Solution], Any],
+) -> Any:
+    def one(given: tuple[dict[str, Array], Integrated]) -> Any:
+        values, integrated = given
+        return keep(solve.at(solve.model(arm.replace(values)), integrated, time))
+
+    return jax.lax.map(one, (values, integrated))
 
 
 def _exact(
