@@ -53,6 +53,7 @@ FACTOR, SHIFT = 1.25, {"bracket.com.x": 0.0435, "fingers.com.x": 0.18}
 """How far about its present value each is changed: a factor, or a shift [m]."""
 NEAR = 0.05
 """Distance of a pulley from a natural frequency, relative to it, that counts as close."""
+HEADING = "".join(f"{name:>12}" for name in ("ratio", "folded", "profile", "sense", "Hz", "damping"))
 STATEMENTS = ("only pulley 2 close", "over by 4 s", "1 mm at most", "0.1 mm at 4 s", "5 trends")
 
 
@@ -167,14 +168,23 @@ def verdicts(found: dict[str, Any], column: str) -> np.ndarray:
     return np.stack([np.broadcast_to(e, len(rows)) for e in (*each, (rows[:, 9:] > 0).all(1))], 1)
 
 
-def table(found: dict[tuple[Any, ...], Any], column: str) -> None:
-    """Print for each assumption what holds, and how often over the phases."""
-    print(f"\neccentricities {column} kg m; share of phases [%] in which each statement holds")
-    names = ("ratio", "folded", "profile", "sense", "Hz", "damping")
-    print("".join(f"{name:>12}" for name in names) + "".join(f"{name:>21}" for name in (*STATEMENTS, "all")))
+def details(found: dict[tuple[Any, ...], Any], column: str) -> None:
+    """Print for each assumption how often each statement holds, over the phases."""
+    print(f"\nshare of phases [%] in which each statement holds; eccentricities {column} kg m")
+    print(HEADING + "".join(f"{name:>21}" for name in (*STATEMENTS, "all")))
     for (_, *assumptions), one in found.items():
         holds = verdicts(one, column)
         shares = [*holds.mean(0), holds.all(1).mean()]
+        print("".join(f"{part!s:>12}" for part in assumptions) + "".join(f"{100 * s:21.0f}" for s in shares))
+
+
+def summary(found: dict[tuple[Any, ...], Any]) -> None:
+    """Print for each assumption how often all statements hold together, by the eccentricities."""
+    columns = [f"{pattern}, {size:g}" for pattern, size in product(PATTERNS, SIZES)]
+    print("share of phases [%] in which all statements hold together, by eccentricities [kg m]")
+    print(HEADING + "".join(f"{column:>21}" for column in columns))
+    for (_, *assumptions), one in found.items():
+        shares = [verdicts(one, column).all(1).mean() for column in columns]
         print("".join(f"{part!s:>12}" for part in assumptions) + "".join(f"{100 * s:21.0f}" for s in shares))
 
 
@@ -195,8 +205,8 @@ def main() -> None:
     wanted = list(dict.fromkeys([*wanted, *((arm, ratio, folded, profile, sense, lowest, d) for d in DAMPING)]))
     header = {"arm": read_arm(arm).sha256, "seed": SEED, "phases": PHASES}
     found = resumable.run(measured, wanted, header, options.file, options.processes)
-    for pattern, size in product(PATTERNS, SIZES):
-        table(found, f"{pattern}, {size:g}")
+    summary(found)
+    details(found, "4 : 4 : 1, 0.004")
 
 
 if __name__ == "__main__":
