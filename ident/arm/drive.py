@@ -85,11 +85,16 @@ class Belt(eqx.Module):
         _no_more(numbers)
 
 
+PROFILES = ("s-curve", "trapezoid", "cycloid")
+"""How alpha may go from one end of a stroke to the other; see `ident.vibrate.motion.stroke`."""
+
+
 class Stroke(eqx.Module):
     """The straight motion of the hand: joint angles alpha times `direction`, alpha from folded to unfolded.
 
     Attributes:
         name: always `stroke`.
+        profile: one of `PROFILES`, how alpha goes from end to end unless a study asks for another.
         direction: (driven,) [-] share of each pin in alpha.
         folded: () [rad] alpha of the folded arm.
         unfolded: () [rad] alpha of the unfolded arm.
@@ -99,6 +104,7 @@ class Stroke(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
+    profile: str = eqx.field(static=True)
     direction: Float[Array, "driven"]
     folded: Float[Array, ""]
     unfolded: Float[Array, ""]
@@ -106,8 +112,8 @@ class Stroke(eqx.Module):
     acceleration: Float[Array, ""]
     jerk: Float[Array, ""]
 
-    def __init__(self, direction: Any, **numbers: Any):
-        self.name, self.direction = "stroke", jnp.asarray(direction, float)
+    def __init__(self, direction: Any, *, profile: str = PROFILES[0], **numbers: Any):
+        self.name, self.profile, self.direction = "stroke", profile, jnp.asarray(direction, float)
         for field in names_of("Stroke"):
             setattr(self, field, jnp.asarray(numbers.pop(field), float))
         _no_more(numbers)

@@ -1,20 +1,23 @@
 """What drives, belts and stroke of an arm must be like to go together."""
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 
-from ident.arm.drive import Belt, Drive, Stroke
+from ident.arm.drive import PROFILES, Belt, Drive, Stroke
 from ident.arm.fields import EXPECTED, fields_of
 from ident.errors import InputError, Problem
-from ident.text import did_you_mean
+from ident.text import did_you_mean, quoted
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
 
 
+AT_LIMIT = 1e-9
+"""Angle [rad] by which a stroke may end beyond a joint limit: rounding."""
 PARALLEL = 1e-6
 """Angle between axes [rad] up to which they count as parallel."""
 
@@ -93,10 +96,29 @@ def _of_stroke(arm: "Arm", stroke: Stroke) -> Iterator[Problem]:
     if stroke.direction.shape[0] != len(arm.driven):
         got = f"{stroke.direction.shape[0]} shares"
         yield Problem("stroke", got, f"{len(arm.driven)}, one a joint", "correct it", "direction")
+    if stroke.profile not in PROFILES:
+        remedy = did_you_mean(stroke.profile, PROFILES, "choose one of them")
+        yield Problem("stroke", quoted(stroke.profile), f"one of {', '.join(PROFILES)}", remedy, "profile")
     folded, unfolded = _known(stroke.folded), _known(stroke.unfolded)
     if folded is not None and unfolded is not None and np.any(folded == unfolded):
         remedy = "give two different angles"
         yield Problem("stroke", f"folded and unfolded at {_first(folded):g} rad", "a motion", remedy, "folded")
+    for end in ("folded", "unfolded"):
+        yield from _beyond_limits(arm, stroke, end)
+
+
+def _beyond_limits(arm: "Arm", stroke: Stroke, end: str) -> Iterator[Problem]:
+    """Yield the joints that an end of the stroke takes beyond their limits."""
+    shares, alpha = _known(stroke.direction), _known(getattr(stroke, end))
+    if shares is None or alpha is None or len(shares) != len(arm.driven):
+        return
+    for joint, share in zip(arm.driven, shares, strict=True):
+        angles, (low, high) = share * alpha, joint.limits
+        worst = np.ravel(angles)[np.argmax(np.maximum(low - angles, angles - high))]
+        if not low - AT_LIMIT <= worst <= high + AT_LIMIT:
+            got = f"{joint.name} at {math.degrees(worst):.6g} deg"
+            expected = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg, its limits"
+            yield Problem("stroke", got, expected, "shorten the stroke, or correct the limits", end)
 
 
 def _of_signs(part: Drive | Belt | Stroke) -> Iterator[Problem]:

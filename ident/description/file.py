@@ -14,6 +14,7 @@ from jaxtyping import Float
 from pydantic import ValidationError
 
 from ident.arm.arm import Arm
+from ident.arm.belt_condition import belt_mismatches
 from ident.arm.fields import COMPONENTS
 from ident.arm.parts import Joint
 from ident.description.explanations import Source
@@ -40,6 +41,11 @@ class ArmFile:
     sha256: str
     origins: Mapping[str, str]
     extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the arm as it is described, one line each: belts that cannot run."""
+        return tuple(map(str, belt_mismatches(self.arm)))
 
 
 def read_arm(path: str | PathLike[str]) -> ArmFile:
@@ -120,10 +126,11 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
     """
     parse_document(text, where)
     document = tomlkit.parse(text)
-    tables = {table["name"]: table for _, table in named(document)}
+    tables = {table["name"]: table for _, table in named(document)} | {"stroke": document.get("stroke", {})}
     for path, value in values.items():
         entry, holder, key = _slot(tables, path, where)
-        holder[key] = float(f"{value / si(1.0, entry['unit']):.12g}")
+        unit = si(1.0, entry["unit"]) if "unit" in entry else 1.0
+        holder[key] = float(f"{value / unit:.12g}")
         entry["origin"] = origin
     updated = tomlkit.dumps(document)
     parse_document(updated, where)

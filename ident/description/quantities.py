@@ -170,6 +170,12 @@ class Shares(Sourced):
         return np.asarray(self.value)
 
 
+class Profile(Sourced):
+    """How a stroke goes from end to end."""
+
+    value: Literal["s-curve", "trapezoid", "cycloid"]
+
+
 class Postures(Quantity[Annotated[str, _checked_unit("rad", "deg")], list[list[Number]]]):
     """Joint angles of several postures."""
 

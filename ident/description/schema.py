@@ -34,6 +34,7 @@ from ident.description.quantities import (
     NonZero,
     Position,
     Postures,
+    Profile,
     Radius,
     Shares,
     SpanStiffness,
@@ -172,6 +173,7 @@ class StrokeTable(Table):
     """The straight motion of the hand; the meaning of each key is that of `Stroke`'s attribute."""
 
     direction: Shares
+    profile: Profile | None = None
     folded: Angle
     unfolded: Angle
     speed: AngleRate
@@ -180,7 +182,8 @@ class StrokeTable(Table):
 
     def stroke(self) -> Stroke:
         """Return the stroke as a value."""
-        return Stroke(self.direction.number, **_given(self, names_of("Stroke")))
+        profile = {"profile": self.profile.value} if self.profile else {}
+        return Stroke(self.direction.number, **profile, **_given(self, names_of("Stroke")))
 
 
 class WorkspaceTable(Table):

@@ -37,7 +37,9 @@ class MotionOptions(ArmOptions):
     speed: float | None = option(
         None, "percent of full speed, default 10; with --path of its own speed, default 100", above=0.0, high=1000.0
     )
-    profile: str | None = option(None, "of the stroke's speed: s-curve (default), trapezoid or cycloid")
+    profile: str | None = option(
+        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default"
+    )
     retract: bool = option(False, "from unfolded to folded")
     smoothing: float = option(0.0, "noise of that path, rms [deg]")
 
@@ -110,7 +112,7 @@ def basis_of(
     _check(options, path is not None)
     log = path if isinstance(path, Log) or path is None else read_log(path, [joint.name for joint in described.driven])
     motion, percent = _motion(described, options, log)
-    name = f"{Path(arm_file.path).stem or arm_file.arm.name}.{_name(options, log, percent)}"
+    name = f"{Path(arm_file.path).stem or arm_file.arm.name}.{_name(described, options, log, percent)}"
     load = Load.parse(options.load)
     basis = Basis(arm_file, described, motion, percent, load, log, fitted, posterior, options.set, name)
     if posterior and not basis.draws:
@@ -218,8 +220,7 @@ def _stroke(arm: "Arm", options: MotionOptions, percent: float) -> "Motion":
 
     if arm.stroke is None:
         raise InputError(Problem(arm.name, "no stroke", "what the arm shall carry out", STROKE))
-    profile = options.profile or "s-curve"
-    return stroke(arm.stroke, percent=percent, profile=profile, retract=options.retract, dwell=options.hold)
+    return stroke(arm.stroke, percent=percent, profile=options.profile, retract=options.retract, dwell=options.hold)
 
 
 def _replayed(options: MotionOptions, log: "Log") -> "Motion":
@@ -245,9 +246,10 @@ def _check(options: MotionOptions, replayed: bool) -> None:
         raise InputError(Problem("smoothing", "it without `path`", "a path to smooth", "drop it, or give `path`"))
 
 
-def _name(options: MotionOptions, log: "Log | None", percent: float) -> str:
+def _name(arm: "Arm", options: MotionOptions, log: "Log | None", percent: float) -> str:
     """Return what a motion's files are called: motion, percent."""
     if log is not None:
         return f"{Path(log.path).stem}{'' if options.speed is None else f'-{options.speed:g}'}"
-    form = "" if options.profile in (None, "s-curve") else f"-{options.profile}"
+    own = arm.stroke.profile if arm.stroke else None
+    form = "" if options.profile in (None, own) else f"-{options.profile}"
     return f"{'retract' if options.retract else 'extend'}-{percent:g}{form}"

@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import jax
@@ -352,6 +353,13 @@ def test_revised_text_changes_the_numbers_and_nothing_else():
     assert parse_document(text).origins()["hand.mass"] == "calibrated"
 
 
+def test_revising_finds_what_has_no_unit_and_the_stroke():
+    text = PAPER_ARM.read_text()
+    values = {"drive2.ratio": -77.0, "stroke.folded": 0.5}
+    arm = parse_arm(update_file(text, values, origin="designed"))
+    assert {path: float(arm.get(path)) for path in values} == pytest.approx(values)
+
+
 def test_revising_a_full_tensor_finds_its_diagonal():
     assert parse_arm(update_file(TEXT, {"glass.inertia.yy": 2.5}, origin="measured")).get("glass.inertia.yy") == 2.5
 
@@ -436,3 +444,25 @@ def test_a_wrong_workspace_is_told_with_its_line(old, new, words):
         parse_arm(TEXT + WORKSPACE.replace(old, new))
     first, last = len(TEXT.splitlines()) + 2, len(TEXT.splitlines()) + 5
     assert all(first <= int(p.where.rpartition(":")[2]) <= last for p in caught.value.problems)
+
+
+def test_the_profile_of_the_stroke_is_read_and_a_wrong_one_is_told():
+    text = re.sub(r"(?m)^profile = .*\n", "", PAPER_ARM.read_text())
+    assert parse_arm(text).stroke.profile == "s-curve"
+    profiled = text.replace("[stroke]\n", '[stroke]\nprofile = { value = "cycloid", origin = "assumed" }\n')
+    assert parse_arm(profiled).stroke.profile == "cycloid"
+    line = 1 + profiled[: profiled.index("profile = ")].count("\n")
+    with pytest.raises(InputError, match="expected 's-curve', 'trapezoid' or 'cycloid'") as caught:
+        parse_arm(profiled.replace('"cycloid"', '"cosine"'))
+    assert [p.where for p in caught.value.problems] == [f"arm.toml:{line}"]
+
+
+def test_a_stroke_beyond_the_joint_limits_is_told_with_its_line():
+    text = re.sub(r"(?m)^folded = \{ value = [\d.]+", "folded = { value = 179", PAPER_ARM.read_text())
+    with pytest.raises(InputError) as caught:
+        parse_arm(text)
+    line = 1 + text[: text.index("folded = ")].count("\n")
+    assert [p.where for p in caught.value.problems] == [f"arm.toml:{line}"] * 3
+    low, high = np.rad2deg(parse_arm(PAPER_ARM.read_text()).joints[1].limits)
+    expected = f"{low:.4g} to {high:.4g} deg, its limits"
+    assert (caught.value.problems[1].got, caught.value.problems[1].expected) == ("joint2 at -358 deg", expected)

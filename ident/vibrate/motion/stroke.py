@@ -26,6 +26,7 @@ class StraightPath(Protocol):
     """The path q = alpha direction on which the hand moves straight, and the limits of alpha at 100 %.
 
     Attributes:
+        profile: a name in `PROFILES`.
         direction: (driven,) angles of the joints per alpha.
         folded: () [rad] alpha of the folded arm.
         unfolded: () [rad] alpha of the unfolded arm.
@@ -34,6 +35,8 @@ class StraightPath(Protocol):
         jerk: () [rad/s^3] limit of its third derivative; infinite for none.
     """
 
+    @property
+    def profile(self) -> str: ...  # noqa: D102
     @property
     def direction(self) -> Any: ...  # noqa: D102
     @property
@@ -49,7 +52,12 @@ class StraightPath(Protocol):
 
 
 def stroke(
-    path: StraightPath, *, percent: float = 100.0, profile: str = "s-curve", retract: bool = False, dwell: float = 0.0
+    path: StraightPath,
+    *,
+    percent: float = 100.0,
+    profile: str | None = None,
+    retract: bool = False,
+    dwell: float = 0.0,
 ) -> Motion:
     """Return the motion along the straight path, from rest to rest, the shortest of its profile within the limits.
 
@@ -64,7 +72,7 @@ def stroke(
     Args:
         path: the path and its limits at 100 %.
         percent: () [%] speed override, above 0 and at most 1000.
-        profile: a name in `PROFILES`.
+        profile: a name in `PROFILES`; that of the path when None.
         retract: from unfolded to folded instead of the other way.
         dwell: () [s] dwell time at the end.
 
@@ -75,7 +83,7 @@ def stroke(
         InputError: a percentage, profile, dwell, path or limit that can't be.
         ModelError: the library finds no motion.
     """
-    limits = _limits(path)
+    limits, profile = _limits(path), path.profile if profile is None else profile
     if profile not in PROFILES:
         remedy = did_you_mean(profile, PROFILES, "choose one of them")
         raise InputError(Problem("", quoted(profile), f"one of {', '.join(PROFILES)}", remedy, "profile"))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from ruckig import Result
 from scipy.interpolate import PPoly
 
+from ident.arm.drive import PROFILES as NAMES
 from ident.errors import InputError, ModelError
 from ident.vibrate.motion.stroke import PROFILES, cycloid_duration, stroke
 
@@ -24,6 +25,7 @@ class Path:
     speed: float
     acceleration: float
     jerk: float
+    profile: str = "s-curve"
 
 
 PATH = Path(DIRECTION, -1.4, 0.0, 1.2, 4.0, 30.0)
@@ -141,6 +143,15 @@ def test_a_tenth_of_the_speed_is_the_same_path_slower(profile):
 def test_a_percentage_that_cannot_be(percent):
     (text,) = problems(percent=percent)
     assert text.startswith(f"percent: got {percent:g} %, expected above 0 and at most 1000 %; ")
+
+
+def test_the_profile_is_the_path_s_own_unless_another_is_asked_for():
+    own = stroke(replace(PATH, profile="cycloid"))
+    np.testing.assert_array_equal(own.coefficients, stroke(PATH, profile="cycloid").coefficients)
+    np.testing.assert_array_equal(
+        stroke(replace(PATH, profile="cycloid"), profile="s-curve").coefficients, stroke(PATH).coefficients
+    )
+    assert tuple(PROFILES) == NAMES
 
 
 def test_an_unknown_profile():

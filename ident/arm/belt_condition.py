@@ -1,0 +1,77 @@
+"""Whether belts can run: pulleys at both ends of a belt must pass the same length of it all along the stroke.
+
+Seen from the link along which a belt runs, the driver's pulley turns by theta1 - q1 = (N1 - 1) q1, since its shaft
+turns by -q1, and the driven one, whose shaft is fixed to the link, by theta2 = N2 q2. With q = alpha direction the belt
+stays as it is where
+
+    r1 (N1 - 1) direction1 = r2 N2 direction2
+
+Otherwise one span grows by the difference of both sides times alpha, and the other is slack as soon as that exceeds
+pretension / stiffness.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ident.arm.drive import Belt, Drive
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+
+
+@dataclass(frozen=True)
+class BeltMismatch:
+    """A belt that cannot run along the stroke.
+
+    Attributes:
+        belt: name of the belt.
+        stretch: () [m] by how much one span would grow over the stroke, and the other shrink.
+        allowed: () [m] at which the other span is slack: pretension / stiffness.
+        drive: name of the driven joint's drive.
+        ratio: () [-] with which that drive would keep the belt as it is.
+        radius: () [m] with which the driven pulley would; not positive where no radius does.
+    """
+
+    belt: str
+    stretch: float
+    allowed: float
+    drive: str
+    ratio: float
+    radius: float
+
+    def __str__(self) -> str:
+        radius = f", or {self.belt}.driven_radius = {1e3 * self.radius:.6g} mm" if self.radius > 0 else ""
+        return (
+            f"{self.belt} would stretch by {1e3 * self.stretch:.4g} mm over the stroke, {1e3 * self.allowed:.4g} mm "
+            f"slackens it; it runs with {self.drive}.ratio = {self.ratio:.6g}{radius}"
+        )
+
+
+def belt_mismatches(arm: "Arm") -> tuple[BeltMismatch, ...]:
+    """Return the belts that would be slack somewhere along the stroke; none without a stroke.
+
+    Args:
+        arm: one arm, whose numbers are known.
+    """
+    if arm.stroke is None:
+        return ()
+    shares = {joint.name: float(share) for joint, share in zip(arm.driven, arm.stroke.direction, strict=True)}
+    drives = {drive.joint: drive for drive in arm.drives}
+    way = abs(float(arm.stroke.folded) - float(arm.stroke.unfolded))
+    pairs = ((belt, drives[belt.driver], drives[belt.driven]) for belt in arm.belts)
+    every = [_mismatch(belt, (one, other), shares, way) for belt, one, other in pairs]
+    return tuple(mismatch for mismatch in every if mismatch.stretch > mismatch.allowed)
+
+
+def _mismatch(belt: Belt, drives: tuple[Drive, Drive], shares: dict[str, float], way: float) -> BeltMismatch:
+    one, other = drives
+    passed = float(belt.driver_radius) * (float(one.ratio) - 1) * shares[belt.driver]
+    taken = float(belt.driven_radius) * float(other.ratio) * shares[belt.driven]
+    stiffness = float(belt.stiffness)
+    allowed = float(belt.pretension) / stiffness if stiffness else float("inf")
+    ratio, radius = (_quotient(passed, float(x) * shares[belt.driven]) for x in (belt.driven_radius, other.ratio))
+    return BeltMismatch(belt.name, abs(passed - taken) * way, allowed, other.name, ratio, radius)
+
+
+def _quotient(passed: float, share: float) -> float:
+    return passed / share if share else float("nan")
