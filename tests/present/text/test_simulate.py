@@ -70,7 +70,7 @@ def test_a_slack_belt_is_told_with_its_time():
         report = simulate_report(found)
         assert ("SLACK: lower span of belt1 from" in report) is is_slack
         assert ("raise the pretension" in report) is is_slack
-        assert "Assumed: 40 of the 41" in report
+        assert "Assumed or calibrated: 40 of the 41" in report
         assert f"set: belt1.pretension = {tension:g}" in report
         assert bool(found.slack) is is_slack
 

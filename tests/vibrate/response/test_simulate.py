@@ -24,6 +24,7 @@ from ident.vibrate.response.simulate import simulate
 
 PATHS = ("joint1.k_tors", "joint3.k_bend", "joint2.tau_tors", "bracket.com.x", "fingers.com.x", "drive2.eccentricity")
 STEP = 1e-5
+RATIOS = np.array([161.0, -160.0, 161.0])
 """Of the central differences, as a part of each value."""
 
 SWING = swing()
@@ -138,7 +139,7 @@ def test_tension_of_rigid_belts() -> None:
     for k in (0, 77, 500):
         command = np.stack([np.asarray(part) for part in response.motion(response.time[k])])
         y, yd = (np.array(part[:, k]) for part in (response.y, response.yd))
-        torque = engine.torques(command, y, yd, engine.accelerations(command, y, yd)) / 120
+        torque = engine.torques(command, y, yd, engine.accelerations(command, y, yd)) / RATIOS
         second = torque[2] / 0.06
         first = (torque[1] + second * 0.03) / 0.03
         right = 500 + np.array([[first, second], [-first, -second]]) / 2
@@ -150,8 +151,8 @@ def test_tension_of_elastic_belts() -> None:
     """k times the stretch, r1 theta1 - r2 theta2; the tilt of the shafts adds little."""
     response = paper(100, "fast", True)
     found, xi, phi = np.asarray(belt_tension(response)), np.asarray(response.y)[9:], np.asarray(response.phi)
-    first = 0.0 - 0.03 * (120 * xi[0] + phi[2, 1])
-    second = 0.03 * 119 * xi[0] - 0.06 * (120 * xi[1] + phi[2, 2])
+    first = 0.0 - 0.03 * (RATIOS[1] * xi[0] + phi[2, 1])
+    second = 0.03 * (RATIOS[1] - 1) * xi[0] - 0.06 * (RATIOS[2] * xi[1] + phi[2, 2])
     for b, s in enumerate((first, second)):
         pull = (found[0, b] - found[1, b]) / 2
         right = 4e5 * s
