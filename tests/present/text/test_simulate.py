@@ -46,8 +46,8 @@ def test_the_table_has_the_sizes_in_millimetres(plain):
         assert residual == pytest.approx(1e3 * sizes.residual[i], abs=5e-5)
         assert when == pytest.approx(plain.time[np.argmax(np.abs(plain.vibration[i]))])
         assert row[5] == ("not in 0.497 s" if np.isinf(sizes.settling[i]) else f"{sizes.settling[i]:.3f} s")
-    assert "from (80, -160, 80) deg to (0, 0, 0) deg in 0.4833 s, then held for 0.5 s" in report
-    assert "pulleys turn up to: drive1 80 Hz" in report
+    assert "from (142, -284, 142) deg to (0, 0, 0) deg in 1.578 s, then held for 0.5 s" in report
+    assert "pulleys turn up to: drive1 80.5 Hz" in report
     assert "Fast method against exact" not in report
 
 
