@@ -1,6 +1,6 @@
 """Runs of the paper's arm: gradients, sets, measures, tension of belts, and what cannot be simulated."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 
 import equinox as eqx
@@ -8,11 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import lcd_arm
+from arms import first_guess_arm, lcd_arm
 from moving_engines import PinocchioMoving
 from numpy.polynomial import Polynomial
 from runs import along, paper, short, swing
 
+from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.errors import InputError, ModelError
@@ -75,7 +76,7 @@ def test_sets_are_single_arms() -> None:
 
 
 @cache
-def interrupted() -> Response:
+def interrupted(arm_of: Callable[[], Arm] = lcd_arm) -> Response:
     """An exact run that the user stops after two sections."""
 
     def twice(sections: Iterable[int]) -> Iterator[int]:
@@ -84,7 +85,7 @@ def interrupted() -> Response:
                 raise KeyboardInterrupt
             yield k
 
-    return simulate(lcd_arm(), swing(), method="exact", progress=twice)
+    return simulate(arm_of(), swing(), method="exact", progress=twice)
 
 
 def test_interruption_keeps_what_there_is() -> None:
@@ -162,7 +163,7 @@ def test_tension_of_elastic_belts() -> None:
 
 def test_slack_is_told() -> None:
     """Belts that are hardly tensioned go slack, and the report names span and times."""
-    response = interrupted()
+    response = interrupted(first_guess_arm)
     loose = eqx.tree_at(lambda r: r.model.belts.pretension, response, 0 * response.model.belts.pretension)
     tension = belt_tension(loose)
     told = list(slack(response.time, tension))
