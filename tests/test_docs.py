@@ -14,6 +14,8 @@ from numbers_in_text import same_text
 
 from ident.cli.app import app
 
+pytestmark = pytest.mark.slow
+
 PAGES = [page for page in pages() if examples(page)]
 PICTURES = DOCS / "pictures"
 LARGEST = 120_000

@@ -17,6 +17,8 @@ import pytest
 from ident import programs
 from ident.programs import NotKeptError, Programs, circumstances, described, environment, own_folder, sources
 
+pytestmark = pytest.mark.slow
+
 SUPPORT = Path(__file__).parent / "support"
 
 

@@ -1,6 +1,5 @@
 """The last way to an optimum that Levenberg-Marquardt nears but slowly, or from a place where it gets stuck."""
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -30,7 +29,7 @@ def ended(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
         here = _finished(problem, *here)
         if here[1].converged or not np.isfinite(here[0].cost):
             break
-        nearer = jax.device_get(solve(problem, (here[0].theta + first) / 2))
+        nearer = solve(problem, (here[0].theta + first) / 2)
         here = nearer, convergence(problem, nearer)
     return here if here[1].converged else stuck
 

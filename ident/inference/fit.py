@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -214,7 +213,7 @@ def fit(
         example = in_order(problem, reached)[0][0] if reached else None
         end = solve(problem, first + noise[tried - 1], example)
         if np.isfinite(end.cost):
-            reached.append(_measured(problem, end))
+            reached.append(ended(problem, end))
             optima = distinct(problem, reached)
         met = tried >= starts and optima and optima[0].starts >= AGAIN and unmet(optima) < UNMET
         if met and not _answer(problem, reached).misfits:
@@ -226,7 +225,7 @@ def fit(
         found = _explained(problem, reached, lost, seed)
         if found.beaten is None:
             break
-        reached.append(_measured(problem, solve(problem, found.beaten)))
+        reached.append(ended(problem, solve(problem, found.beaten)))
     return found
 
 
@@ -235,7 +234,7 @@ def _explained(problem: InverseProblem, reached: list[Ended], lost: int, seed: i
     optima = distinct(problem, reached)
     agreement, least = cross_predictions(problem, [optimum.theta for optimum in optima], seed=seed)
     if least is not optima[0].theta:
-        reached.append(_measured(problem, solve(problem, least)))
+        reached.append(ended(problem, solve(problem, least)))
         optima = distinct(problem, reached)
     failed = lost + len(reached) - sum(optimum.starts for optimum in optima)
     found = replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
@@ -255,11 +254,6 @@ def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
     known = information(scaled, normal_prior_sd(problem), problem.parameters.names)
     return Fit(problem, (), 0, best.predicted, best.jacobian, known, best.choice)
-
-
-def _measured(problem: InverseProblem, end: End) -> Ended:
-    """Return where a search ended, and how."""
-    return ended(problem, jax.device_get(end))
 
 
 def _no_optimum(predicted: Float[np.ndarray, "D"]) -> ModelError:

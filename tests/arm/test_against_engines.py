@@ -20,6 +20,8 @@ from ident.arm.equilibrium import deflection, equilibrium
 from ident.arm.mechanics import mass_matrix, potential_derivatives, unflatten
 from ident.arm.modes import natural_frequencies
 
+pytestmark = pytest.mark.slow
+
 ARMS_EACH = 13
 JOINTS = range(1, 9)
 ENGINES = (MujocoArm, PinocchioArm)

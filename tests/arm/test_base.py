@@ -17,6 +17,8 @@ from ident.arm.modes import natural_frequencies
 from ident.arm.parts import Body, Joint, Point
 from ident.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 
 def column(height: float, mass: float, com: float, moment: float) -> Arm:
     """A body of revolution on a bushing a thousand times stiffer than any base of the tests."""

@@ -22,6 +22,8 @@ from ident.arm.multibody_dynamics import residual
 from ident.arm.multibody_kinematics import Command
 from ident.arm.parts import Joint
 
+pytestmark = pytest.mark.slow
+
 RADII = ((0.06, 0.03), (0.03, 0.06), (0.05, 0.05))
 T0, K, D, RATIOS = 500.0, 4e5, 0.8, (100.0, -50.0)
 EIGHTH_ORDER = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}

@@ -16,6 +16,8 @@ from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection
 from ident.arm.modes import damped_eigenvalues, linearize, modes, natural_frequencies
 
+pytestmark = pytest.mark.slow
+
 FOURTH_ORDER = {1: 2 / 3, 2: -1 / 12}
 """Weights of the central difference that is exact for polynomials of degree four."""
 STEP = 1e-3

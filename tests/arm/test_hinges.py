@@ -12,6 +12,8 @@ from ident.arm.hinges import cut
 from ident.arm.mechanics import mass_matrix, point_positions, potential_energy
 from ident.arm.parts import Body, Joint, Payload
 
+pytestmark = pytest.mark.slow
+
 ARMS = [
     *(random_arm(np.random.default_rng(n), n) for n in (1, 2, 3, 6)),
     random_arm(np.random.default_rng(7), 4, undriven=(0,)),

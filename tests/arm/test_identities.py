@@ -28,6 +28,8 @@ from ident.arm.mechanics import (
 from ident.arm.modes import Linearized, damped_eigenvalues, linearize, mac, modes, natural_frequencies
 from ident.arm.parts import Body, Joint, Payload, Point
 
+pytestmark = pytest.mark.slow
+
 G = 9.80665
 held = jax.jit(at_posture)
 all_modes = jax.jit(modes)

@@ -10,6 +10,8 @@ import scipy.linalg as sl
 
 from ident.arm.linalg import inverse_cholesky_factor, largest_eigenpairs, lowest_modes, solve_positive
 
+pytestmark = pytest.mark.slow
+
 EPS = 2.2e-16
 SIZES = (3, 6, 9, 18, 36)
 factor = jax.jit(inverse_cholesky_factor)

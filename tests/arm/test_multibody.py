@@ -19,6 +19,8 @@ from ident.arm.multibody import Multibody, multibody
 from ident.arm.multibody_dynamics import drive_torques, residual
 from ident.arm.multibody_kinematics import Command, Turning, end_point, pins
 
+pytestmark = pytest.mark.slow
+
 ARMS_EACH = 13
 JOINTS = range(1, 9)
 ENGINES = (PinocchioMoving, MujocoMoving)

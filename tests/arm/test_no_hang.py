@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 LIMIT = 240  # s; a hang is for ever, compilation on a busy machine takes most of a minute
 HEAD = """
 import jax

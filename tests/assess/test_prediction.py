@@ -9,6 +9,8 @@ from ident.errors import ModelError
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load
 
+pytestmark = pytest.mark.slow
+
 POSTURE = (0.5, -1.0, 0.5)
 PATHS = ("joint1.k_bend", "joint1.k_tors", "joint2.k_tors")
 

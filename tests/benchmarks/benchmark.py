@@ -117,7 +117,7 @@ def warm_fit(arm: Arm, quick: bool) -> None:
     repeat = 3 if quick else 10
     rows = [
         ("ident, one search", timed(lambda: solve(problem, start), 3 * repeat)),
-        ("ident, with the fit's verdicts: 26 more searches", timed(lambda: fit(problem, starts=1), repeat)),
+        ("ident, a fit with its verdicts", timed(lambda: fit(problem, starts=1), repeat)),
         ("SciPy's MINPACK on MuJoCo, differences", timed(lambda: least_squares(residuals, start, **options), 3)),
     ]
     table("Warm fit of six stiffnesses to 16 frequencies and 4 deflections", rows)

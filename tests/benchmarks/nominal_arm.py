@@ -53,6 +53,8 @@ FACTOR, SHIFT = 1.25, {"bracket.com.x": 0.0435, "fingers.com.x": 0.18}
 """How far about its present value each is changed: a factor, or a shift [m]."""
 NEAR = 0.05
 """Distance of a pulley from a natural frequency, relative to it, that counts as close."""
+MOST, SETTLED = (0.5, 1.5), (0.05, 0.15)
+"""What counts as the 1 mm at most and the 0.1 mm after 4 s of Figure 8 [mm]: our reading, as NEAR is."""
 HEADING = "".join(f"{name:>12}" for name in ("ratio", "folded", "profile", "sense", "Hz", "damping"))
 STATEMENTS = ("only pulley 2 close", "over by 4 s", "1 mm at most", "0.1 mm at 4 s", "5 trends")
 
@@ -164,7 +166,8 @@ def verdicts(found: dict[str, Any], column: str) -> np.ndarray:
     rows, close = np.array(found[column]), np.array(found["close"])
     mm = 1e3 * rows[:, :9].reshape(-1, 3, 3).max(2)
     alone = (close[1] < NEAR).all() and (close[[0, 2]] >= NEAR).all()
-    each = [alone, found["time"] <= STAGE, (mm[:, 1] > 0.5) & (mm[:, 1] < 1.5), (mm[:, 2] > 0.05) & (mm[:, 2] < 0.15)]
+    within = [(mm[:, k] > low) & (mm[:, k] < high) for k, (low, high) in ((1, MOST), (2, SETTLED))]
+    each = [alone, found["time"] <= STAGE, *within]
     return np.stack([np.broadcast_to(e, len(rows)) for e in (*each, (rows[:, 9:] > 0).all(1))], 1)
 
 

@@ -2,7 +2,10 @@
 
 from pathlib import Path
 
+import pytest
 from commands import files
+
+pytestmark = pytest.mark.slow
 
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,point,value,unit,relative_sigma"
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"

@@ -12,6 +12,8 @@ from commands import files
 from ident import __version__
 from ident.cli import main
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,point,value,unit,relative_sigma"
 ROW = "frequency,0,0,0,,,4.38,Hz,0.5%"

@@ -12,6 +12,8 @@ import ident
 from ident.description.file import read_arm
 from ident.present.text.design import verdict
 
+pytestmark = pytest.mark.slow
+
 K = ("joint1.k_tors", "joint2.k_tors", "joint3.k_tors")
 SHORT = ("--path=teach.csv", "--dwell=0.2", "--rate=100")
 NAME = "arm.teach"

@@ -14,6 +14,8 @@ from reports import too_wide
 
 from ident.store import Store
 
+pytestmark = pytest.mark.slow
+
 SUPPORT = Path(__file__).parents[1] / "support"
 MOTION = ("--speed", "100", "--dwell", "0.2", "--limit", "8")
 

@@ -9,6 +9,8 @@ from commands import files
 import ident
 from ident import __version__
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 
 

@@ -6,6 +6,8 @@ import pytest
 from arms import DATA
 from commands import files
 
+pytestmark = pytest.mark.slow
+
 DATA = DATA / "lcd_arm"
 
 

@@ -9,6 +9,8 @@ from commands import files
 from ident.cli import running
 from ident.studies.sample import SampleResult
 
+pytestmark = pytest.mark.slow
+
 DATA = DATA / "lcd_arm"
 
 

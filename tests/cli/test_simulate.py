@@ -18,6 +18,8 @@ from ident.vibrate.response.belt_tension import belt_tension
 from ident.vibrate.response.response import peak, rms, settling_time
 from ident.vibrate.response.simulate import simulate
 
+pytestmark = pytest.mark.slow
+
 SHORT = ("--speed=200", "--dwell=0.5")
 NAME = "arm.extend-200"
 

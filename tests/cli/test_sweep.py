@@ -13,6 +13,8 @@ from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.amplitude import amplitude
 from ident.vibrate.response.simulate import simulate
 
+pytestmark = pytest.mark.slow
+
 SHORT = ("--speed=200", "--dwell=0.5", "--rate=100")
 K = "joint1.k_tors"
 NAME = f"out/arm.extend-200.{K}+fingers.com.x.sweep"

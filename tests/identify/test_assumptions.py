@@ -15,6 +15,8 @@ from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, read_campaign
 
+pytestmark = pytest.mark.slow
+
 HEIGHT = math.hypot(0.992855, 0.12) / 2
 
 

@@ -28,6 +28,8 @@ from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement, read_campaign
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 
 

@@ -16,6 +16,8 @@ from ident.identify.unknowns import Unknowns
 from ident.inference.least_squares import evaluate
 from ident.measure import Campaign, Load, Measurement, read_campaign
 
+pytestmark = pytest.mark.slow
+
 DISCREPANT = Unknowns(discrepancy={"frequency": 0.05})
 
 

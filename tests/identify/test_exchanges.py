@@ -12,6 +12,8 @@ from ident.identify.fit import CampaignFit, fit_campaign
 from ident.measure import Campaign, read_campaign
 from ident.present.text.fit import fit_report
 
+pytestmark = pytest.mark.slow
+
 SHIPPED = read_campaign(DATA / "lcd_arm" / "campaign.csv")
 
 

@@ -25,6 +25,8 @@ from ident.identify.predict import chains
 from ident.inference.least_squares import End, solve
 from ident.measure import Campaign, Measurement, read_campaign
 
+pytestmark = pytest.mark.slow
+
 LABELS = ("vertical bending 1", "lateral torsion 1", "vertical 2", "torsion 2")
 
 

@@ -36,6 +36,8 @@ from ident.inference.problem import InverseProblem
 from ident.jit import jit
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 
+pytestmark = pytest.mark.slow
+
 
 def known(information):
     information = np.asarray(information)

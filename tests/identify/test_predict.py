@@ -18,6 +18,8 @@ from ident.identify.unknowns import stiffness_parameters
 from ident.inference.problem import Data
 from ident.measure import Campaign, Load, Measurement
 
+pytestmark = pytest.mark.slow
+
 UNFOLDED, BENT = (0.0, 0.0, 0.0), tuple(np.deg2rad([80.0, -160.0, 80.0]))
 KILOGRAMS = Load.parse("5 kg @ tip")
 

@@ -15,6 +15,8 @@ from ident.identify.predict import predict
 from ident.identify.slopes import slopes
 from ident.measure import Campaign, Load, Measurement, read_campaign
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("base", "link 1", "link 2", "link 3")
 
 

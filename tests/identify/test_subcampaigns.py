@@ -10,6 +10,8 @@ from subcampaigns import TRUST, judge, parts, simulated
 
 import ident
 
+pytestmark = pytest.mark.slow
+
 PARTS = ("deflections, at 60 deg", "all modes, at 0 deg", "one mode and deflections, everywhere")
 
 

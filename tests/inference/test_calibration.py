@@ -7,6 +7,8 @@ from sbc import L, Recovery, judge, recover
 
 from ident.inference.sample import Settings
 
+pytestmark = pytest.mark.slow
+
 PROBLEM, _, _ = linear_problem()
 SETTINGS = Settings(walkers=6, max_steps=50, target_ess=np.inf)
 """A linear model's starting points are draws of its posterior already, so that one block is enough."""

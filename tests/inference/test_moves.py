@@ -7,6 +7,8 @@ from emcee.moves import DEMove, StretchMove
 
 from ident.inference.moves import Apart, Independent, InReciprocals
 
+pytestmark = pytest.mark.slow
+
 POSITIVE = np.array([True, True, False])
 SD = np.array([0.5, 0.9, 0.7])
 ROOT = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [-0.3, 0.5, 0.8]]) * SD[:, None]

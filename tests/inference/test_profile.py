@@ -23,6 +23,8 @@ from ident.inference.profile import LEVELS, Profile, profile, threshold
 from ident.inference.profile_path import EDGE, Ending, profile_path
 from ident.measure import read_campaign
 
+pytestmark = pytest.mark.slow
+
 OPEN, CROSSED, MODEL = Ending.OPEN, Ending.CROSSED, Ending.MODEL
 
 

@@ -28,6 +28,8 @@ from ident.inference.posterior_predictive import posterior_predictive
 from ident.inference.problem import InverseProblem
 from ident.inference.sample import Settings, sample
 
+pytestmark = pytest.mark.slow
+
 SUPPORT = Path(__file__).parents[1] / "support"
 SHORT = Settings(max_steps=500, walkers=12)
 

@@ -13,6 +13,8 @@ from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.inference.score import asked_for, score_tests
 
+pytestmark = pytest.mark.slow
+
 
 class Linear(eqx.Module):
     """Values A @ (a, b, ...)."""

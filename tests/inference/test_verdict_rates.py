@@ -7,6 +7,8 @@ import pytest
 from campaigns import outcome
 from scipy.stats import binom
 
+pytestmark = pytest.mark.slow
+
 DRAWS = 30
 WRONG = 6
 

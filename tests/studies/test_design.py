@@ -16,6 +16,8 @@ from ident.studies.motion import drawn_groups, drawn_values
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.sensitivity import sensitivities
 
+pytestmark = pytest.mark.slow
+
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 SHORT = {"dwell": 0.2, "rate": 100.0}
 K1, K2 = "joint1.k_tors", "joint2.k_tors"

@@ -16,7 +16,7 @@ from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, di
 from ident.studies.diagnose_stages import STAGES
 from ident.vibrate.redesign.binomial import BinomialEstimate
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 ARM = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
 MEASURED = ident.read_campaign(CAMPAIGN)
 

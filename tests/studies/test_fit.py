@@ -17,6 +17,8 @@ from ident.present.text.basis import values_in_words
 from ident.studies.fit import FitOptions, fit
 from ident.studies.motion import fitted_values
 
+pytestmark = pytest.mark.slow
+
 FILES = ((ident.read_arm, "arm.toml"), (ident.read_campaign, "campaign.csv"))
 
 

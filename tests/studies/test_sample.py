@@ -16,6 +16,8 @@ from ident.studies.fit import FitOptions, fit
 from ident.studies.motion import drawn_groups, drawn_values, fitted_values
 from ident.studies.sample import SampleOptions, SampleResult, sample
 
+pytestmark = pytest.mark.slow
+
 FIT = {"starts": 1, "fix": ("joint1.k_bend",), "discrepancy": {"deflection": 0.1}}
 SHORT = FIT | {"steps": 500}
 

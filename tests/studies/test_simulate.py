@@ -15,6 +15,8 @@ from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.simulate import simulate as response
 
+pytestmark = pytest.mark.slow
+
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 SHORT = {"speed": 200.0, "dwell": 0.5, "rate": 100.0}
 FAST = SimulateOptions(**SHORT, method="fast", at=0.7)

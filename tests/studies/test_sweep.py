@@ -17,6 +17,8 @@ from ident.vibrate.redesign.sweep import axis
 from ident.vibrate.redesign.sweep import sweep as over
 from ident.vibrate.response import amplitude
 
+pytestmark = pytest.mark.slow
+
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 FIRST = read_arm(DATA / "lcd_arm" / "first_guess.toml")
 SHORT = {"speed": 200.0, "dwell": 0.5, "rate": 100.0}

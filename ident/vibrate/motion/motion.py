@@ -17,6 +17,9 @@ from ident.jit import AnyArray, library
 JOINED = 1e-9
 """Largest jump of an angle [rad] between two pieces that counts as none."""
 
+FEW = 64
+"""Breaks among which a time is faster compared with all than searched for, within a compiled program."""
+
 FASTEST = 1000.0
 """Highest speed override [%]."""
 
@@ -74,7 +77,7 @@ class Motion(eqx.Module):
         xp, time, breaks, _ = self._arrays(t)
         first, last = breaks[0], breaks[-1]
         moves = (time >= first) & (time < last)
-        piece = xp.searchsorted(breaks, time, side="right") - 1
+        piece = last_before(breaks, time)
         at = xp.where(moves, time, xp.where(time < first, first, last))
         q, qd, qdd = self.on_piece(xp.clip(piece, 0, len(breaks) - 2), at)
         return q, xp.where(moves, qd, 0.0), xp.where(moves, qdd, 0.0)
@@ -114,6 +117,14 @@ class Motion(eqx.Module):
         s = speed_factor(percent)
         powers = np.arange(len(self.coefficients))[::-1, None, None]
         return Motion(self.name, self.breaks / s, self.coefficients * s**powers, self.arrival / s)
+
+
+def last_before(starts: Float[AnyArray, "n"], time: Float[AnyArray, "*t"]) -> Int[AnyArray, "*t"]:
+    """Return the number of the last start that is not after each time; -1 where all are."""
+    if library(starts, time) is np:
+        return np.asarray(np.searchsorted(starts, time, side="right") - 1)
+    method = "compare_all" if len(starts) <= FEW else "scan"
+    return jnp.searchsorted(jnp.asarray(starts), time, side="right", method=method) - 1
 
 
 def speed_factor(percent: float) -> float:

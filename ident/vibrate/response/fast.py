@@ -165,13 +165,14 @@ def integrate(
 
         parts: tuple[Array, ...]
         z = jax.lax.cond(start == first, begin, go_on, z)
-        z, parts = jax.lax.scan(where(lambda given: given[0][0] < at.steps, some_steps, STEPS, rows), z, chunks)
+        real = where(lambda given: given[0][0] < at.steps, some_steps, *((STEPS, row) for row in rows))
+        z, parts = jax.lax.scan(real, z, chunks)
         return (z, last_slope), tuple(part.reshape((-1, part.shape[-1])) for part in parts)
 
     slow, rows = _slow(arm, model, motion, loads, grid._replace(steps=at.steps)), (2 * model.size, STAGES * model.size)
     times = jnp.asarray(grid.start), jnp.asarray(grid.step)
     rest = jnp.zeros(2 * model.size), jnp.zeros(model.size)
-    real = where(lambda given: jnp.isfinite(given[0]), interval, at.within.size, rows)
+    real = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
     states: Array
     a: Array
     states, a = jax.lax.scan(real, rest, (*times, slow))[1]

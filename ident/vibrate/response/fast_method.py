@@ -1,6 +1,7 @@
 """The fast method for one arm, all else given: one compiled program, whatever the motion's length."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -25,6 +26,8 @@ TOGETHER = 512
 """Times at which the response is computed together."""
 LEAST = 32 * TOGETHER
 """Times of the least program: half a minute at 500 a second; those behind the samples cost next to nothing."""
+BLOCK = LEAST // 8
+"""Times of a program that is called as often as a batch of arms needs: for many arms, times behind the samples cost."""
 
 
 class Solution(NamedTuple):
@@ -35,6 +38,13 @@ class Solution(NamedTuple):
     path: AnyArray
     displacement: AnyArray
     quasi_static: AnyArray
+
+
+class Integrated(NamedTuple):
+    """The solution step by step, and the quasi-static deflection of the end point (P, 3, m) at the nodes."""
+
+    solved: fast.Fast
+    bent: Array
 
 
 def vibration_of(solution: Solution) -> Float[AnyArray, "3 T"]:
@@ -57,34 +67,49 @@ class FastMethod(eqx.Module):
     @jit
     def __call__(self, arm: Arm) -> Solution:
         """Simulate an arm without batch axes; what is behind the samples means nothing."""
-        model = multibody(
+        model = self.model(arm)
+        integrated = self.integrated(arm, model)
+        rows = (model.size, model.size, 3, 3, 3)
+        return Solution(*_by_time(partial(self.at, model, integrated), jnp.asarray(self.time), rows))
+
+    def model(self, arm: Arm) -> Multibody:
+        """Gather an arm's equations of motion."""
+        return multibody(
             arm, self.loads, rank=1, elastic_belts=self.elastic, transmission_error=self.transmission_error
         )
+
+    def integrated(self, arm: Arm, model: Multibody) -> Integrated:
+        """Integrate an arm's equations of motion over the whole of it."""
         solved = fast.integrate(arm, model, self.motion, self.grid, self.weights, self.loads)
         nodes, y = self.grid.nodes.ravel(), jnp.moveaxis(solved.quasi_static, 1, 0)
         bent = _end_point(model, self.motion, nodes, y.reshape((model.size, -1)), 0.0)[1]
-        bent = jnp.moveaxis(bent.reshape((3, *self.grid.nodes.shape)), 1, 0)
+        return Integrated(solved, jnp.moveaxis(bent.reshape((3, *self.grid.nodes.shape)), 1, 0))
 
-        def at(time: Array) -> tuple[Array, ...]:
-            y, yd = solved.at(self.grid, time)
-            return y, yd, *_end_point(model, self.motion, time, y), between_nodes(self.grid, bent, time)[0]
+    def at(self, model: Multibody, integrated: Integrated, time: Times) -> Solution:
+        """Return what was integrated at any times."""
+        solved, bent = integrated
+        y, yd = solved.at(self.grid, time)
+        static = between_nodes(self.grid, bent, jnp.asarray(time))[0]
+        return Solution(y, yd, *_end_point(model, self.motion, time, y), static)
 
-        return Solution(*_by_time(at, jnp.asarray(self.time), (model.size, model.size, 3, 3, 3)))
+    def blocks(self) -> Float[np.ndarray, "blocks times"]:
+        """Return the times of the samples, some at a time, and the last one repeated."""
+        count = -(-int(self.samples) // BLOCK) * BLOCK
+        return np.asarray(self.time)[:count].reshape(-1, BLOCK)
 
 
-def _by_time(f: Callable[..., tuple[Array, ...]], time: Array, rows: tuple[int, ...], *more: Array) -> list[Array]:
+def _by_time(f: Callable[..., tuple[AnyArray, ...]], time: Array, rows: tuple[int, ...], *more: Array) -> list[Array]:
     """Return what f gives for times and what belongs to them, some together, none that are repeated."""
     chunks = time.reshape((-1, TOGETHER))
     real = chunks[:, 0] > jnp.concatenate([jnp.full(1, -jnp.inf), chunks[:-1, -1]])
     with_times = [jnp.moveaxis(x.reshape((x.shape[0], *chunks.shape)), 1, 0) for x in more]
 
-    def turned(none: Any, given: tuple[Array, ...]) -> tuple[Any, tuple[Array, ...]]:
-        return none, tuple(part.T for part in f(*given[1:]))
+    def some(none: Any, given: tuple[Array, ...]) -> tuple[Any, tuple[AnyArray, ...]]:
+        return none, tuple(f(*given[1:]))
 
-    parts: tuple[Array, ...] = jax.lax.scan(
-        where(lambda given: given[0], turned, TOGETHER, rows), None, (real, chunks, *with_times)
-    )[1]
-    return [part.reshape((-1, part.shape[-1])).T for part in parts]
+    some_real = where(lambda given: given[0], some, *((row, TOGETHER) for row in rows))
+    parts: tuple[Array, ...] = jax.lax.scan(some_real, None, (real, chunks, *with_times))[1]
+    return [jnp.moveaxis(part, 0, 1).reshape((part.shape[1], -1)) for part in parts]
 
 
 @jit

@@ -1,6 +1,6 @@
 """Arrays of few sizes, so that one compiled program serves many lengths: no steps are made where one is filled up."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -26,16 +26,16 @@ def ladder(count: int, least: int, growth: int = 4) -> int:
 
 
 def where(
-    real: Callable[[Any], Array], body: Callable[[Any, Any], tuple], count: int, rows: Sequence[int]
+    real: Callable[[Any], Array], body: Callable[[Any, Any], tuple], *shapes: tuple[int, int]
 ) -> Callable[[Any, Any], tuple]:
     """Return a body of `jax.lax.scan` that does nothing where what is given is not real.
 
-    There it returns zeros, for each of its results an array (count, row).
+    There its results, arrays of these shapes, are zeros.
     """
 
     def guarded(state: Any, given: Any) -> tuple:
         def nothing(state: Any) -> tuple:
-            return state, tuple(jnp.zeros((count, row)) for row in rows)
+            return state, tuple(jnp.zeros(shape) for shape in shapes)
 
         return jax.lax.cond(real(given), lambda state: body(state, given), nothing, state)
 

@@ -20,11 +20,11 @@ from ident.vibrate.modal.modes_along_path import nominal
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact, fast
 from ident.vibrate.response.exact import Progress
-from ident.vibrate.response.fast_method import FastMethod, Solution, displacement, repeated, vibration_of
+from ident.vibrate.response.fast_method import FastMethod, Integrated, Solution, displacement, repeated, vibration_of
 from ident.vibrate.response.few_sizes import filled_up
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.step_weights import step_weights
-from ident.vibrate.response.time_intervals import jumps_of, time_intervals
+from ident.vibrate.response.time_intervals import Times, jumps_of, time_intervals
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
@@ -87,7 +87,7 @@ def vibrations(
     arm: Arm, numbers: Mapping[str, Float[Array | np.ndarray, "batch"]], solve: "FastMethod"
 ) -> Float[AnyArray, "3 T batch"]:
     """Return how the end point vibrates [m] with each of some numbers of the arm, by path; NaN where it collapses."""
-    return _of_each(arm, numbers, solve, vibration_of)[:, : int(solve.samples)]
+    return _of_each(arm, numbers, solve, vibration_of)
 
 
 def fast_method(
@@ -118,8 +118,14 @@ def _over_batch(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) 
 def _of_each(
     arm: Arm, numbers: Mapping[str, Array | np.ndarray], solve: "FastMethod", keep: Callable[[Solution], Any]
 ) -> Any:
-    """Solve for an arm with each of these numbers (batch,), by path."""
-    chunked = by_chunk(lambda values: _mapped(arm, values, solve, keep), dict(numbers))
+    """Solve for an arm with each of these numbers (batch,), by path; what is behind the samples is left out."""
+
+    def samples_of(values: Any) -> Any:
+        integrated = _integrated(arm, values, solve)
+        parts = [concrete(_sampled(arm, values, solve, integrated, time, keep)) for time in solve.blocks()]
+        return jax.tree.map(lambda *part: library(part).concatenate(part, -1)[..., : int(solve.samples)], *parts)
+
+    chunked = by_chunk(samples_of, dict(numbers))
     return jax.tree.map(lambda x: library(x).moveaxis(x, 0, -1), chunked)
 
 
@@ -150,8 +156,28 @@ def by_chunk(run: Callable[[Any], Any], flat: Any, chunk: int = CHUNK) -> Any:
 
 
 @jit
-def _mapped(arm: Arm, values: dict[str, Array], solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
-    return jax.lax.map(lambda one: keep(solve(arm.replace(one))), values)
+def _integrated(arm: Arm, values: dict[str, Array], solve: "FastMethod") -> Integrated:
+    def one(values: dict[str, Array]) -> Integrated:
+        changed = arm.replace(values)
+        return solve.integrated(changed, solve.model(changed))
+
+    return jax.lax.map(one, values)
+
+
+@jit
+def _sampled(
+    arm: Arm,
+    values: dict[str, Array],
+    solve: "FastMethod",
+    integrated: Integrated,
+    time: Times,
+    keep: Callable[[Solution], Any],
+) -> Any:
+    def one(given: tuple[dict[str, Array], Integrated]) -> Any:
+        values, integrated = given
+        return keep(solve.at(solve.model(arm.replace(values)), integrated, time))
+
+    return jax.lax.map(one, (values, integrated))
 
 
 def _exact(

@@ -14,8 +14,8 @@ STAGES = 3
 """Stages of a step; the order is twice as high."""
 GAUSS = (np.polynomial.legendre.leggauss(STAGES)[0] + 1) / 2
 """The stages within a step, from 0 to 1."""
-STEPS = 16
-"""Steps that are computed together."""
+STEPS = 24
+"""Steps that are computed together: few are slower each, of many more are beyond the last of an interval."""
 MOST_CHUNKS = -(-MOST_STEPS // STEPS)
 """Chunks of steps of an interval."""
 

@@ -9,7 +9,7 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import PPoly
 
 from ident.jit import AnyArray
-from ident.vibrate.motion.motion import Motion
+from ident.vibrate.motion.motion import Motion, last_before
 from ident.vibrate.response.few_sizes import ladder
 
 NODES = 6
@@ -62,7 +62,7 @@ class TimeIntervals(NamedTuple):
     def steps_of(self, time: Times) -> tuple[Array, Array, Array, Array]:
         """Return for each time its interval, its step there, the share of that past, and the step's length [s]."""
         start = jnp.asarray(self.start)
-        interval = jnp.clip(jnp.searchsorted(start, time, side="right") - 1, 0, len(start) - 1)
+        interval = jnp.clip(last_before(start, time), 0, len(start) - 1)
         h = jnp.asarray(self.step)[interval]
         count = (time - start[interval]) / h
         step = jnp.clip(jnp.floor(count).astype(int), 0, self.steps - 1)

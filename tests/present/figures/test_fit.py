@@ -18,6 +18,8 @@ from ident.inference.score import ScoreTest
 from ident.present.figures.fit import fit_figure
 from ident.present.files.png import save
 
+pytestmark = pytest.mark.slow
+
 
 def panel(figure, start):
     return next(a for a in figure.axes if a.get_legend() and a.get_legend().get_title().get_text().startswith(start))

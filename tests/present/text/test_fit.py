@@ -16,6 +16,8 @@ from ident.measure import read_campaign
 from ident.present.text.directions import product, what_is_fixed, what_is_open
 from ident.present.text.fit import fit_report
 
+pytestmark = pytest.mark.slow
+
 HEADS = (
     "Fit of",
     "Fitted values",

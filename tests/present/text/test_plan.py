@@ -23,6 +23,8 @@ from ident.present.files.png import save
 from ident.present.text.plan import plan_report
 from ident.present.text.words import degrees
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def plan():

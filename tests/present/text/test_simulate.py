@@ -21,6 +21,8 @@ from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.simulate import simulate
 from ident.vibrate.response.study import Draws, SimulatedMotion, draw, measures, simulate_motion
 
+pytestmark = pytest.mark.slow
+
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 MOTION = stroke(FILE.arm.stroke, percent=200, dwell=0.5)
 

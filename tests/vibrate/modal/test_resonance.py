@@ -22,6 +22,8 @@ from ident.vibrate.modal.tracking import track
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.motion.stroke import stroke
 
+pytestmark = pytest.mark.slow
+
 RATIO = 100.0
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from ruckig import Result
 from scipy.interpolate import PPoly
 
 from ident.arm.drive import PROFILES as NAMES
+from ident.description.quantities import Profile
 from ident.errors import InputError, ModelError
 from ident.vibrate.motion.stroke import PROFILES, cycloid_duration, stroke
 
@@ -203,3 +205,7 @@ def test_a_limit_reached_for_an_instant_only():
     motion = stroke(Path(DIRECTION, 0.0, distance, 1.0, 1.0, 1.0))
     assert float(np.diff(motion.breaks).min()) > 1e-6
     assert alpha(motion)(motion.breaks[-1]) == pytest.approx(distance, abs=1e-11)
+
+
+def test_an_arm_file_may_name_the_same_profiles():
+    assert get_args(Profile.model_fields["value"].annotation) == NAMES

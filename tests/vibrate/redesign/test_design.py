@@ -21,6 +21,8 @@ from ident.vibrate.redesign.sweep import axis, sweep
 from ident.vibrate.redesign.variable import Variable, check
 from ident.vibrate.redesign.verify import exceedances, verify
 
+pytestmark = pytest.mark.slow
+
 K1, K2, K3 = (f"joint{j}.k_tors" for j in (1, 2, 3))
 STEP = 2e-3
 BENDING = tuple(f"joint{j}.k_bend" for j in (1, 2, 3))

@@ -14,6 +14,8 @@ from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.response import peak
 from ident.vibrate.response.simulate import simulate
 
+pytestmark = pytest.mark.slow
+
 RATE, STEP = 100.0, 0.01
 MOTION = swing(2.0)
 ARM = lcd_arm()
