@@ -25,8 +25,9 @@ from ident.vibrate.response.simulate import simulate
 
 PATHS = ("joint1.k_tors", "joint3.k_bend", "joint2.tau_tors", "bracket.com.x", "fingers.com.x", "drive2.eccentricity")
 STEP = 1e-5
-RATIOS = np.array([161.0, -160.0, 161.0])
 """Of the central differences, as a part of each value."""
+RATIOS = np.array([161.0, -160.0, 161.0])
+"""Of the drives, as in the arm file."""
 
 SWING = swing()
 """Made outside of jit, where panels are found."""
@@ -149,8 +150,8 @@ def test_tension_of_rigid_belts() -> None:
 
 
 def test_tension_of_elastic_belts() -> None:
-    """k times the stretch, r1 theta1 - r2 theta2; the tilt of the shafts adds little."""
-    response = paper(100, "fast", True)
+    """k times the stretch, r1 theta1 - r2 theta2; at thrice full speed the tilt of the shafts adds little."""
+    response = paper(300, "fast", True)
     found, xi, phi = np.asarray(belt_tension(response)), np.asarray(response.y)[9:], np.asarray(response.phi)
     first = 0.0 - 0.03 * (RATIOS[1] * xi[0] + phi[2, 1])
     second = 0.03 * (RATIOS[1] - 1) * xi[0] - 0.06 * (RATIOS[2] * xi[1] + phi[2, 2])
