@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ident.description.file import read_arm
+from ident.arm.belt_condition import belt_mismatches
+from ident.description.file import parse_arm, read_arm, update_file
 from ident.measure import read_campaign
 
 LCD = Path(__file__).parents[1] / "data" / "lcd_arm"
@@ -31,13 +32,9 @@ def test_the_shipped_arm_gives_table_1_to_every_printed_digit():
 def test_only_the_solved_numbers_are_called_calibrated():
     origins = read_arm(LCD / "arm.toml").origins
     calibrated = {path for path, origin in origins.items() if origin == "calibrated"}
-    assert calibrated == {
-        "joint2.offset.x",
-        "joint2.offset.y",
-        "joint2.offset.z",
-        "link2.mass",
-        "fingers.mass",
-    }
+    masses = {"link2.mass", "bracket.mass", "fingers.mass"}
+    drives = {f"drive{j}.{number}" for j in (1, 2, 3) for number in ("ratio", "eccentricity")}
+    assert calibrated == masses | drives | {"stroke.folded", "stroke.speed"}
     assert set(origins.values()) == {"paper", "assumed", "calibrated", "derived"}
 
 
@@ -47,6 +44,35 @@ def test_calibrating_again_changes_nothing_and_check_passes():
     assert calibrate.calibrate(text) == text
     command = [sys.executable, str(LCD / "calibrate.py"), "--check"]
     assert subprocess.run(command, cwd=LCD.parents[1], timeout=120).returncode == 0
+
+
+def test_what_the_paper_says_of_the_arm_in_motion_comes_out():
+    every = list(program("calibrate_drives").statements(read_arm(LCD / "arm.toml").arm))
+    assert len(every) == 12
+    assert [what for what, _, holds in every if not holds] == []
+
+
+def test_the_first_guess_makes_none_of_figures_4_8_9_and_10_come_out():
+    every = program("calibrate_drives").statements(read_arm(LCD / "first_guess.toml").arm)
+    wrong = [what for what, _, holds in every if not holds]
+    assert {what.partition(":")[0] for what in wrong} == {"belts can run", "Figure 4", "Figure 8", "Figures 9, 10"}
+
+
+def test_calibrating_the_drives_again_changes_nothing_and_finds_them_from_another_start():
+    drives, text = program("calibrate_drives"), (LCD / "arm.toml").read_text()
+    assert drives.calibrate(text) == text
+    other = {"drive1.ratio": 100.0, "stroke.speed": 1.0, "drive3.eccentricity": 0.001, "stroke.folded": 1.0}
+    found = parse_arm(drives.calibrate(update_file(text, other, origin="assumed")))
+    wanted = parse_arm(text)
+    assert all(float(found.get(path)) == pytest.approx(float(wanted.get(path))) for path in other)
+
+
+def test_the_hand_of_the_shipped_arm_moves_straight_and_its_belts_run():
+    arm_file = read_arm(LCD / "arm.toml")
+    arm = arm_file.arm
+    assert arm_file.warnings == ()
+    assert belt_mismatches(arm.replace({"belt1.stiffness": 1e15, "belt2.stiffness": 1e15})) == ()
+    assert float(arm.get("joint2.offset.x")) == float(arm.get("joint3.offset.x"))
 
 
 def test_calibration_from_the_nominal_numbers_finds_the_shipped_arm():

@@ -103,6 +103,6 @@ def test_a_second_base_is_refused(arm, got):
 
 
 def test_a_height_in_millimetres_is_taken_for_a_slip():
-    with pytest.raises(InputError, match=r"got 500 m, expected a height .* of 47 m at most, 10 times the arm"):
+    with pytest.raises(InputError, match=r"got 500 m, expected a height .* of 48 m at most, 10 times the arm"):
         on_soft_base(lcd_arm(), 500.0)
     assert on_soft_base(lcd_arm(), 5.0).base is not None

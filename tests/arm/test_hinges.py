@@ -48,10 +48,10 @@ def test_it_is_cut_under_its_foot_and_in_the_middle_of_each_link():
     pieces = cut(lcd_arm())
     assert [hinge.link for hinge in pieces.hinges] == [False, True, True, True]
     straight = np.cumsum([np.asarray(joint.offset) for joint in pieces.arm.joints], 0)
-    ends = np.array([[0, 0, 0], [0.992855, 0, 0.12], [1.942855, 0, 0.24], [4.732855, 0, 0.29]])
+    ends = np.array([[0, 0, 0], [1.0, 0, 0.12], [2.0, 0, 0.24], [4.79, 0, 0.29]])
     middles = straight[[hinge.place for hinge in pieces.hinges if hinge.link]]
     np.testing.assert_allclose(middles, (ends[:-1] + ends[1:]) / 2, atol=1e-12)
-    np.testing.assert_allclose(straight[0], [0, 0, -np.hypot(0.992855, 0.12) / 2], atol=1e-12)
+    np.testing.assert_allclose(straight[0], [0, 0, -np.hypot(1.0, 0.12) / 2], atol=1e-12)
 
 
 def test_where_a_bushing_without_a_pin_is_already_there_is_no_further_hinge():

@@ -21,7 +21,7 @@ import numpy as np
 from arms import lcd_arm
 from mujoco_arm import MujocoTransient
 from timing import machine
-from transient import RATE, error, mujoco, ten_seconds
+from transient import RATE, error, mujoco, seconds_of_stroke
 
 from ident.arm.arm import Arm
 from ident.vibrate.motion.motion import Motion
@@ -71,7 +71,7 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     print(machine())
     arm, repeat = lcd_arm(), 1 if quick else 3
-    motion, axes = ten_seconds(arm), figure_nine(arm, 3 if quick else 21)
+    motion, axes = seconds_of_stroke(arm), figure_nine(arm, 3 if quick else 21)
     runs = sum(len(one.values) for one in axes)
     variables = tuple(one.variable for one in axes)
     trial = Evaluator(arm, motion, variables, rate=RATE)

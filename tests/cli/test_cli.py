@@ -88,7 +88,7 @@ def test_latin_1_is_refused(run, tmp_path):
 BAD_ARMS = {
     "negative mass": ("value = 42.0", "value = -42.0", "mass"),
     "no mass": (
-        'mass = { value = 20.0, unit = "kg", origin = "assumed"',
+        'mass = { value = 42.0, unit = "kg", origin = "assumed"',
         '# = { value = 20.0, unit = "kg", x = "y"',
         "mass",
     ),

@@ -85,7 +85,7 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
         "Verification by the exact equations",
         "by 20 fresh draws, with its 95 % interval",
         "set: link2.mass = 36",
-        "Assumed: ",
+        "Assumed or calibrated: ",
         verdict(design),
     ):
         assert words in out

@@ -17,7 +17,7 @@ from ident.store import Store
 pytestmark = pytest.mark.slow
 
 SUPPORT = Path(__file__).parents[1] / "support"
-MOTION = ("--speed", "100", "--dwell", "0.2", "--limit", "8")
+MOTION = ("--speed", "100", "--dwell", "0.2", "--limit", "1.3")
 
 
 @pytest.fixture

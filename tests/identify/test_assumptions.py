@@ -17,7 +17,7 @@ from ident.measure import Campaign, read_campaign
 
 pytestmark = pytest.mark.slow
 
-HEIGHT = math.hypot(0.992855, 0.12) / 2
+HEIGHT = math.hypot(1.0, 0.12) / 2
 
 
 def campaign_of(arm, *, noise=0.0, sigma=1.0, labels=True):

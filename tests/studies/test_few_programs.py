@@ -1,6 +1,6 @@
 """Another speed, range or profile finds every program that a command needs: none is compiled for a length.
 
-As long as it has no more time intervals than the least program: 12, which strokes at 3 to 50 % mostly keep to.
+As long as it has no more time intervals than the least program: 24, which strokes at 5 to 50 % mostly keep to.
 """
 
 from collections.abc import Callable, Iterator

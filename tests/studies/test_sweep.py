@@ -20,6 +20,7 @@ from ident.vibrate.response import amplitude
 pytestmark = pytest.mark.slow
 
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
+FIRST = read_arm(DATA / "lcd_arm" / "first_guess.toml")
 SHORT = {"speed": 200.0, "dwell": 0.5, "rate": 100.0}
 K = "joint1.k_tors"
 BOTH = SweepOptions(vary={K: ("0.5x", "2x", 3), "fingers.com.x": (1.2, 1.9, 2)}, limit=10.0, **SHORT)
@@ -27,7 +28,7 @@ BOTH = SweepOptions(vary={K: ("0.5x", "2x", 3), "fingers.com.x": (1.2, 1.9, 2)},
 
 @pytest.fixture(scope="module")
 def both():
-    return sweep(FILE, BOTH)
+    return sweep(FIRST, BOTH)
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +41,9 @@ def chart(tmp_path_factory):
 
 
 def test_amplitudes_are_those_of_the_library(both):
-    evaluator = Evaluator(lcd_arm(), stroke(lcd_arm().stroke, percent=200, dwell=0.5), (), rate=100.0)
-    values = float(lcd_arm().get(K)) * np.array([0.5, 1.0, 2.0])
-    direct = over(evaluator, [axis(lcd_arm(), [K], values, 200.0)])
+    evaluator = Evaluator(FIRST.arm, stroke(FIRST.arm.stroke, percent=200, dwell=0.5), (), rate=100.0)
+    values = float(FIRST.arm.get(K)) * np.array([0.5, 1.0, 2.0])
+    direct = over(evaluator, [axis(FIRST.arm, [K], values, 200.0)])
     assert list(both.sweeps) == [K, "fingers.com.x"]
     np.testing.assert_allclose(both.sweeps[K].amplitude, direct.amplitude, rtol=5e-3, err_msg="but for the step")
     np.testing.assert_allclose(both.sweeps[K].axes[0].values, values)

@@ -65,6 +65,12 @@ def lcd_arm() -> Arm:
 
 
 @cache
+def first_guess_arm() -> Arm:
+    """The arm of the paper as it was first guessed: ratio 120, an s-curve from 80 degrees, pulleys near a mode."""
+    return read_arm(DATA / "lcd_arm" / "first_guess.toml").arm
+
+
+@cache
 def loose_arm() -> Arm:
     """The arm of the paper, were its joints not tied by belts."""
     return dataclasses.replace(lcd_arm(), workspace=ANYWHERE)

@@ -25,7 +25,7 @@ SMALL = Effort(
     screened=4,
     iterations=4,
 )
-OPTIONS = DiagnoseOptions(speed=100.0, dwell=0.2, limit=8.0, effort=SMALL)
+OPTIONS = DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=SMALL)
 CAMPAIGN = DATA / "lcd_arm" / "campaign.csv"
 
 

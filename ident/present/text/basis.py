@@ -4,11 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from ident.arm.belt_condition import belt_mismatches
 from ident.assess.basis import Basis
 from ident.identify.values import Values
 from ident.present.text.words import WIDTH, cut, degrees
 
 UNDRIVEN = "The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
+GUESSED = ("assumed", "calibrated")
+"""Origins of numbers that were not measured: assumed, or set so that a result comes out."""
 PARTS = {"Drive": "drives", "Belt": "belts", "Stroke": "stroke"}
 
 
@@ -36,6 +39,7 @@ def basis_in_words(basis: Basis, *, changed_draws: bool = False) -> Iterator[str
     """
     if not basis.arm.drives:
         yield f"  {UNDRIVEN}"
+    yield from (f"  WARNING: {mismatch}" for mismatch in belt_mismatches(basis.arm))
     yield from values_in_words(basis.fit, basis.posterior)
     if basis.posterior and changed_draws:
         yield "  every draw is changed by the factor, or the difference, by which the arm itself is"
@@ -59,7 +63,7 @@ def changes_in_words(changed: Mapping[str, float]) -> Iterator[str]:
 
 
 def assumed(basis: Basis) -> tuple[list[str], int]:
-    """Return the assumed numbers of drives, belts and stroke, and how many such numbers there are.
+    """Return the assumed or calibrated numbers of drives, belts and stroke, and how many such numbers there are.
 
     Left out are numbers that the user has set, and the stroke where a log is replayed.
     """
@@ -69,7 +73,7 @@ def assumed(basis: Basis) -> tuple[list[str], int]:
         for path, origin in basis.arm_file.origins.items()
         if kinds.get(path.split(".")[0]) in PARTS and not (basis.log and path.split(".")[0] == "stroke")
     }
-    names = [path for path, origin in origins.items() if origin == "assumed" and path not in basis.changed]
+    names = [path for path, origin in origins.items() if origin in GUESSED and path not in basis.changed]
     return names, len(origins)
 
 
@@ -83,7 +87,7 @@ def assumed_in_words(basis: Basis) -> Iterator[str]:
         part, _, field = path.partition(".")
         fields.setdefault(kinds[part], {})[field.replace("_", " ")] = None
     if names:
-        yield f"Assumed: {len(names)} of the {count} numbers below; the amplitudes hold as far as these do"
+        yield f"Assumed or calibrated: {len(names)} of the {count} numbers below; amplitudes hold as far as these do"
         if guessed:
             yield f"  and {guessed} of the arm's {others} others (lengths, masses, ...) are assumed or calibrated"
         for kind, words in fields.items():
@@ -94,7 +98,7 @@ def _guessed(basis: Basis) -> tuple[int, int]:
     """Return how many of the arm's other numbers are assumed or calibrated, and how many are given at all."""
     driving = {part.name for part in basis.arm.parts() if type(part).__name__ in PARTS}
     origins = [o for path, o in basis.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
-    return sum(origin in ("assumed", "calibrated") for origin in origins), len(origins)
+    return sum(origin in GUESSED for origin in origins), len(origins)
 
 
 def _taken_over(values: Values, what: str) -> Iterator[str]:

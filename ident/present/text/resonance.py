@@ -128,7 +128,7 @@ def _assumed(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]], 
     yield "What the numbers mean and assume"
     yield "  Natural frequencies are those of the arm held at each posture. A pulley turns at |ratio qd| / 2 pi"
     yield "  as seen from its shaft; order 1 is its eccentric mass, order 2 its drive's transmission error."
-    yield "  Ratios and speeds are the arm file's, which says which are assumed: of the shipped arm, all."
+    yield "  Ratios and speeds are the arm file's, which says which are assumed or calibrated."
     if groups:
         yield f"  Near: within {100 * margin:.3g} % of the natural frequency, or its half-power bandwidth if wider."
         yield "  times: largest amplitude over the static response to the same force, of one mode at constant"

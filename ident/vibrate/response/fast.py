@@ -98,9 +98,10 @@ class Fast(NamedTuple):
 def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
-    Ten to a period of the first mode, of the stiffest arm at the stiffer end of the motion, and three to one of the
-    fastest excitation: the turning masses, or the kinematic error at twice their frequency. Of an arm that is traced by
-    `jit`, nothing of that is known: ABSTRACT.
+    h = min(1 / (10 f_1), 1 / (3 f)), f_1 the first frequency of the stiffest arm at the stiffer end of the motion, and
+    f the fastest excitation: |ratio| times the highest speed of the joint in turns a second, of each drive, twice that
+    with a kinematic error. Accelerations interpolated over a step h = 1/(n f) follow the free way under a force of that
+    frequency within (2 pi/n)^5 / 13400 of it: 0.3 % for n = 3. ABSTRACT for an arm that `jit` traces.
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
         return ABSTRACT

@@ -11,8 +11,8 @@ from jaxtyping import Array
 from ident.jit import library
 from ident.vibrate.motion.motion import Motion
 
-PIECES, POWERS = 32, 6
-"""Least number of pieces and of powers of a motion: those of a stroke, and of a spline of degree five."""
+PIECES, POWERS = 32, 14
+"""Least number of pieces and of powers of a motion: a stroke has no more, whatever its profile."""
 AFTER = 1e6
 """When a motion's pieces begin that are none [s]; each lasts as long."""
 

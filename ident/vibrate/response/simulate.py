@@ -24,7 +24,7 @@ from ident.vibrate.response.fast_method import FastMethod, Integrated, Solution,
 from ident.vibrate.response.few_sizes import filled_up
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.step_weights import step_weights
-from ident.vibrate.response.time_intervals import Times, jumps_of, time_intervals
+from ident.vibrate.response.time_intervals import TURN, TURN_WITH_ERROR, Times, jumps_of, time_intervals
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
@@ -97,9 +97,9 @@ def fast_method(
     _check(arm, rate, step)
     refuse_jumps(arm, motion)
     time = sample_times(motion, rate)
-    grid = time_intervals(motion, time[-1], fast.step_for(_concrete(arm), motion) if step is None else step)
-    weights, error = step_weights(int(grid.steps)), has_transmission_error(arm)
-    samples = np.asarray(len(time))
+    step, error = fast.step_for(_concrete(arm), motion) if step is None else step, has_transmission_error(arm)
+    grid = time_intervals(motion, time[-1], step, turn=TURN_WITH_ERROR if error else TURN)
+    weights, samples = step_weights(int(grid.steps)), np.asarray(len(time))
     return FastMethod(filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights, elastic, error)
 
 

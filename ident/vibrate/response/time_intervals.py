@@ -18,6 +18,9 @@ NODE_PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2
 """The nodes within an interval, from 0 to 1."""
 TURN = 0.8
 """Largest turn of a pin within an interval [rad]: polynomials of degree five follow its sine to 1e-6."""
+TURN_WITH_ERROR = 0.5
+"""The same where a drive has a kinematic error, which shakes the pins so hard that errors of the transition matrices
+count: inverses are less smooth than a sine, wrong by 2e-4 in the folded arm at a turn of 0.8, at this 17 times less."""
 JUMP = 1e-6
 """Jump of a derivative, against its largest value, that counts as one."""
 
@@ -27,8 +30,8 @@ INTERVAL_COST = 90
 """What an interval costs apart from its steps, in steps: measured on the paper's arm."""
 MOST_STEPS = 200
 """Steps of an interval at most: beyond, its intermediate values leave the cache."""
-FEWEST = 12
-"""Intervals of the least program: a stroke at 3 to 50 % of full speed has no more."""
+FEWEST = 24
+"""Intervals of the least program: the paper's stroke at 5 to 50 % of full speed and a second's dwell has no more."""
 SHORTEST = 1e-9
 """Time [s] within which a jump counts as at the edge."""
 
@@ -69,20 +72,21 @@ class TimeIntervals(NamedTuple):
         return interval, step, jnp.asarray(count - step), h
 
 
-def time_intervals(motion: Motion, end: float, step: float) -> TimeIntervals:
+def time_intervals(motion: Motion, end: float, step: float, *, turn: float = TURN) -> TimeIntervals:
     """Divide the time from the first break of a motion, none of them across a jump of its derivatives.
 
     Args:
         motion: the commanded motion.
         end: last time [s].
         step: longest step [s].
+        turn: largest turn of a pin within an interval [rad].
     """
     jumps = _jumps(motion)
     first = float(motion.breaks[0])
     within = jumps[(jumps > first + SHORTEST) & (jumps < end - SHORTEST)]
     edges = np.concatenate([[first], within, [end]])
     speed = fastest(motion).max()
-    longest = min(TURN / max(speed, 1e-9), MOST_STEPS * step)
+    longest = min(turn / max(speed, 1e-9), MOST_STEPS * step)
     shares = np.outer(np.diff(edges), 1 / np.arange(1, FINER)).ravel()
     candidates = [longest, *shares[(shares < longest) & (shares > longest / FINER)]]
     counts = min((_counts(edges, length) for length in candidates), key=lambda counts: _cost(edges, counts, step))

@@ -38,4 +38,4 @@ def test_animation_has_a_picture_for_each_moment(moved):
     text = animation.to_jshtml(fps=10)
     assert text.count("data:image/png") == len(MOMENTS)
     title = animation._fig.axes[0].get_legend().get_title().get_text()
-    assert title == "extension, s-curve, 100 %, 1 times faster than the arm"
+    assert title == "extension, cycloid, 100 %, 1 times faster than the arm"

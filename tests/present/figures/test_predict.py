@@ -21,7 +21,8 @@ def test_modes_are_drawn_in_two_views(tmp_path):
     titles = [a.get_title(loc="left") for a in figure.axes]
     assert titles[0] == "1: lateral torsion 1, 4.12 Hz, from the side"
     assert titles[3] == "2: vertical bending 1, 4.80 Hz, from above"
-    assert "drawn as 0.57 m" in figure.get_suptitle()
+    length = 2 * np.hypot(1.0, 0.12) + np.hypot(2.79, 0.05)
+    assert f"drawn as {0.12 * length:.2g} m" in figure.get_suptitle()
     assert all("[m]" in a.get_ylabel() for a in figure.axes)
     assert_tidy(figure)
     save(figure, tmp_path / "modes.png")

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import lcd_arm
+from arms import first_guess_arm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation
 
@@ -15,20 +15,21 @@ from ident.vibrate.modal.excitation import Source, excitation
 from ident.vibrate.modal.resonance import resonance_crossings
 from ident.vibrate.motion.stroke import stroke
 
-MOTION = stroke(lcd_arm().stroke, percent=10)
+MOTION = stroke(first_guess_arm().stroke, percent=10)
 TIMES = np.linspace(0, float(MOTION.breaks[-1]), 401)
 
 
 @pytest.fixture(scope="module")
 def plain():
-    found, driven = branches(lcd_arm(), MOTION, times=TIMES), excitation(lcd_arm(), MOTION, times=TIMES)
+    found, driven = branches(first_guess_arm(), MOTION, times=TIMES), excitation(first_guess_arm(), MOTION, times=TIMES)
     return found, driven, resonance_crossings(found, driven)
 
 
 @pytest.fixture(scope="module")
 def with_sets():
     factors = np.linspace(0.8, 1.2, 5)
-    arm = lcd_arm().replace({f"joint{j}.k_tors": float(lcd_arm().get(f"joint{j}.k_tors")) * factors for j in (1, 2, 3)})
+    arm = first_guess_arm()
+    arm = arm.replace({f"joint{j}.k_tors": float(arm.get(f"joint{j}.k_tors")) * factors for j in (1, 2, 3)})
     found, driven = branches(arm, MOTION, times=TIMES), excitation(arm, MOTION, times=TIMES)
     return found, driven, resonance_crossings(found, driven)
 
@@ -117,7 +118,7 @@ def test_rows_are_numbered_as_in_the_report(with_sets):
 
 
 def test_pulleys_that_turn_alike_are_one_line():
-    driven = excitation(lcd_arm(), MOTION, times=TIMES, orders=(1, 2))
+    driven = excitation(first_guess_arm(), MOTION, times=TIMES, orders=(1, 2))
     names = [sources_words([driven.sources[i] for i in group]) for group in same_lines(driven)]
     assert names == ["pulleys 1 and 3", "pulley 2, pulleys 1 and 3 x 2", "pulley 2 x 2"]
     assert sources_words([Source("d", "j", n, 2) for n in (1, 2, 4)]) == "pulleys 1, 2 and 4 x 2"

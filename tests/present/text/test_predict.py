@@ -77,16 +77,16 @@ def test_an_arm_that_collapses_is_told():
 def test_report_shows_modes_shares_and_deflections():
     report = predict_report([Prediction(modal_analysis(lcd_arm(), UNFOLDED, Load(), 4))])
     assert report.startswith("LCD transfer arm at (0, 0, 0) deg, load: own weight\n")
-    assert "4.8000  vertical bending 1     0.30 %    43    0    35    0    22    0" in report
+    assert "4.8000  vertical bending 1     0.30 %    44    0    35    0    21    0" in report
     assert "-26.300" in report
     assert "WARNING" not in report
 
 
 def test_report_warns_of_joint_limits():
-    limit = np.radians(95.0)
+    limit = np.radians(150.0)
     assert "WARNING" not in predict_report([Prediction(modal_analysis(lcd_arm(), (limit, 0.0, 0.0), Load(), 1))])
-    report = predict_report([Prediction(modal_analysis(lcd_arm(), (0.0, 0.0, np.radians(-100.0)), Load(), 1))])
-    assert "WARNING: joint3 at -100 deg is outside its limits, -95 to 95 deg" in report
+    report = predict_report([Prediction(modal_analysis(lcd_arm(), (0.0, 0.0, np.radians(-160.0)), Load(), 1))])
+    assert "WARNING: joint3 at -160 deg is outside its limits, -150 to 150 deg" in report
 
 
 @pytest.mark.parametrize("arm", [two_equal_arm(), random_arm(np.random.default_rng(3), 2)], ids=["equal", "random"])

@@ -3,7 +3,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import lcd_arm, two_equal_arm
+from arms import first_guess_arm, lcd_arm, two_equal_arm
 from runs import hold_still
 from scipy.signal import lsim
 
@@ -56,8 +56,8 @@ def turning(branches: Branches, line) -> Excitation:
 
 @pytest.fixture(scope="module")
 def extension():
-    motion = stroke(lcd_arm().stroke, percent=10, dwell=0.5)
-    return motion, branches(lcd_arm(), motion, times=np.linspace(0, float(motion.breaks[-1]), 301))
+    motion = stroke(first_guess_arm().stroke, percent=10, dwell=0.5)
+    return motion, branches(first_guess_arm(), motion, times=np.linspace(0, float(motion.breaks[-1]), 301))
 
 
 def test_branches_go_straight_through_a_crossing_where_sorted_frequencies_have_a_kink(extension):
@@ -77,13 +77,13 @@ def test_branches_go_straight_through_a_crossing_where_sorted_frequencies_have_a
 def test_branches_are_the_natural_frequencies_of_the_held_arm(extension):
     _, found = extension
     some = np.arange(0, 301, 25)
-    held = natural_frequencies(at_posture(lcd_arm(), jnp.asarray(found.posture[:, some])), 3)
+    held = natural_frequencies(at_posture(first_guess_arm(), jnp.asarray(found.posture[:, some])), 3)
     assert np.sort(found.frequency[:, some], axis=0) == pytest.approx(np.asarray(held), rel=2e-4)
 
 
 def test_damping_ratios_are_those_of_the_damped_modes(extension):
     _, found = extension
-    system = linearize(at_posture(lcd_arm(), jnp.asarray(found.posture[:, -1])))
+    system = linearize(at_posture(first_guess_arm(), jnp.asarray(found.posture[:, -1])))
     s = np.asarray(damped_eigenvalues(system))[:3]
     assert found.damping_ratio[:, -1] == pytest.approx(-s.real / np.abs(s), rel=0.01)
 

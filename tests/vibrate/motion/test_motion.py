@@ -181,18 +181,20 @@ def test_a_motion_within_the_limits():
 
 
 def test_a_motion_beyond_the_limits_between_its_breaks():
-    """The lowest angle of 40 - 960 t + 960 t^2 deg is -200 deg, in the middle of the one piece."""
+    """The lowest angle of 40 - 1400 t + 1400 t^2 deg is -310 deg, in the middle of the one piece."""
     path = np.zeros((3, 1, 3))
-    path[:, 0, 1] = np.deg2rad([960.0, -960.0, 40.0])
+    path[:, 0, 1] = np.deg2rad([1400.0, -1400.0, 40.0])
     found = problem(beyond_limits, lcd_arm(), Motion("dip", [0.0, 1.0], path))
     assert str(found) == (
-        "dip: got a motion beyond the joint limits: joint2 at -200 deg at 0.5 s, expected -190 to 190 deg, its limits "
+        "dip: got a motion beyond the joint limits: joint2 at -310 deg at 0.5 s, expected -300 to 300 deg, its limits "
         "in the arm file; shorten the path, or correct the limits"
     )
 
 
 def test_all_joints_beyond_their_limits_are_named():
     with pytest.raises(InputError) as caught:
-        beyond_limits(lcd_arm(), hold_still(np.deg2rad([96.0, 0.0, -97.0]), 1.0))
-    assert ["joint1 at 96 deg" in str(p) or "joint3 at -97 deg" in str(p) for p in caught.value.problems] == [True] * 2
+        beyond_limits(lcd_arm(), hold_still(np.deg2rad([151.0, 0.0, -152.0]), 1.0))
+    assert ["joint1 at 151 deg" in str(p) or "joint3 at -152 deg" in str(p) for p in caught.value.problems] == [
+        True
+    ] * 2
     assert problem(beyond_limits, lcd_arm(), hold_still([0.0], 1.0)).got == "1 joint angles"
