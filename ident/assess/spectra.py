@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
+from ident.assess.marked_modes import MarkedModes
 from ident.assess.simulation import alike
 from ident.errors import InputError, Problem
-from ident.identify.modal_analysis import ModalAnalysis
 from ident.measure import Pulley, Trace
 from ident.text import quoted
 from ident.vibrate.signal.derivative import second_derivative
@@ -41,7 +41,7 @@ class Spectra:
         spectra: by the same names, a column for each direction.
         upto: [Hz] highest frequency that is looked at.
         pulleys: of the first trace's file, those that turn alike under one name.
-        modal_analysis: modes of the arm, if one was named.
+        modes: natural frequencies of the arm, if one was named.
         tracks: by pulley, the orders in each direction.
         orders: multiples of the pulleys' turning that were asked for.
         spectrograms: of the first trace by direction, if they were asked for.
@@ -53,7 +53,7 @@ class Spectra:
     spectra: Mapping[str, Spectrum]
     upto: float
     pulleys: Mapping[str, Pulley] = field(default_factory=dict)
-    modal_analysis: ModalAnalysis | None = None
+    modes: MarkedModes | None = None
     tracks: Mapping[str, OrderTrack] = field(default_factory=dict)
     orders: tuple[float, ...] = ()
     spectrograms: Mapping[str, Spectrogram] = field(default_factory=dict)
@@ -81,25 +81,41 @@ class Spectra:
             }
         )
 
-    @property
-    def marks(self) -> dict[str, float]:
-        """Natural frequencies [Hz] by the modes' labels."""
-        if self.modal_analysis is None:
-            return {}
-        frequency = np.asarray(self.modal_analysis.modes.frequency).tolist()
-        return dict(zip(map(str, self.modal_analysis.labels), frequency, strict=True))
-
     def strongest(self, name: str, direction: str) -> tuple[Peak, ...]:
         """Return the strongest peaks of a trace in a direction, the largest first; none that is a slow drift."""
         spectrum = self.spectra[name].column(self.directions.index(direction))
         largest = peaks(spectrum, PEAKS, (SLOW * spectrum.resolution, self.upto))
         return tuple(peak for peak in largest if peak.amplitude >= SMALL * largest[0].amplitude)
 
-    def mode_near(self, name: str, frequency: float) -> str | None:
-        """Return the label of the mode nearest to a peak [Hz] of a trace, if it is near."""
-        label, at = min(self.marks.items(), key=lambda mark: abs(mark[1] - frequency), default=("", np.inf))
-        near = abs(at - frequency) <= max(self.spectra[name].resolution, NEAR * frequency)
-        return label if near else None
+    def mode_near(self, name: str, direction: str, frequency: float) -> str | None:
+        """Return the label of the mode near a peak [Hz] of a trace in a direction; see `MarkedModes.near`."""
+        within = max(self.spectra[name].resolution, NEAR * frequency)
+        return self.modes.near(frequency, within, "vertical" if direction == "z" else "lateral") if self.modes else None
+
+    def elsewhere(self, name: str, order: int) -> str | None:
+        """Return the lower order of another pulley that an order is in every block; see `lower_order`."""
+        found = {self.lower_order(name, order, block) for block in range(len(self.tracks[name].time))}
+        return found.pop() if len(found) == 1 else None
+
+    def lower_order(self, name: str, order: int, block: int) -> str | None:
+        """Return what turns as fast as an order of a pulley in a block, by a lower order: `1 x drive2`.
+
+        A turning mass is order 1, a drive's error order 2: of orders that can't be told apart, the lowest is the one
+        that excites.
+
+        Args:
+            name: the pulley.
+            order: place among the orders.
+            block: place among the blocks.
+        """
+        track = self.tracks[name]
+        multiple, turning, time = track.orders[order], track.frequency[block], track.time[block]
+        for other, beside in self.tracks.items():
+            faster = np.interp(time, beside.time, beside.frequency)
+            for lower in beside.orders[beside.orders < multiple] if other != name else ():
+                if abs(lower * faster - multiple * turning) < turning * 2 / track.revolutions:
+                    return f"{lower:g} x {other}"
+        return None
 
 
 def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: float | None) -> tuple[Trace, Pulleys]:

@@ -158,6 +158,7 @@ offer(
         typer.Argument(metavar="file", help="trace: CSV with time [s], x [mm] or x [m/s^2], ...; as of ident simulate"),
     ],
     arm=flag("arm description: marks its natural frequencies", "--arm"),
+    path=flag("joint angles during the trace: CSV with time [s], joint1 [deg], ...; default: the trace's file"),
 )
 offer(
     sweep,

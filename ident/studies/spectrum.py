@@ -19,14 +19,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
+    from ident.assess.marked_modes import MarkedModes
     from ident.assess.spectra import Spectra
     from ident.description.file import ArmFile
-    from ident.identify.modal_analysis import ModalAnalysis
-    from ident.measure import Pulley, Trace
+    from ident.measure import Log, Pulley, Trace
     from ident.vibrate.signal.spectrum import Peak
-
-MODES = 6
-"""Natural frequencies of an arm that are marked."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +37,10 @@ class SpectrumOptions(BaseOptions):
     start: float | None = option(None, "time [s] from which on the trace counts", flag="--from")
     end: float | None = option(None, "time [s] up to which the trace counts", flag="--to")
     posture: tuple[float, ...] | None = option(
-        None, "of that arm, in degrees, as 30,-60,30", short="-q", read=reading.several
+        None,
+        "of that arm, in degrees, as 30,-60,30; default: along the trace's motion where its file has it",
+        short="-q",
+        read=reading.several,
     )
     load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
     spectrogram: bool = option(False, "amplitudes over time and frequency")
@@ -80,7 +80,7 @@ class SpectrumResult(Result):
     arm: "ArmFile | None" = None
     options: SpectrumOptions = field(default_factory=SpectrumOptions)
 
-    form = "ident-spectrum/3"
+    form = "ident-spectrum/4"
     shown = ("spectra",)
 
     @property
@@ -148,15 +148,18 @@ def spectrum(
     arm: "Arm | ArmFile | str | Path | None" = None,
     against: "Trace | SimulateResult | str | Path | None" = None,
     pulleys: "Mapping[str, Pulley] | None" = None,
+    path: "Log | str | Path | None" = None,
 ) -> SpectrumResult:
     """Show at which frequencies a trace vibrates, and how much.
 
     Args:
         trace: a trace, its file, or a simulated motion, whose vibration is the trace then.
         options: what of it counts, and how it is analysed.
-        arm: marks its natural frequencies.
+        arm: marks its natural frequencies: along the motion where the joint path is known, else at a posture.
         against: another trace, drawn over the first, as a measured one.
         pulleys: how pulleys turn at the times of the trace, by name; by default as its file or the simulation has it.
+        path: joint angles at the times of the trace: a log, or its file; by default as the trace's file or the
+            simulation has them.
 
     Raises:
         InputError: a trace that is too short, or has not what is asked for; options that do not go together.
@@ -173,7 +176,7 @@ def spectrum(
     )
 
     options = SpectrumOptions.of(options)
-    arm_file = _arm(arm, options)
+    arm_file = _arm(arm, options, path)
     given, turning = _traces(trace, against, pulleys, options)
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
     first, turning = next(iter(traces.values())), distinct(turning)
@@ -184,7 +187,7 @@ def spectrum(
         amplitude_spectra(traces, directions, window=window, segments=options.segments),
         options.upto,
         turning,
-        _modes(arm_file, options),
+        _modes(arm_file, options, first, trace, path),
         order_tracks(first, directions, turning, orders, options.revolutions) if orders else {},
         orders,
         spectrograms(first, directions, window=window, seconds=options.segment) if options.spectrogram else {},
@@ -229,20 +232,55 @@ def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Ma
     return Path(trace).stem, measured, read_pulleys(trace, measured)
 
 
-def _arm(arm: "Arm | ArmFile | str | Path | None", options: SpectrumOptions) -> "ArmFile | None":
+def _arm(arm: "Arm | ArmFile | str | Path | None", options: SpectrumOptions, path: Any) -> "ArmFile | None":
+    if path is not None and options.posture is not None:
+        raise InputError(Problem("posture", "it beside `path`", "one of them", "drop one"))
     if arm is not None:
         return as_file(arm, options.soft_base)
-    for name in ("posture", "soft_base"):
-        if getattr(options, name):
+    given = {"posture": options.posture, "soft_base": options.soft_base, "path": path}
+    for name, value in given.items():
+        if value is not None:
             raise InputError(Problem(name, "it without `arm`", "an arm", "name the arm's file (`arm`)"))
     return None
 
 
-def _modes(arm_file: "ArmFile | None", options: SpectrumOptions) -> "ModalAnalysis | None":
-    from ident.identify.modal_analysis import modal_analysis
+def _modes(
+    arm_file: "ArmFile | None",
+    options: SpectrumOptions,
+    first: "Trace",
+    trace: "Trace | SimulateResult | str | Path",
+    path: "Log | str | Path | None",
+) -> "MarkedModes | None":
+    """Return the arm's natural frequencies at the posture asked for, or along the motion, or at all angles zero."""
+    from ident.assess.marked_modes import marked_along, marked_at
     from ident.measure import Load
 
     if arm_file is None:
         return None
-    held = tuple(map(radians, options.posture or (0.0,) * len(arm_file.arm.driven)))
-    return modal_analysis(arm_file.arm, held, Load.parse(options.load), MODES)
+    arm, load = arm_file.arm, Load.parse(options.load)
+    joints = [joint.name for joint in arm.driven]
+    log = _joint_path(trace, first, path, joints) if options.posture is None else None
+    if log is not None:
+        return marked_along(arm, log, (float(first.time[0]), float(first.time[-1])), load)
+    return marked_at(arm, tuple(map(radians, options.posture or (0.0,) * len(joints))), load)
+
+
+def _joint_path(
+    trace: "Trace | SimulateResult | str | Path", first: "Trace", path: "Log | str | Path | None", joints: list[str]
+) -> "Log | None":
+    """Return the joint angles during a trace: those given, or those of the simulation or the file; None for none."""
+    from ident.measure import Log, Trace, read_log
+
+    if path is not None:
+        return path if isinstance(path, Log) else read_log(path, joints)
+    if isinstance(trace, Trace):
+        return None
+    if isinstance(trace, SimulateResult):
+        import numpy as np
+
+        simulated = trace.simulation
+        names = [joint.name for joint in simulated.arm.driven]
+        angles = dict(zip(names, np.asarray(simulated.response.posture), strict=True))
+        return Log("", "", trace.time, angles) if set(joints) <= set(angles) else None
+    named = {column.partition(" [")[0] for column in first.ignored}
+    return read_log(trace, joints) if named.issuperset(joints) else None

@@ -7,7 +7,8 @@ import pytest
 from arms import DATA
 
 from ident import InputError, load, read_arm, read_trace
-from ident.measure import Pulley, Trace, read_pulleys
+from ident.assess.marked_modes import MarkedModes
+from ident.measure import Load, Log, Pulley, Trace, read_pulleys
 from ident.studies.simulate import SimulateOptions, simulate
 from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
 
@@ -66,7 +67,7 @@ def test_a_simulated_motion_is_analysed_as_its_file_is(motion, full, tmp_path):
     assert from_file.report() == full.report()
     assert from_file.name == full.name == "arm.extend-200.spectrum"
     trace = read_trace(csv)
-    given = spectrum(trace, FULL, arm=ARM, pulleys=read_pulleys(csv, trace))
+    given = spectrum(trace, FULL, arm=ARM, pulleys=read_pulleys(csv, trace), path=csv)
     assert given.report() == full.report()
     assert set(full.figures()) == {"", "orders", "x", "z"}
     assert "Orders of drive1 and drive3" in full.report()
@@ -93,10 +94,59 @@ def test_modes_of_an_arm_are_marked():
     arm = read_arm(ARM)
     options = SpectrumOptions(posture=(0.0, 0.0, 0.0), load="glass")
     result = spectrum(sine(1e-3, 4.1), options, arm=arm)
-    marks = result.spectra.marks
-    assert len(marks) == 6
-    assert result.table()[0]["mode"] == min(marks, key=lambda label: abs(marks[label] - 4.1))
-    assert "at (0, 0, 0) deg, glass" in result.report()
+    modes = result.spectra.modes
+    assert len(modes.bands) == 6
+    assert modes.held
+    assert result.table()[0]["mode"] == min(modes.bands, key=lambda label: abs(modes.bands[label][0] - 4.1))
+    assert "glass,\n  at (0, 0, 0) deg\n" in result.report()
+
+
+def test_modes_along_the_motion_are_those_of_the_arm_held_at_its_postures(motion, full):
+    """At the ends of the stroke each mode is at an end of its band, or within it."""
+    modes = full.spectra.modes
+    ends = np.degrees(motion.simulation.response.posture[:, [0, -1]])
+    held = [spectrum(motion, SpectrumOptions(posture=tuple(ends[:, k])), arm=ARM).spectra.modes for k in (0, 1)]
+    last = {label: band[0] for label, band in held[1].bands.items()}
+    assert {label: along[-1] for label, along in modes.frequencies.items() if label in last} == pytest.approx(
+        last, rel=1e-5
+    )
+    first = sorted(along[0] for along in modes.frequencies.values())
+    assert first[:3] == pytest.approx(sorted(band[0] for band in held[0].bands.values())[:3], rel=1e-5)
+    assert not modes.held
+    assert f"along the motion from ({ends[0, 0]:.4g}," in full.report()
+
+
+def test_a_peak_is_named_by_what_is_longest_near_it_in_its_direction():
+    frequencies = {
+        "lateral torsion 1": np.array([8.0, 6.0, 4.0]),
+        "vertical bending 1": np.array([5.0, 4.9, 4.8]),
+        "vertical bending 2": np.array([9.0, 7.0, 5.0]),
+    }
+    modes = MarkedModes("an arm", Load(), (0.0,), (1.0,), frequencies)
+    assert modes.near(4.9, 0.2, "vertical") == "vertical bending 1"
+    assert modes.near(4.9, 1.2, "lateral") == "lateral torsion 1"
+    assert modes.near(9.1, 0.2, "lateral") == "vertical bending 2"
+    assert modes.near(12.0, 0.2, "vertical") is None
+
+
+def test_a_path_that_does_not_cover_the_trace_is_refused():
+    angles = dict.fromkeys(("joint1", "joint2", "joint3"), np.linspace(0, 0.5, 50))
+    with pytest.raises(InputError, match=r"log.csv, path: got 0 to 5 s, expected the span of the trace, 0 to 9.99 s"):
+        spectrum(sine(1e-3, 4.1), arm=ARM, path=Log("log.csv", "", np.linspace(0, 5, 50), angles))
+
+
+def test_an_order_that_another_pulley_makes_by_a_lower_one_is_attributed_to_that():
+    """Two pulleys, one twice as fast: what vibrates with the fast one is no second order of the slow one."""
+    angle = np.cumsum(2 * np.pi * np.linspace(2.0, 3.0, 1000)) / 100
+    trace = Trace("", "", TIME, "displacement", {"y": 0.01 * np.cos(2 * angle)})
+    pulleys = {"slow": Pulley(None, angle), "fast": Pulley(None, 2 * angle)}
+    result = spectrum(trace, SpectrumOptions(orders=(1.0, 2.0), revolutions=8), pulleys=pulleys)
+    places = [(name, o) for name in pulleys for o in (0, 1)]
+    assert [result.spectra.elsewhere(*place) for place in places] == [None, "1 x fast", None, None]
+    assert "is 1 x fast" in result.report()
+    (key,) = result.figures()["orders"].legends
+    assert "order 2 of slow" not in [text.get_text() for text in key.get_texts()]
+    assert "not drawn: order 2 of slow, as fast as 1 x fast" in key.get_title().get_text()
 
 
 @pytest.mark.parametrize("case", ["full", "bare"])

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -10,10 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ident.assess.marked_modes import Band
 from ident.assess.spectra import Spectra
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, key_below, note, plain, titled
-from ident.present.text.spectrum import UNITS
-from ident.present.text.words import cut, degrees
+from ident.present.text.spectrum import UNITS, hertz, where
+from ident.present.text.words import cut
+from ident.vibrate.signal.orders import OrderTrack
 from ident.vibrate.signal.spectrogram import Spectrogram
 from ident.vibrate.signal.spectrum import Spectrum
 
@@ -21,6 +23,8 @@ PANEL = (8.0, 2.5)
 """Width and height of a panel [inch]."""
 LETTER, LINE = 0.068, 12.0
 """Width of a letter [inch] and height of a line [point] of what is written above a panel."""
+SHADE = 0.15
+"""How dark a band is; where bands overlap it is darker."""
 FLOOR = -60.0
 """Lowest amplitude that is told apart in decibels, relative to the highest."""
 SERIES: tuple[Style, ...] = tuple(
@@ -38,12 +42,13 @@ LINES: tuple[Style, ...] = tuple(
 
 def spectra_figure(spectra: Spectra) -> Figure:
     """Draw the spectra of one or two traces with the modes of an arm, a panel for each direction."""
-    remarks, modes = [spectra.remark] if spectra.remark else [], spectra.modal_analysis
+    remarks, modes = [spectra.remark] if spectra.remark else [], spectra.modes
     if modes:
-        remarks.append(f"thin lines: natural frequencies at {degrees(modes.posture)}, {modes.load}")
+        drawn = "thin lines" if modes.held else "grey"
+        remarks.append(f"{drawn}: natural frequencies {where(modes)}, {modes.load}")
     panels = [direction.upper() for direction in spectra.directions]
     return spectrum_figure(
-        spectra.spectra, panels, spectra.marks, upto=spectra.upto, kind=spectra.kind, remarks=remarks
+        spectra.spectra, panels, modes.bands if modes else {}, upto=spectra.upto, kind=spectra.kind, remarks=remarks
     )
 
 
@@ -61,7 +66,7 @@ def spectrogram_figures(spectra: Spectra, *, decibel: bool = False) -> dict[str,
 def spectrum_figure(
     series: Mapping[str, Spectrum],
     directions: Sequence[str] = ("X", "Z"),
-    marks: Mapping[str, float] | None = None,
+    marks: Mapping[str, Band] | None = None,
     *,
     upto: float = 20.0,
     kind: str = "displacement",
@@ -72,14 +77,15 @@ def spectrum_figure(
     Args:
         series: spectra by name, of amplitudes (F, directions) [m], or (F,) [m] for a single direction.
         directions: names of the panels, in the order of the amplitudes' columns.
-        marks: frequencies [Hz] by name, drawn as thin lines; those beyond the axis are named below.
+        marks: lowest and highest frequency [Hz] by name, drawn as thin lines where they are alike, else as a shade;
+            those beyond the axis are named below.
         upto: [Hz] right end of the axis.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
         remarks: further lines below the panels.
     """
-    flags = _rows_of_flags({name: f for name, f in (marks or {}).items() if f <= upto}, upto)
+    flags = _rows_of_flags({name: band for name, band in (marks or {}).items() if band[0] <= upto}, upto)
     notes = [*_descriptions(series), *_beyond(marks or {}, upto), *remarks]
-    above = LINE / 72 * (1 + max((row for _, _, row in flags), default=-1))
+    above = LINE / 72 * (1 + max((flag.row for flag in flags), default=-1))
     height = PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
     figure = titled((PANEL[0], height), "Amplitude spectrum")
     grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
@@ -139,29 +145,39 @@ def _spectra(axes: Axes, series: Mapping[str, Spectrum], column: int, upto: floa
     axes.set_ylim(0, 1.08 * top or 1.0)
 
 
-def _rows_of_flags(marks: Mapping[str, float], upto: float) -> list[tuple[str, float, int]]:
-    """Return text, frequency and row of each mark: above the rows of all marks that its text reaches over."""
-    flags: list[tuple[str, float, int]] = []
-    for name, frequency in sorted(marks.items(), key=lambda mark: -mark[1]):
-        text = _mark(name, frequency)
-        end = frequency + LETTER * (len(text) + 2) * upto / (PANEL[0] - 2.0)
-        row = 1 + max((row for _, other, row in flags if other <= end), default=-1)
-        flags.append((text, frequency, row))
+class _Flag(NamedTuple):
+    """A mark: its text, and from which to which frequency [Hz] it reaches, in which row above the panel."""
+
+    text: str
+    band: Band
+    row: int
+
+
+def _rows_of_flags(marks: Mapping[str, Band], upto: float) -> list[_Flag]:
+    """Return the marks, each above the rows of all others that its text reaches over."""
+    flags: list[_Flag] = []
+    for name, band in sorted(marks.items(), key=lambda mark: -mark[1][0]):
+        text = _mark(name, band)
+        end = band[0] + LETTER * (len(text) + 2) * upto / (PANEL[0] - 2.0)
+        row = 1 + max((flag.row for flag in flags if flag.band[0] <= end), default=-1)
+        flags.append(_Flag(text, band, row))
     return flags
 
 
-def _mark(name: str, frequency: float) -> str:
-    return f"{cut(name, 24)}: {frequency:.2f} Hz"
+def _mark(name: str, band: Band) -> str:
+    return f"{cut(name, 24)}: {hertz(band)}"
 
 
-def _flags(axes: Axes, flags: Sequence[tuple[str, float, int]], *, labelled: bool) -> None:
-    """Draw each mark as a thin line, up to its text above the panel."""
-    for text, frequency, row in flags:
-        axes.axvline(frequency, color=GREY, linewidth=0.7, zorder=1)
+def _flags(axes: Axes, flags: Sequence[_Flag], *, labelled: bool) -> None:
+    """Draw each mark as a thin line, or the shade of a band, up to its text above the panel."""
+    for text, (low, high), row in flags:
+        axes.axvline(low, color=GREY, linewidth=0.7, zorder=1)
+        if high > low:
+            axes.axvspan(low, high, color=GREY, alpha=SHADE, linewidth=0, zorder=0)
         if labelled:
             line = {"arrowstyle": "-", "color": GREY, "linewidth": 0.7, "relpos": (0, 0), "shrinkA": 0, "shrinkB": 0}
             place: Any = {"xycoords": axes.get_xaxis_transform(), "arrowprops": line}
-            note(axes, f" {text}", (frequency, 1.0), (0, 2 + LINE * row), **place)
+            note(axes, f" {text}", (low, 1.0), (0, 2 + LINE * row), **place)
 
 
 def _colours(
@@ -205,20 +221,22 @@ def _descriptions(series: Mapping[str, Spectrum]) -> Iterator[str]:
         yield "resolutions differ: compare the heights of steady sines only, not of what swells, decays or is noise"
 
 
-def _beyond(marks: Mapping[str, float], upto: float) -> Iterator[str]:
-    beyond = [_mark(name, frequency) for name, frequency in marks.items() if frequency > upto]
+def _beyond(marks: Mapping[str, Band], upto: float) -> Iterator[str]:
+    beyond = [_mark(name, band) for name, band in marks.items() if band[0] > upto]
     if beyond:
         yield f"beyond the axis: {', '.join(beyond)}"
 
 
 def orders_figure(spectra: Spectra) -> Figure:
-    """Draw the amplitude of each pulley's orders over time, a panel for each direction."""
+    """Draw the amplitude of each pulley's orders over time, a panel for each direction; none that is another's."""
     factor, unit = UNITS[spectra.kind]
     count = len(spectra.directions)
     figure = titled((PANEL[0], PANEL[1] * count + 1.3), "Orders of the pulleys")
     grid = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
     named = [(name, track, o) for name, track in spectra.tracks.items() for o in range(len(track.orders))]
-    styled = list(zip(named, cycle(SERIES), strict=False))
+    same = [(_order(track, o, name), spectra.elsewhere(name, o)) for name, track, o in named]
+    own = [one for one, (_, other) in zip(named, same, strict=True) if not other]
+    styled = list(zip(own, cycle(SERIES), strict=False))
     for d, (axes, direction) in enumerate(zip(grid, spectra.directions, strict=True)):
         for (_, track, o), style in styled:
             axes.plot(track.time, factor * track.amplitude[o, :, d], marker="o", markersize=3.5, **style)
@@ -228,11 +246,16 @@ def orders_figure(spectra: Spectra) -> Figure:
     grid[-1].set_xlabel("time [s]", fontsize=9)
     figure.align_ylabels(grid)
     handles = [
-        Line2D([], [], marker="o", markersize=3.5, label=f"order {track.orders[o]:g} of {cut(name, 30)}", **style)
+        Line2D([], [], marker="o", markersize=3.5, label=_order(track, o, name), **style)
         for (name, track, o), style in styled
     ]
     revolutions = next(iter(spectra.tracks.values())).revolutions
     fastest = max(float(np.max(track.frequency)) for track in spectra.tracks.values())
     notes = f"a point for each {revolutions} revolutions; pulleys turn at up to {fastest:.3g} Hz"
+    notes += "".join(f"\nnot drawn: {order}, as fast as {cut(other, 30)}" for order, other in same if other)
     key_below(figure, handles, notes, columns=3)
     return figure
+
+
+def _order(track: OrderTrack, order: int, name: str) -> str:
+    return f"order {track.orders[order]:g} of {cut(name, 30)}"

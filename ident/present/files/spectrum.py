@@ -13,7 +13,7 @@ def spectrum_rows(spectra: Spectra) -> list[dict[str, Any]]:
             "direction": direction,
             "frequency": peak.frequency,
             "amplitude": peak.amplitude,
-            "mode": spectra.mode_near(name, peak.frequency),
+            "mode": spectra.mode_near(name, direction, peak.frequency),
         }
         for name in spectra.traces
         for direction in spectra.directions

@@ -153,7 +153,7 @@ def _sensitivities(diagnosis: Diagnosis) -> tuple[list[str], str]:
     ]
     return (
         findings,
-        "Where something must be changed: torsional stiffness first, mass centres second, as in the paper; or speed.",
+        "Where something must be changed: torsional stiffness first, mass centres second; or speed.",
     )
 
 

@@ -41,7 +41,7 @@ def origins(fit: CampaignFit) -> Iterator[str]:
         ratio = f"{value / start:.3g}" if start else "-"
         paper = _in_paper_unit(item, value)
         yield f"  {cut(item.name, 22):18s} {value:10.5g} {start:10.4g} {ratio:>6s} {paper}   {shares(known, i)}"
-    yield "  N mm/deg: the unit of the paper's Table 1. both: the data, together with the priors of others"
+    yield "  both: the data, together with the priors of others"
     for prior in priors_in_words(items):
         yield f"  prior: {prior}"
     if not any("tau" in item.name for item in items):

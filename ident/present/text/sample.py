@@ -53,7 +53,7 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
         )
     stiff = [(item, q) for item, q in zip(items, quantiles(sample, basin).T, strict=True) if is_stiffness(item.name)]
     if stiff:
-        yield "  in N mm/deg, the unit of the paper's Table 1: median, 50 % and 95 % interval, arm file"
+        yield "  in N mm/deg: median, 50 % and 95 % interval, arm file"
         for item, q in stiff:
             low, lower, median, upper, high = map(nmm_per_deg, q)
             intervals = f"{span(lower, upper):22s}  {span(low, high):22s}"

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ident.assess.marked_modes import Band, MarkedModes
 from ident.assess.spectra import Spectra
 from ident.present.text.words import cut, degrees, paragraphs
-from ident.vibrate.signal.orders import OrderTrack
 
 UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
 """Unit in which each kind of trace is reported, and how many there are in the SI unit."""
@@ -32,12 +32,12 @@ def _heading(spectra: Spectra) -> Iterator[str]:
 def _peaks(spectra: Spectra, name: str) -> Iterator[str]:
     factor, unit = UNITS[spectra.kind]
     yield f"Strongest peaks up to {spectra.upto:g} Hz of {cut(name, 40)}"
-    last = f"   nearest mode at {degrees(spectra.modal_analysis.posture)}" if spectra.modal_analysis else ""
+    last = "   mode near it, see below" if spectra.modes else ""
     yield f"  {'':4s} {'frequency [Hz]':>15s} {f'amplitude [{unit}]':>18s}{last}"
     for direction in spectra.directions:
         strongest = spectra.strongest(name, direction)
         for i, peak in enumerate(strongest):
-            mode = _mode(spectra, name, peak.frequency)
+            mode = _mode(spectra, name, direction, peak.frequency)
             start = direction if i == 0 else ""
             yield f"  {start:4s} {peak.frequency:15.3f} {factor * peak.amplitude:#18.4g}   {mode}".rstrip()
         if not strongest:
@@ -45,38 +45,58 @@ def _peaks(spectra: Spectra, name: str) -> Iterator[str]:
     yield f"  {spectra.spectra[name].description()}"
 
 
-def _mode(spectra: Spectra, name: str, frequency: float) -> str:
-    """Name the mode nearest to a peak, if it is near."""
-    label = spectra.mode_near(name, frequency)
-    return f"{label}, {spectra.marks[label]:.3f} Hz" if label else "none near" if spectra.marks else ""
+def _mode(spectra: Spectra, name: str, direction: str, frequency: float) -> str:
+    """Name the mode near a peak, if there is one."""
+    label = spectra.mode_near(name, direction, frequency)
+    if label is None or spectra.modes is None:
+        return "none near" if spectra.modes else ""
+    return f"{label}, {hertz(spectra.modes.bands[label])}"
 
 
 def _modes(spectra: Spectra) -> Iterator[str]:
-    modes = spectra.modal_analysis
+    modes = spectra.modes
     if modes is not None:
-        yield f"Natural frequencies of {modes.arm.name} at {degrees(modes.posture)}, {modes.load}"
-        for label, frequency in spectra.marks.items():
-            yield f"  {frequency:10.4f} Hz  {label}"
+        yield f"Natural frequencies of {modes.arm}, {modes.load},"
+        yield f"  {where(modes)}"
+        if not modes.held:
+            yield "  named as at the end; near z vertical ones come first, else lateral ones; then the longest near"
+        for label, band in modes.bands.items():
+            yield f"  {hertz(band, 4):>22s}  {label}"
+
+
+def where(modes: MarkedModes) -> str:
+    """Say at which posture the natural frequencies are those of the arm, or along which motion."""
+    if modes.held:
+        return f"at {degrees(modes.first)}"
+    return f"along the motion from {degrees(modes.first)} to {degrees(modes.last)}"
+
+
+def hertz(band: Band, digits: int = 2) -> str:
+    """Write a frequency [Hz], or between which ones it changes: `4.80 to 5.23 Hz`."""
+    low, high = (f"{frequency:.{digits}f}" for frequency in band)
+    return f"{low} Hz" if low == high else f"{low} to {high} Hz"
 
 
 def _orders(spectra: Spectra, name: str) -> Iterator[str]:
     """Yield the orders of a pulley."""
-    (factor, unit), track = UNITS[spectra.kind], spectra.tracks[name]
+    unit, track = UNITS[spectra.kind][1], spectra.tracks[name]
     yield f"Orders of {name}, blocks of {track.revolutions} revolutions: largest amplitude [{unit}]"
     yield f"  {'':4s} {'order':>6s} {'amplitude':>11s} {'at s':>9s} {'pulley at Hz':>13s} {'vibration at Hz':>16s}"
-    yield "  what vibrates freely near such a frequency, or by another pulley that turns so fast, counts too"
+    yield "  what vibrates freely near such a frequency counts too; is: as fast, so attributed to that"
     for d, direction in enumerate(spectra.directions):
         for o, order in enumerate(track.orders):
-            yield _order(track, o, float(order), d, direction if o == 0 else "", factor)
+            yield _order(spectra, name, o, float(order), d, direction if o == 0 else "")
 
 
-def _order(track: OrderTrack, o: int, order: float, d: int, start: str, factor: float) -> str:
+def _order(spectra: Spectra, name: str, o: int, order: float, d: int, start: str) -> str:
+    factor, track = UNITS[spectra.kind][0], spectra.tracks[name]
     amplitude = track.amplitude[o, :, d]
     if np.isnan(amplitude).all():
         return f"  {start:4s} {order:6g} {'-':>11s}   beyond what the sampling resolves"
     place = int(np.nanargmax(amplitude))
-    turning = track.frequency[place]
-    return (
+    turning, other = track.frequency[place], spectra.lower_order(name, o, place)
+    row = (
         f"  {start:4s} {order:6g} {factor * amplitude[place]:#11.4g} {track.time[place]:9.3f} {turning:13.3f}"
         f" {order * turning:16.3f}"
     )
+    return f"{row}   is {cut(other, 24)}" if other else row

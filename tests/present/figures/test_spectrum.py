@@ -12,7 +12,7 @@ from ident.vibrate.signal.spectrum import amplitude_spectrum
 
 TIME = np.arange(2000) / 200
 BOTH = np.stack([1e-3 * np.sin(2 * np.pi * 5 * TIME), 3e-3 * np.sin(2 * np.pi * 9 * TIME)], axis=1)
-MARKS = {"bending": 4.8, "torsion of the joint": 4.12, "finger $x$": 26.3}
+MARKS = {"bending": (4.8, 4.8), "torsion of the joint": (4.12, 4.12), "finger $x$": (26.3, 26.3)}
 
 
 def key(figure):
@@ -58,12 +58,12 @@ def test_spectra_made_differently_are_each_described_with_a_warning():
 
 
 def test_marks_stand_at_their_frequency_and_their_texts_do_not_touch():
-    marks = {**MARKS, "a": 4.9, "second bending of all": 9.5, "at the edge": 19.5, "in between": 12.0}
+    marks = {**MARKS, "a": (4.9, 4.9), "second": (9.5, 9.5), "at the edge": (19.5, 19.5), "in between": (12.0, 12.0)}
     figure = spectrum_figure({"simulated": amplitude_spectrum(TIME, BOTH)}, marks=marks)
     renderer = drawn(figure)
     texts = [child for child in figure.axes[0].get_children() if isinstance(child, Annotation)]
     assert sorted(text.get_text().strip() for text in texts) == sorted(
-        f"{name}: {f:.2f} Hz" for name, f in marks.items() if f <= 20
+        f"{name}: {f:.2f} Hz" for name, (f, _) in marks.items() if f <= 20
     )
     boxes = {text.xy[0]: Text.get_window_extent(text, renderer) for text in texts}
     for one, other in itertools.combinations(boxes.values(), 2):
@@ -73,7 +73,17 @@ def test_marks_stand_at_their_frequency_and_their_texts_do_not_touch():
         assert box.y1 <= figure.bbox.y1
     assert boxes[4.9].y1 <= boxes[4.8].y0 < boxes[4.8].y1 <= boxes[4.12].y0
     for axes in figure.axes:
-        assert {line.get_xdata()[0] for line in axes.lines[1:]} == {f for f in marks.values() if f <= 20}
+        assert {line.get_xdata()[0] for line in axes.lines[1:]} == {f for f, _ in marks.values() if f <= 20}
+
+
+def test_a_mode_along_a_motion_is_a_shade_from_its_lowest_to_its_highest_frequency():
+    figure = spectrum_figure({"simulated": amplitude_spectrum(TIME, BOTH)}, marks={"bending": (4.8, 7.9)})
+    for axes in figure.axes:
+        (shade,) = axes.patches
+        assert (shade.get_x(), shade.get_x() + shade.get_width()) == pytest.approx((4.8, 7.9))
+    drawn(figure)
+    (text,) = [child for child in figure.axes[0].get_children() if isinstance(child, Annotation)]
+    assert text.get_text().strip() == "bending: 4.80 to 7.90 Hz"
 
 
 HOSTILE = "a$b_{\\frac$ %n \n $$ 玻璃" + "x" * 300
@@ -82,7 +92,7 @@ HOSTILE = "a$b_{\\frac$ %n \n $$ 玻璃" + "x" * 300
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_names_are_drawn_as_they_are():
     one = amplitude_spectrum(TIME, BOTH[:, 0])
-    drawn(spectrum_figure({HOSTILE: one}, [HOSTILE], {HOSTILE: 5.0, HOSTILE + "2": 30.0}))
+    drawn(spectrum_figure({HOSTILE: one}, [HOSTILE], {HOSTILE: (5.0, 6.0), HOSTILE + "2": (30.0, 31.0)}))
     drawn(spectrogram_figure(grown().column(0), {HOSTILE: (TIME, TIME)}, title=HOSTILE))
 
 
