@@ -21,6 +21,7 @@ In the order of use; every study is one function that returns one frozen result.
     design          what to change so that the arm vibrates least
     diagnose        all of it, from a campaign to advice
     load            a result that was saved
+    rerun           the same again, and whether the numbers are the same
 
 The first name that is used switches jax to double precision, for the whole process: the mechanics need it, and jax
 has single precision otherwise. Arrays that the process has made before stay as they are.
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from ident.studies.plan import PlanOptions, PlanResult, plan
     from ident.studies.predict import PredictOptions, PredictResult, predict
     from ident.studies.profile import ProfileOptions, ProfileResult, profile
+    from ident.studies.rerun import Rerun, rerun
     from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
     from ident.studies.sample import SampleOptions, SampleResult, sample
     from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
@@ -61,6 +63,7 @@ _PLACES = {
     "description.urdf": ("read_urdf",),
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
     "studies.load": ("load",),
+    "studies.rerun": ("Rerun", "rerun"),
 }
 _PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in STUDIES}
 _MODULES = {name: module for module, names in _PLACES.items() for name in names}

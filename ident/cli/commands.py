@@ -6,7 +6,9 @@ from typing import Annotated
 import typer
 
 from ident.cli import running
+from ident.cli.app import app
 from ident.cli.command import (
+    SHORT,
     ArmOption,
     CampaignArgument,
     NoFigureOption,
@@ -223,3 +225,44 @@ def run_diagnose(
         typer.echo(f"wrote {written}")
     discard(folder)
     return result
+
+
+ResultArgument = Annotated[Path, typer.Argument(metavar="file", help="a result: .json, or .nc of sample and diagnose")]
+
+
+@app.command("show")
+def show(file: ResultArgument) -> None:
+    """Print a saved result as the command printed it that has written it."""
+    running.start()
+    from ident.studies.load import load
+
+    typer.echo(load(file).report())
+
+
+@app.command("rerun")
+def rerun(
+    file: ResultArgument,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="folder for the new files; default: none")] = None,
+) -> None:
+    """Repeat what a saved result records, and say whether the numbers are the same.
+
+    Its inputs are found by their hash: where they were, beside the file, or in this folder; else the exit status is 2.
+    Fits shall agree to 1e-9, chains within their Monte Carlo error; exit status 3 where they do not.
+    """
+    if out is not None:
+        running.check_folder(out)
+    running.start()
+    from ident.studies.rerun import rerun as repeat
+
+    folder = (out or file.parent) / f"{file.name}.rerun.part"
+    try:
+        repeated = repeat(file, folder=folder, progress=running.progress)
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
+        raise typer.Exit(130) from None
+    typer.echo(repeated.report())
+    for path in repeated.now.save(out) if out is not None else ():
+        typer.echo(f"wrote {path}")
+    discard(folder)
+    if not repeated.same:
+        raise typer.Exit(SHORT)
