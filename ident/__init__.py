@@ -14,6 +14,7 @@ In the order of use; every study is one function that returns one frozen result.
     profile         profile likelihood: are the intervals of the fit right?
     sample          the posterior: how sure each stiffness is, and which combinations are known
     plan            what to measure next, by what it would tell for its cost
+    compare         which joint stiffness has changed between two campaigns
     resonance       pulley frequencies against natural frequencies along a motion
     simulate        how far the end point vibrates while the arm carries out a motion
     spectrum        at which frequencies a trace vibrates
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from ident.description.urdf import read_urdf
     from ident.measure import Campaign, Load, Log, Measurement, Trace, read_campaign, read_log, read_trace
     from ident.studies.check import CheckOptions, CheckResult, check
+    from ident.studies.compare import CompareOptions, CompareResult, compare
     from ident.studies.design import DesignOptions, DesignResult, design
     from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
     from ident.studies.fit import FitOptions, FitResult, fit

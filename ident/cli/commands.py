@@ -23,6 +23,7 @@ from ident.cli.command import (
 )
 from ident.errors import InputError, Problem
 from ident.studies.check import check
+from ident.studies.compare import compare
 from ident.studies.design import design
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
 from ident.studies.fit import fit
@@ -138,6 +139,16 @@ offer(
 
     Writes ARM.MOTION.resonance.json and .png into the folder given by --out.
     """,
+)
+offer(
+    compare,
+    """Say which joint stiffness has changed between two campaigns, by how much, and how sure that is.
+
+    Both campaigns are fitted again together: what they have in common counts once. Writes FIRST-SECOND.compare.json and
+    .png into the folder given by --out.
+    """,
+    first=Annotated[Path, typer.Argument(metavar="before", help="earlier result of fit (.json) or sample (.nc)")],
+    second=Annotated[Path, typer.Argument(metavar="after", help="later one")],
 )
 offer(
     simulate,
