@@ -24,6 +24,7 @@ FIGURES = {
     "profile": "campaign.profile.png",
     "sample": "campaign.sample.posterior.png",
     "plan": "table1.plan.png",
+    "compare": "campaign-after_a_year.compare.png",
     "resonance": "arm.extend-10.resonance.png",
     "simulate": "arm.extend-10.simulate.png",
     "spectrum": "arm.extend-10.spectrum.png",

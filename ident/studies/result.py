@@ -143,7 +143,7 @@ class Result:
         return self._inputs()
 
     def standard_errors(self) -> list[dict[str, float]]:
-        """Return the Monte Carlo standard errors [SI] of numbers of the table that were sampled, by row; else nothing."""
+        """Return the Monte Carlo standard errors [SI] of the table's numbers that were sampled, by row, or none."""
         return []
 
     def _inputs(self) -> Mapping[str, Any]:
