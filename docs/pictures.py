@@ -23,6 +23,7 @@ FIGURES = {
     "fit": "table1.fit.png",
     "profile": "campaign.profile.png",
     "sample": "campaign.sample.posterior.png",
+    "validate": "campaign.validate.png",
     "plan": "table1.plan.png",
     "compare": "campaign-after_a_year.compare.png",
     "resonance": "arm.extend-10.resonance.png",

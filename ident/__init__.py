@@ -13,6 +13,7 @@ In the order of use; every study is one function that returns one frozen result.
     fit             joint stiffnesses from a campaign, and what the data support
     profile         profile likelihood: are the intervals of the fit right?
     sample          the posterior: how sure each stiffness is, and which combinations are known
+    validate        how far a fitted arm may be trusted where it was not measured
     plan            what to measure next, by what it would tell for its cost
     compare         which joint stiffness has changed between two campaigns
     resonance       pulley frequencies against natural frequencies along a motion
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
     from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
     from ident.studies.sweep import SweepOptions, SweepResult, sweep
+    from ident.studies.validate import ValidateOptions, ValidateResult, validate
 
 __version__ = "0.1.0"
 

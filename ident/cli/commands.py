@@ -35,6 +35,7 @@ from ident.studies.sample import SampleOptions, sample
 from ident.studies.simulate import SimulateResult, simulate
 from ident.studies.spectrum import spectrum
 from ident.studies.sweep import sweep
+from ident.studies.validate import validate
 
 offer(predict, "Predict natural frequencies, modes and static deflection of an arm.", files=False)
 offer(
@@ -139,6 +140,15 @@ offer(
 
     Writes ARM.MOTION.resonance.json and .png into the folder given by --out.
     """,
+)
+offer(
+    validate,
+    """Say how far a fitted arm may be trusted where it was not measured.
+
+    Each posture is left out in turn (--leave), the arm is fitted to the rest, and what was left out is predicted.
+    Writes CAMPAIGN.validate.json and CAMPAIGN.validate.png into the folder given by --out.
+    """,
+    judged=True,
 )
 offer(
     compare,
