@@ -13,7 +13,9 @@ In the order of use; every study is one function that returns one frozen result.
     fit             joint stiffnesses from a campaign, and what the data support
     profile         profile likelihood: are the intervals of the fit right?
     sample          the posterior: how sure each stiffness is, and which combinations are known
+    validate        how far a fitted arm may be trusted where it was not measured
     plan            what to measure next, by what it would tell for its cost
+    compare         which joint stiffness has changed between two campaigns
     resonance       pulley frequencies against natural frequencies along a motion
     simulate        how far the end point vibrates while the arm carries out a motion
     spectrum        at which frequencies a trace vibrates
@@ -21,6 +23,7 @@ In the order of use; every study is one function that returns one frozen result.
     design          what to change so that the arm vibrates least
     diagnose        all of it, from a campaign to advice
     load            a result that was saved
+    rerun           the same again, and whether the numbers are the same
 
 The first name that is used switches jax to double precision, for the whole process: the mechanics need it, and jax
 has single precision otherwise. Arrays that the process has made before stay as they are.
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
     from ident.description.urdf import read_urdf
     from ident.measure import Campaign, Load, Log, Measurement, Trace, read_campaign, read_log, read_trace
     from ident.studies.check import CheckOptions, CheckResult, check
+    from ident.studies.compare import CompareOptions, CompareResult, compare
     from ident.studies.design import DesignOptions, DesignResult, design
     from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
     from ident.studies.fit import FitOptions, FitResult, fit
@@ -46,11 +50,13 @@ if TYPE_CHECKING:
     from ident.studies.plan import PlanOptions, PlanResult, plan
     from ident.studies.predict import PredictOptions, PredictResult, predict
     from ident.studies.profile import ProfileOptions, ProfileResult, profile
+    from ident.studies.rerun import Rerun, rerun
     from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
     from ident.studies.sample import SampleOptions, SampleResult, sample
     from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
     from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
     from ident.studies.sweep import SweepOptions, SweepResult, sweep
+    from ident.studies.validate import ValidateOptions, ValidateResult, validate
 
 __version__ = "0.1.0"
 
@@ -61,6 +67,7 @@ _PLACES = {
     "description.urdf": ("read_urdf",),
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
     "studies.load": ("load",),
+    "studies.rerun": ("Rerun", "rerun"),
 }
 _PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in STUDIES}
 _MODULES = {name: module for module, names in _PLACES.items() for name in names}

@@ -81,9 +81,10 @@ def test_calibration_from_the_nominal_numbers_finds_the_shipped_arm():
     assert calibrate.calibrate(calibrate.revise(text, calibrate.NOMINAL)) == text
 
 
-def test_synthesize_reproduces_the_shipped_campaign(tmp_path):
-    program("synthesize").main(tmp_path / "campaign.csv")
-    assert (tmp_path / "campaign.csv").read_bytes() == (LCD / "campaign.csv").read_bytes()
+def test_synthesize_reproduces_the_shipped_campaigns(tmp_path):
+    program("synthesize").main(tmp_path)
+    for name in ("campaign.csv", "after_a_year.csv"):
+        assert (tmp_path / name).read_bytes() == (LCD / name).read_bytes()
 
 
 def test_the_shipped_campaign_is_four_frequencies_and_a_deflection_at_four_postures():

@@ -1,4 +1,4 @@
-"""Makes campaign.csv: what a campaign on the arm of arm.toml could have measured, noise included.
+"""Makes campaign.csv: what a campaign on the arm of arm.toml could have measured, noise included; and after_a_year.csv.
 
 python data/lcd_arm/synthesize.py
 """
@@ -26,20 +26,22 @@ SIGMA = {"frequency": 0.005, "deflection": 0.02}
 """Standard deviation as a fraction of the value."""
 DECIMALS = {"frequency": 3, "deflection": 2}
 """Decimals that are written [Hz, mm]."""
-SEED = 20261121
+SEED, LATER = 20261121, 20261123
+WORN = {"joint2.k_tors": 0.88}
+"""What has changed in the later campaign: assumed, for an example of `ident compare`."""
 COMMENTS = (
     "SYNTHETIC: computed with ident, not measured on any robot.",
-    "Arm: arm.toml, so the joint stiffnesses of the paper's Table 1. Made by synthesize.py.",
+    "Arm: arm.toml, so the joint stiffnesses of the paper's Table 1{but}. Made by synthesize.py.",
     "Postures q = alpha (1, -2, 1), alpha = 0, 30, 60, 80 deg: the lowest four natural frequencies, labelled as",
     "two accelerometers would tell them, and the tip's deflection downwards under the arm's own weight.",
-    f"Noise: normal, 0.5 % of each frequency and 2 % of each deflection, numpy default_rng({SEED}).",
+    "Noise: normal, 0.5 % of each frequency and 2 % of each deflection, numpy default_rng({seed}).",
 )
 
 
-def synthesize(arm: Arm) -> Campaign:
+def synthesize(arm: Arm, seed: int = SEED) -> Campaign:
     """Return the campaign that the arm gives with this program's noise."""
     postures = [tuple(to_si(alpha * turn + 0.0, "deg", "angle") for turn in (1.0, -2.0, 1.0)) for alpha in ALPHA]
-    noise = np.random.default_rng(SEED).standard_normal((len(ALPHA), FREQUENCIES + 1))
+    noise = np.random.default_rng(seed).standard_normal((len(ALPHA), FREQUENCIES + 1))
     rows = []
     for posture, z in zip(postures, noise.tolist(), strict=True):
         shapes, down = _exact(arm, jnp.asarray(posture))
@@ -62,10 +64,14 @@ def _measured(kind: str, unit: str, posture: tuple[float, ...], true: float, z: 
     return Measurement(kind=kind, posture=posture, value=value, sigma=SIGMA[kind] * value, **what)
 
 
-def main(path: Path = HERE / "campaign.csv") -> None:
-    """Write the campaign."""
-    campaign = synthesize(read_arm(HERE / "arm.toml").arm)
-    write_campaign(campaign, path, header_comments=COMMENTS, relative_sigma=True)
+def main(folder: Path = HERE) -> None:
+    """Write both campaigns."""
+    arm = read_arm(HERE / "arm.toml").arm
+    worn = arm.replace({path: factor * arm.get(path) for path, factor in WORN.items()})
+    but = "".join(f", but {path} x {factor:g}" for path, factor in WORN.items())
+    for name, each, seed, words in (("campaign.csv", arm, SEED, ""), ("after_a_year.csv", worn, LATER, but)):
+        comments = [line.format(but=words, seed=seed) for line in COMMENTS]
+        write_campaign(synthesize(each, seed), folder / name, header_comments=comments, relative_sigma=True)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,9 @@ from typing import Annotated
 import typer
 
 from ident.cli import running
+from ident.cli.app import app
 from ident.cli.command import (
+    SHORT,
     ArmOption,
     CampaignArgument,
     NoFigureOption,
@@ -21,6 +23,7 @@ from ident.cli.command import (
 )
 from ident.errors import InputError, Problem
 from ident.studies.check import check
+from ident.studies.compare import compare
 from ident.studies.design import design
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
 from ident.studies.fit import fit
@@ -32,6 +35,7 @@ from ident.studies.sample import SampleOptions, sample
 from ident.studies.simulate import SimulateResult, simulate
 from ident.studies.spectrum import spectrum
 from ident.studies.sweep import sweep
+from ident.studies.validate import validate
 
 offer(predict, "Predict natural frequencies, modes and static deflection of an arm.", files=False)
 offer(
@@ -138,6 +142,25 @@ offer(
     """,
 )
 offer(
+    validate,
+    """Say how far a fitted arm may be trusted where it was not measured.
+
+    Each posture is left out in turn (--leave), the arm is fitted to the rest, and what was left out is predicted.
+    Writes CAMPAIGN.validate.json and CAMPAIGN.validate.png into the folder given by --out.
+    """,
+    judged=True,
+)
+offer(
+    compare,
+    """Say which joint stiffness has changed between two campaigns, by how much, and how sure that is.
+
+    Both campaigns are fitted again together: what they have in common counts once. Writes FIRST-SECOND.compare.json and
+    .png into the folder given by --out.
+    """,
+    first=Annotated[Path, typer.Argument(metavar="before", help="earlier result of fit (.json) or sample (.nc)")],
+    second=Annotated[Path, typer.Argument(metavar="after", help="later one")],
+)
+offer(
     simulate,
     """Simulate how the arm's end vibrates while the arm carries out a motion.
 
@@ -224,3 +247,44 @@ def run_diagnose(
         typer.echo(f"wrote {written}")
     discard(folder)
     return result
+
+
+ResultArgument = Annotated[Path, typer.Argument(metavar="file", help="a result: .json, or .nc of sample and diagnose")]
+
+
+@app.command("show")
+def show(file: ResultArgument) -> None:
+    """Print a saved result as the command printed it that has written it."""
+    running.start()
+    from ident.studies.load import load
+
+    typer.echo(load(file).report())
+
+
+@app.command("rerun")
+def rerun(
+    file: ResultArgument,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="folder for the new files; default: none")] = None,
+) -> None:
+    """Repeat what a saved result records, and say whether the numbers are the same.
+
+    Its inputs are found by their hash: where they were, beside the file, or in this folder; else the exit status is 2.
+    Fits shall agree to 1e-9, chains within their Monte Carlo error; exit status 3 where they do not.
+    """
+    if out is not None:
+        running.check_folder(out)
+    running.start()
+    from ident.studies.rerun import rerun as repeat
+
+    folder = (out or file.parent) / f"{file.name}.rerun.part"
+    try:
+        repeated = repeat(file, folder=folder, progress=running.progress)
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
+        raise typer.Exit(130) from None
+    typer.echo(repeated.report())
+    for path in repeated.now.save(out) if out is not None else ():
+        typer.echo(f"wrote {path}")
+    discard(folder)
+    if not repeated.same:
+        raise typer.Exit(SHORT)

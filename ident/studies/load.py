@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ident.errors import InputError, Problem
 from ident.studies import STUDIES
-from ident.studies.result import Result
+from ident.studies.result import Result, study_of
 
 
 def load(path: str | Path) -> Result:
@@ -22,7 +22,7 @@ def load(path: str | Path) -> Result:
     from ident.text import one_line, quoted
 
     where, (form, encoded, arrays) = one_line(str(path)), read_result(path)
-    study = form.removeprefix("ident-").partition("/")[0]
+    study = study_of(form)
     if study not in STUDIES:
         raise InputError(Problem(where, f"the format {quoted(form)}", EXPECTED, RERUN))
     kind: type[Result] = getattr(importlib.import_module(f"ident.studies.{study}"), f"{study.capitalize()}Result")

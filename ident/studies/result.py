@@ -36,6 +36,11 @@ def silent(description: str, total: int | None = None) -> Wrap:
     return iter
 
 
+def study_of(form: str) -> str:
+    """Return the study that writes a format: `fit` for `ident-fit/3`."""
+    return form.removeprefix("ident-").partition("/")[0]
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Result:
     """What a study has computed, on what inputs, by which options.
@@ -65,7 +70,7 @@ class Result:
     def name(self) -> str:
         """What its files are called, without their ends: what was studied, and the study."""
         subject = re.sub(r"[/\\\0]", "_", attrgetter(self.subject)(self))
-        return f"{subject}.{self._study}"
+        return f"{subject}.{study_of(self.form)}"
 
     @property
     def short(self) -> bool:
@@ -122,29 +127,33 @@ class Result:
             save(figure, written[-1])
         return tuple(written)
 
-    @property
-    def _study(self) -> str:
-        return self.form.removeprefix("ident-").partition("/")[0]
-
     def _present(self, medium: str, what: str) -> Any:
         """Return what `present` makes of the result: the text of a fit by `ident.present.text.fit.fit_report`."""
-        module = import_module(f"ident.present.{medium}.{self._study}")
-        return getattr(module, f"{self._study}_{what}")(*(getattr(self, name) for name in self.shown))
+        module = import_module(f"ident.present.{medium}.{study_of(self.form)}")
+        return getattr(module, f"{study_of(self.form)}_{what}")(*(getattr(self, name) for name in self.shown))
 
     def _beside(self, path: Path, suffix: str) -> Path:
         """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""
-        stem, study = path.name.removesuffix(self.suffix), self._study
+        stem, study = path.name.removesuffix(self.suffix), study_of(self.form)
         return path.with_name(f"{stem}{suffix}" if study in stem.split(".") else f"{stem}.{study}{suffix}")
 
+    @property
+    def inputs(self) -> Mapping[str, Any]:
+        """What came from files, each with `path` and `sha256`, by name; None for what was not given."""
+        return self._inputs()
+
+    def standard_errors(self) -> list[dict[str, float]]:
+        """Return the Monte Carlo standard errors [SI] of the table's numbers that were sampled, by row, or none."""
+        return []
+
     def _inputs(self) -> Mapping[str, Any]:
-        """Return what came from files, by name; None for what was not given."""
         raise NotImplementedError
 
     def _head(self) -> dict[str, Any]:
         from ident.present.files.document import provenance
 
         options: Options = vars(self)["options"]
-        return provenance(self.form, self._inputs(), options.recorded())
+        return provenance(self.form, self.inputs, options.recorded())
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the files of a result, by default the one that is loaded again."""

@@ -115,6 +115,12 @@ class SampleResult(Result):
         self._write_netcdf(path, lambda part: self.inference_data.to_netcdf(str(part), engine="h5netcdf"))
         return (path,)
 
+    def standard_errors(self) -> list[dict[str, float]]:
+        """Return the Monte Carlo standard errors of the table's numbers [SI]; infinite for what tells of the chains."""
+        from ident.present.files.sample import sample_errors
+
+        return sample_errors(self.sample)
+
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.sample.fitted.campaign}
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from ident.errors import InputError, Problem
 from ident.identify.sample import CampaignSample
 from ident.identify.values import BEST_ONLY, Draws
-from ident.inference.posterior_summary import chains, quantiles
+from ident.inference.posterior_summary import LEVELS, chains, quantiles
 from ident.present.files.document import check_format
 from ident.present.files.fit import rows
 from ident.present.text.units import unit_of
@@ -79,6 +80,26 @@ def sample_rows(result: CampaignSample) -> list[dict[str, Any]]:
             diagnosis.rhat,
             strict=True,
         )
+    ]
+
+
+def sample_errors(result: CampaignSample) -> list[dict[str, float]]:
+    """Return Monte Carlo standard errors of what `sample_rows` has [SI]; infinite for what tells of the chains.
+
+    References:
+        Vehtari et al., "Rank-normalization, folding, and localization: an improved R-hat", Bayesian Analysis 16 (2021):
+        quantiles.
+    """
+    import arviz
+
+    sample, by_chain = result.sample, chains(result.sample)
+    levels = dict(zip(("low_95", "low_50", "median", "high_50", "high_95"), LEVELS, strict=True))
+    own = [by_chain.values[:, by_chain.optimum == basin] for basin in sample.basins]
+    return [
+        {name: float(arviz.mcse(draws, method="quantile", prob=level)) for name, level in levels.items()}
+        | {"effective_samples": math.inf, "r_hat": math.inf}
+        for basin in own
+        for draws in basin
     ]
 
 

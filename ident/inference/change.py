@@ -1,0 +1,253 @@
+"""Whether parameters have changed between two fits: both data sets fitted again together, the changes free.
+
+What both fits have in common counts once: the prior, and every parameter that does not change. A changing parameter has
+theta = m - d/2 in the first and m + d/2 in the second, the prior on m. All changes together are tested by
+
+    T = min(d = 0) - min(d free)
+
+of chi-squared plus priors. Changes have a wide prior of their own, normal with the standard deviation `WIDE`, so
+that a direction that data do not see counts nothing. In the linear case T is then the sum of w z^2, z standard normal,
+w = l / (1 + l), l the eigenvalues of the changes' information in units of that prior: of mean sum(w) and variance
+2 sum(w^2), by which a gamma distribution is chosen (Satterthwaite 1946, Biometrics Bulletin 2).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ident.inference.fit import Fit
+from ident.inference.information import half_width
+from ident.inference.least_squares import look
+
+WIDE = 1.0
+"""Standard deviation of the prior of a change in theta: for a stiffness, a factor of e."""
+OPEN = 0.5
+"""Standard deviation of a change, as a share of that, from which it is open: the prior tells a quarter or more."""
+LEVEL = 0.05
+"""Chance of calling anything changed where nothing is."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What has changed from one fit to another, by data of both.
+
+    Attributes:
+        names: (C,) parameters that may have changed.
+        first: (C,) [SI] their values in the first.
+        second: (C,) [SI] in the second.
+        change: (C,) change of theta: ln of the ratio of a positive parameter.
+        covariance: (C, C) of it, by data and priors.
+        under_none: (C,) standard deviation of the estimated change where nothing has changed.
+        statistic: T.
+        mean: of T where nothing has changed, its degrees of freedom.
+        variance: of T then.
+        alone: (C,) chance of so large a T of the other changes where only this one is real.
+    """
+
+    names: tuple[str, ...]
+    first: Float[np.ndarray, "C"]
+    second: Float[np.ndarray, "C"]
+    change: Float[np.ndarray, "C"]
+    covariance: Float[np.ndarray, "C C"]
+    under_none: Float[np.ndarray, "C"]
+    statistic: float
+    mean: float
+    variance: float
+    alone: Float[np.ndarray, "C"]
+
+    @property
+    def sd(self) -> Float[np.ndarray, "C"]:
+        """Standard deviation of each change."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def interval(self) -> Float[np.ndarray, "C 2"]:
+        """95 % intervals of the changes."""
+        half = half_width(0.95) * self.sd
+        return np.stack([self.change - half, self.change + half], 1)
+
+    @property
+    def open(self) -> Bool[np.ndarray, "C"]:
+        """Which changes the data leave to their prior."""
+        return self.sd > OPEN * WIDE
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a larger T where nothing has changed."""
+        return _chance(self.statistic, self.mean, self.variance)
+
+    @cached_property
+    def p_values(self) -> Float[np.ndarray, "C"]:
+        """Chance, for each parameter, of so large a change where nothing has changed; by Holm for their number."""
+        from scipy.special import ndtr
+
+        single = 2 * ndtr(-np.abs(self.change) / np.maximum(self.under_none, np.finfo(float).tiny))
+        order = np.argsort(single)
+        stepwise = np.maximum.accumulate(single[order] * np.arange(len(single), 0, -1))
+        adjusted = np.empty_like(single)
+        adjusted[order] = np.minimum(stepwise, 1.0)
+        return adjusted
+
+    @property
+    def seen(self) -> bool:
+        """Whether anything has changed."""
+        return self.p_value < LEVEL
+
+    @property
+    def changed(self) -> Bool[np.ndarray, "C"]:
+        """Which parameters have changed for themselves."""
+        return (self.p_values < LEVEL) & self.seen & ~self.open
+
+
+def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
+    """Fit the data of two fits together and return what has changed.
+
+    Args:
+        first: the earlier fit.
+        second: the later one.
+        names: parameters of both that may have changed; the others are the same, if both have them.
+    """
+    joint = _Joint(first, second, tuple(names))
+    free, none = joint.solved()
+    J, count = joint.jacobian(free)[: -len(names)], len(joint.names)
+    seen = _seen(J[:, :count], J[:, count:])
+    covariance = np.linalg.inv(seen + np.eye(len(names)) / WIDE**2)
+    mean, variance = _moments(seen)
+    return Change(
+        joint.changing,
+        joint.values(0, free),
+        joint.values(1, free),
+        free[count:],
+        covariance,
+        np.sqrt(np.maximum(np.diag(covariance @ seen @ covariance), 0.0)),
+        max(joint.cost(none) - joint.cost(free), 0.0),
+        mean,
+        variance,
+        np.array([_alone(joint, free, none, J, k) for k in range(len(names))]),
+    )
+
+
+def _alone(
+    joint: "_Joint",
+    free: Float[np.ndarray, "joint"],
+    none: Float[np.ndarray, "joint"],
+    J: Float[np.ndarray, "D joint"],
+    k: int,
+) -> float:
+    """Return the chance of so large a T of all other changes where only one is real."""
+    count = len(joint.names)
+    one = [*range(count), count + k]
+    others = [i for i in range(count, len(free)) if i != count + k]
+    least = min(joint.cost(joint.searched(start, one)) for start in (none, free))
+    return _chance(max(least - joint.cost(free), 0.0), *_moments(_seen(J[:, one], J[:, others])))
+
+
+def _seen(shared: Float[np.ndarray, "R U"], own: Float[np.ndarray, "R C"]) -> Float[np.ndarray, "C C"]:
+    """Return the information on some unknowns where the others are free: a Schur complement."""
+    cross = own.T @ shared
+    whole: np.ndarray = own.T @ own - cross @ np.linalg.pinv(shared.T @ shared, hermitian=True) @ cross.T
+    return whole
+
+
+def _moments(seen: Float[np.ndarray, "C C"]) -> tuple[float, float]:
+    """Return mean and variance of T where nothing has changed."""
+    levels = np.maximum(np.linalg.eigvalsh(seen), 0.0) * WIDE**2
+    weights = levels / (1 + levels)
+    return float(weights.sum()), float(2 * (weights**2).sum())
+
+
+def _chance(statistic: float, mean: float, variance: float) -> float:
+    """Return the chance of a larger T: that of a gamma distribution of this mean and variance."""
+    from scipy.stats import gamma
+
+    if not mean > 0:
+        return 1.0
+    scale = variance / mean
+    return float(gamma.sf(statistic, mean / scale, scale=scale))
+
+
+class _Joint:
+    """Two problems as one: the unknowns of both, then the changes."""
+
+    def __init__(self, first: Fit, second: Fit, changing: tuple[str, ...]):
+        self.fits, self.changing = (first, second), changing
+        own = [fit.problem.parameters.names for fit in self.fits]
+        self.names = tuple(dict.fromkeys([*own[0], *own[1]]))
+        self.places = [[self.names.index(name) for name in names] for names in own]
+        sides = ((-0.5, changing), (0.5, changing))
+        self.ways = [self._way(names, *side) for names, side in zip(own, sides, strict=True)]
+        self.once = [True] * len(own[0]), [name not in own[0] for name in own[1]]
+
+    def _way(self, names: Sequence[str], share: float, changing: Sequence[str]) -> Float[np.ndarray, "P joint"]:
+        """Return how the parameters of one problem follow from the unknowns of both."""
+        way = np.zeros((len(names), len(self.names) + len(changing)))
+        for row, name in enumerate(names):
+            way[row, self.names.index(name)] = 1.0
+            if name in changing:
+                way[row, len(self.names) + changing.index(name)] = share
+        return way
+
+    def starts(self) -> list[Float[np.ndarray, "joint"]]:
+        """Return where to search from: the mean of both fits with their difference, and each fit with no change."""
+        thetas = [dict(zip(fit.problem.parameters.names, fit.best.theta, strict=True)) for fit in self.fits]
+        apart = [thetas[1][name] - thetas[0][name] for name in self.changing]
+        none = np.zeros(len(apart))
+        one, other = ([{**thetas[1 - k], **thetas[k]}[name] for name in self.names] for k in (0, 1))
+        middle = (np.array(one) + np.array(other)) / 2
+        return [np.concatenate(each) for each in ((middle, apart), (one, none), (other, none), (middle, none))]
+
+    def solved(self) -> tuple[Float[np.ndarray, "joint"], Float[np.ndarray, "joint"]]:
+        """Return the best unknowns with the changes free, and with none."""
+        both, *rest = self.starts()
+        shared = list(range(len(self.names)))
+        none = min((self.searched(start, shared) for start in rest), key=self.cost)
+        every = list(range(len(both)))
+        return min((self.searched(start, every) for start in (both, none)), key=self.cost), none
+
+    def searched(self, start: Float[np.ndarray, "joint"], moving: Sequence[int]) -> Float[np.ndarray, "joint"]:
+        """Search by SciPy's least squares; of the changes only those named move, the others are none."""
+        from scipy.optimize import least_squares
+
+        way = np.eye(len(start))[:, list(moving)]
+        found = least_squares(lambda x: self.residuals(way @ x), way.T @ start, lambda x: self.jacobian(way @ x) @ way)
+        whole: np.ndarray = way @ found.x
+        return whole
+
+    def residuals(self, joint: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "R"]:
+        """Return the residuals of both data sets, of the priors once, and of the changes."""
+        return self._weighed(joint)[0]
+
+    def jacobian(self, joint: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "R joint"]:
+        """Return their derivatives."""
+        return self._weighed(joint)[1]
+
+    def cost(self, joint: Float[np.ndarray, "joint"]) -> float:
+        """Return the sum of their squares."""
+        return float((self.residuals(joint) ** 2).sum())
+
+    def values(self, which: int, joint: Float[np.ndarray, "joint"]) -> Float[np.ndarray, "C"]:
+        """Return the changing parameters [SI] of one problem."""
+        parameters = self.fits[which].problem.parameters
+        values = dict(zip(parameters.names, np.asarray(parameters.values(self.ways[which] @ joint)), strict=True))
+        return np.array([float(values[name]) for name in self.changing])
+
+    def _weighed(self, joint: Float[np.ndarray, "joint"]) -> tuple[np.ndarray, np.ndarray]:
+        residuals, slopes, count = [], [], len(self.names)
+        centre = joint.copy()
+        centre[count:] = 0.0
+        for fit, way, once in zip(self.fits, self.ways, self.once, strict=True):
+            theta, problem = way @ joint, fit.problem
+            here = look(problem, theta, fit.choice.held)
+            fitted = np.isfinite(np.asarray(problem.sigma))
+            sigma = np.asarray(problem.sigma)[fitted]
+            residuals.append((here.predicted - np.asarray(problem.measured))[fitted] / sigma)
+            slopes.append(here.jacobian[fitted] / sigma[:, None] @ way)
+            prior, slope = (np.asarray(part)[once] for part in problem.parameters.prior_residuals(way @ centre))
+            residuals.append(prior)
+            slopes.append(slope[:, None] * np.where(np.arange(len(joint)) < count, way, 0.0)[once])
+        residuals.append(joint[count:] / WIDE)
+        slopes.append(np.eye(len(joint))[count:] / WIDE)
+        return np.concatenate(residuals), np.concatenate(slopes)

@@ -1,0 +1,103 @@
+"""The printed report of a comparison: what has changed, how sure that is, and what to look at."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ident.identify.compare import Comparison
+from ident.inference.change import LEVEL
+from ident.present.text.units import in_paper_unit
+from ident.present.text.words import cut, paragraphs
+
+KINDS = {"k_bend": "bending", "k_tors": "torsion"}
+LISTED = 5
+"""Numbers that differ between the arm files that are named."""
+
+
+def compare_report(comparison: Comparison) -> str:
+    """Return the report: a verdict, both values of each stiffness with the change, what to look at and what counts."""
+    return paragraphs([_heading(comparison), _table(comparison), _advice(comparison), _remarks(comparison)])
+
+
+def _heading(comparison: Comparison) -> Iterator[str]:
+    first, second, change = comparison.first, comparison.second, comparison.change
+    before, after = cut(first.campaign.name, 30), cut(second.campaign.name, 30)
+    yield f"{cut(first.arm.name, 40)}: {before}, then {after}"
+    counts = f"{len(first.campaign)} and {len(second.campaign)} measurements"
+    yield f"  {counts} fitted together, {len(change.names)} changes free"
+    test = f"T = {round(change.statistic, 6):.3g} on {change.mean:.1f} degrees of freedom, p = {change.p_value:.2g}"
+    if not change.seen:
+        yield f"  No change is seen: {test}."
+    elif change.changed.any():
+        named = (name for name, changed in zip(change.names, change.changed, strict=True) if changed)
+        yield f"  CHANGED: {', '.join(map(stiffness_words, named))} ({test})."
+    else:
+        yield f"  CHANGED, but the data do not tell which stiffness for itself ({test})."
+    alone = [name for name, p in zip(change.names, change.alone, strict=True) if p > LEVEL]
+    if change.seen and alone:
+        yield f"  One change alone would explain it: {' or '.join(map(stiffness_words, alone))}."
+
+
+def stiffness_words(name: str) -> str:
+    """Say which stiffness a path names: `joint2 in torsion`."""
+    joint, _, field = name.rpartition(".")
+    return f"{cut(joint, 24)} in {KINDS[field]}" if field in KINDS else cut(name, 30)
+
+
+def _table(comparison: Comparison) -> Iterator[str]:
+    change = comparison.change
+    columns = f"{'change':>9s}   {'95 % interval':19s}{'p':>8s}"
+    yield f"{f'Stiffness [{in_paper_unit(change.names[0], 1.0)[1]}]':20s}{'before':>12s}{'after':>12s}{columns}"
+    for i, name in enumerate(change.names):
+        before, after = (f"{in_paper_unit(name, float(part[i]))[0]:.4g}" for part in (change.first, change.second))
+        verdict = "open" if change.open[i] else "<--" if change.changed[i] else ""
+        low, high = map(ratio_words, change.interval[i])
+        row = f"{ratio_words(change.change[i]):>9s}   {f'{low} to {high}':19s}{change.p_values[i]:8.2g}"
+        yield f"  {cut(name, 18):18s}{before:>12s}{after:>12s}{row}   {verdict}".rstrip()
+    yield "  p: chance of so large a change of one where nothing has changed (Holm); <-- changed for itself;"
+    yield "  open: told by the prior of the change, a factor of e. All values by both campaigns together."
+
+
+def ratio_words(log: float) -> str:
+    """Write a change of a logarithm in percent, or as a factor where it is large: `-12 %`, `x 2.5`."""
+    ratio = float(np.exp(log))
+    return f"{100 * (ratio - 1):+.1f} %" if 0.5 < ratio < 2 else f"x {ratio:.3g}"
+
+
+def _advice(comparison: Comparison) -> Iterator[str]:
+    change = comparison.change
+    changed = np.flatnonzero(change.changed)
+    if not len(changed):
+        return
+    yield "What to look at"
+    for i in changed:
+        name = stiffness_words(change.names[i])
+        if change.change[i] < 0:
+            yield f"  {name} has become softer: bolts, bearing, gear or belt of that joint; a crack"
+        else:
+            yield f"  {name} has become stiffer: was something exchanged or tightened there, does something rub?"
+    if len(changed) == len(change.names) > 1 and len(set(np.sign(change.change[changed]))) == 1:
+        yield "  All have changed the same way: look first for another payload, mass or base, or another calibration."
+
+
+def _remarks(comparison: Comparison) -> Iterator[str]:
+    first, second = comparison.first, comparison.second
+    remarks = [
+        f"WARNING: {cut(fit.campaign.name, 30)}: {doubt.replace('see below', 'see ident fit')}"
+        for fit in (first, second)
+        for doubt in fit.doubts
+    ]
+    if comparison.unlike:
+        more = len(comparison.unlike) - LISTED
+        named = ", ".join(comparison.unlike[:LISTED]) + (f" and {more} more" if more > 0 else "")
+        remarks.append(f"WARNING: the arm files differ in {named}: a change may come from there")
+    if comparison.priors_differ:
+        remarks.append("the fits have other priors: those of the first count")
+    if remarks:
+        yield "Remarks"
+        yield from (f"  {remark}" for remark in remarks)
+
+
+def level_words() -> str:
+    """Say from which chance on a change counts."""
+    return f"{LEVEL:.0%}"

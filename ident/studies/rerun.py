@@ -1,0 +1,107 @@
+"""Repeat what a result file records, and say whether the numbers are the same."""
+
+import hashlib
+import importlib
+import inspect
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ident.assess.repetition import Difference, differences
+from ident.errors import InputError, Problem
+from ident.studies.load import load
+from ident.studies.result import Progress, Result, silent, study_of
+from ident.text import one_line
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Rerun:
+    """A result and its repetition.
+
+    Attributes:
+        before: the result of the file.
+        now: the result of the same study, on the same inputs, by the same options.
+        differences: numbers that differ by more than rounding or, of chains, by more than their Monte Carlo error.
+    """
+
+    before: Result
+    now: Result
+    differences: tuple[Difference, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether all numbers are the same."""
+        return not self.differences
+
+    def __str__(self) -> str:
+        return self.report()
+
+    def report(self) -> str:
+        """Return the text that `ident rerun` prints."""
+        from ident.present.text.rerun import rerun_report
+
+        rows, sampled = len(self.now.table()), bool(self.before.standard_errors())
+        return f"{self.now.report().rstrip()}\n\n{rerun_report(self.differences, rows, sampled=sampled)}"
+
+
+def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progress = silent) -> Rerun:
+    """Repeat what a result file records: its study, on its inputs, by its options; and compare the numbers.
+
+    Inputs are found by their hash: where the file says that they were, beside it, or in the present folder.
+
+    Args:
+        path: a file of `Result.save` or of a command.
+        folder: where long studies keep what is finished, so that a call after an interruption goes on; it stays.
+        progress: shows how far it is.
+
+    Raises:
+        InputError: no result, or an input of it is not found or has changed.
+        ModelError: see the study.
+    """
+    before = load(path)
+    study = study_of(before.form)
+    function = getattr(importlib.import_module(f"ident.studies.{study}"), study)
+    wanted = inspect.signature(function).parameters
+    inputs = found(before, Path(path).absolute().parent)
+    more: dict[str, Any] = {"progress": progress, "folder": folder}
+    more = {name: value for name, value in more.items() if name in wanted}
+    now = function(**inputs, options=vars(before)["options"], **more)
+    return Rerun(before, now, tuple(differences(before.table(), now.table(), before.standard_errors())))
+
+
+def found(result: Result, beside: Path) -> dict[str, Path]:
+    """Return the files that a result was made from, by the names under which its study takes them.
+
+    Raises:
+        InputError: one is not there, or none has the hash that was recorded; all are listed.
+    """
+    files: dict[str, Path] = {}
+    problems = []
+    for name, source in result.inputs.items():
+        if source is None:
+            continue
+        places = [Path(source.path), beside / Path(source.path).name, Path(Path(source.path).name)]
+        there = [place for place in dict.fromkeys(places) if source.path and place.is_file()]
+        match = next((place for place in there if _sha256(place) == source.sha256), None)
+        if match is not None:
+            files[name] = match
+        else:
+            problems.append(_missing(name, source, there))
+    if problems:
+        raise InputError(problems)
+    return files
+
+
+def _missing(name: str, source: Any, there: Sequence[Path]) -> Problem:
+    if not source.path:
+        return Problem(name, "a value that came from no file", "a file to repeat it from", "repeat it in Python")
+    where, expected = one_line(str(source.path)), f"the file with the SHA-256 {source.sha256[:12]}..."
+    if not there:
+        return Problem(where, "no such file", f"{expected}, the {name}", "put it there, or beside the result")
+    where = one_line(str(there[0]))
+    return Problem(where, "a file that has changed since", f"{expected}, the {name}", "put back the one it was")
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,99 @@
+"""Say how far a fitted arm may be trusted where it was not measured."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.studies.fit import FitOptions
+from ident.studies.fit import fit as fit_study
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.studies.shared import as_campaign, as_file
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.validate import Scope, Validation
+    from ident.measure import Campaign
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValidateOptions(FitOptions):
+    """Options of `ident.validate`: those of the fit, and what is left out at a time."""
+
+    leave: str = option(
+        "posture",
+        "what is left out at a time, and predicted by the rest: posture, kind, row or fraction (a fifth at random)",
+        choices=("posture", "kind", "row", "fraction"),
+    )
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ValidateResult(Result):
+    """How well a fit predicts what it has not seen.
+
+    Its table has a row for each measurement: value, prediction by the others, standard deviation [SI], and how far off
+    it is in these. Its figure compares predicted and observed quantiles, and shows what each part is off.
+
+    Attributes:
+        arm: the arm as its file has it.
+        validation: the fit, and the parts that were left out with their predictions.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    validation: "Validation"
+    options: ValidateOptions = field(default_factory=ValidateOptions)
+
+    form = "ident-validate/1"
+    subject = "validation.fit.campaign.name"
+    shown = ("validation",)
+    summary = ("validation.scopes", "validation.covered")
+
+    @property
+    def scopes(self) -> "Mapping[str, Scope]":
+        """How well each kind of measurement is predicted where it was not measured [-]."""
+        return {scope.kind: scope for scope in self.validation.scopes}
+
+    @property
+    def short(self) -> bool:
+        """Whether the fit to all is no optimum."""
+        return not self.validation.fit.best.converged
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a part lies too far from its prediction, or the fit to all is in doubt."""
+        return bool(self.validation.missed or self.validation.fit.doubts)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.validation.fit.campaign}
+
+
+def validate(
+    arm: "Arm | ArmFile | str | Path",
+    campaign: "Campaign | str | Path",
+    options: ValidateOptions | None = None,
+    *,
+    progress: Progress = silent,
+) -> ValidateResult:
+    """Say how far a fitted arm may be trusted where it was not measured.
+
+    Each part of the campaign is left out in turn, the arm is fitted to the rest, and what was left out is predicted.
+
+    Args:
+        arm: the arm.
+        campaign: the measurements.
+        options: those of the fit, and what is left out at a time.
+        progress: shows how far it is, over the starts of the fit and then over the parts.
+
+    Raises:
+        InputError: see `fit`, and a campaign of fewer than two such parts.
+        ModelError: no optimum was reached.
+    """
+    from ident.identify.validate import validate_fit
+
+    options = ValidateOptions.of(options)
+    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
+    fit = fit_study(arm_file, campaign, options, progress=progress).fit
+    return ValidateResult(arm_file, validate_fit(fit, options.leave, options.seed, progress("parts")), options)

@@ -1,0 +1,69 @@
+"""`ident show` and `ident rerun`."""
+
+import shutil
+
+import pytest
+from commands import ARM, files
+
+from ident.cli.command import SHORT
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def predicted(run, tmp_path):
+    shutil.copy(ARM, tmp_path / "arm.toml")
+    code, out, _ = run("fit", DATA, "--arm=arm.toml", "--starts=1", "--no-figure")
+    assert code == 0
+    return "out/table1.fit.json", out
+
+
+DATA = ARM.parent / "table1.csv"
+
+
+def test_a_result_is_shown_as_it_was_printed(run, predicted):
+    path, printed = predicted
+    code, out, err = run("show", path)
+    assert (code, err) == (0, "")
+    assert printed.startswith(out.rstrip())
+
+
+def test_a_result_comes_out_again_and_only_where_asked_for_is_written(run, predicted, tmp_path):
+    path, _ = predicted
+    before = files(tmp_path)
+    code, out, err = run("rerun", path)
+    assert (code, err) == (0, "")
+    assert "The same as in the file" in out
+    assert files(tmp_path) == before
+    code, out, _ = run("rerun", path, "--out=new")
+    assert code == 0
+    assert "wrote new/table1.fit.json" in out
+
+
+def test_a_changed_input_is_one_line_with_status_2(run, predicted, tmp_path):
+    path, _ = predicted
+    with open(tmp_path / "arm.toml", "a") as file:
+        file.write("# changed\n")
+    code, out, err = run("rerun", path)
+    assert (code, out) == (2, "")
+    assert err.startswith("ident: arm.toml: got a file that has changed since")
+    assert err.count("\n") == 1
+
+
+def test_other_numbers_end_with_status_3(run, predicted, tmp_path):
+    path, _ = predicted
+    text = (tmp_path / path).read_text()
+    changed = text.replace('"starts": 1', '"starts": 2')
+    assert changed != text
+    value = text.split('"parameter": "joint2.k_tors", "value": ')[1].split(",")[0]
+    (tmp_path / path).write_text(text.replace(value, str(float(value) * 1.001)))
+    code, out, _ = run("rerun", path)
+    assert code == SHORT
+    assert "NOT the same as in the file" in out
+
+
+@pytest.mark.parametrize("command", ["show", "rerun"])
+def test_no_result_is_one_line_with_status_2(run, command):
+    code, out, err = run(command, ARM)
+    assert (code, out) == (2, "")
+    assert "expected a result file of ident" in err

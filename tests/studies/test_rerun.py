@@ -1,0 +1,84 @@
+"""`ident.rerun`: what a file records comes out again, or the reason why not."""
+
+import shutil
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+
+import ident
+from ident import InputError, read_campaign, rerun
+from ident.assess.repetition import differences
+from ident.studies.fit import FitOptions, fit
+from ident.studies.rerun import found
+from ident.studies.sample import SampleOptions, sample
+
+pytestmark = pytest.mark.slow
+
+OPTIONS = {"starts": 1, "fix": ("joint1.k_bend",), "discrepancy": {"deflection": 0.1}}
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return fit(DATA / "lcd_arm" / "arm.toml", DATA / "lcd_arm" / "table1.csv", FitOptions(**OPTIONS))
+
+
+def test_a_fit_comes_out_the_same_and_says_so(fitted, tmp_path):
+    (path,) = fitted.save(tmp_path)
+    again = rerun(path)
+    assert again.same
+    assert again.now.options == fitted.options
+    assert again.now.report() == fitted.report()
+    assert str(again).startswith(fitted.report().rstrip())
+    assert str(again).rstrip().endswith("The same as in the file: 6 rows of numbers agree to 1e-09.")
+
+
+def test_a_number_that_differs_is_named(fitted):
+    other = fit(lcd_arm(), read_campaign(DATA / "lcd_arm" / "table1.csv"), FitOptions(**OPTIONS | {"prior_sd": 0.9}))
+    unlike = list(differences(fitted.table(), other.table()))
+    assert {each.column for each in unlike} >= {"value", "low_95", "high_95"}
+    each = unlike[0]
+    assert each.before == fitted.table()[each.row][each.column]
+    assert each.now == other.table()[each.row][each.column]
+
+
+def test_posteriors_by_other_seeds_are_the_same_within_their_standard_errors(fitted):
+    """And differ by no less: errors that are said much too large would hide what differs."""
+    one, other, narrower = (
+        sample(fitted.arm, fitted.fit.campaign, SampleOptions(**OPTIONS, steps=500, **more))
+        for more in ({}, {"seed": 1}, {"prior_sd": 0.3})
+    )
+    assert not list(differences(one.table(), other.table(), one.standard_errors()))
+    medians = np.array([[row["median"] for row in run.table()] for run in (one, other)])
+    said = np.array([[row["median"] for row in run.standard_errors()] for run in (one, other)])
+    assert 0.3 < np.sqrt(np.mean(np.diff(medians, axis=0)[0] ** 2 / (said**2).sum(0))) < 2.5
+    assert list(differences(one.table(), narrower.table(), one.standard_errors()))
+
+
+def test_inputs_are_found_by_their_hash_beside_the_file(fitted, tmp_path):
+    campaign = tmp_path / "old" / "table1.csv"
+    campaign.parent.mkdir()
+    shutil.copy(DATA / "lcd_arm" / "table1.csv", campaign)
+    result = fit(DATA / "lcd_arm" / "arm.toml", campaign, FitOptions(**OPTIONS))
+    assert found(result, tmp_path)["campaign"] == campaign
+    moved = shutil.move(campaign, tmp_path)
+    assert found(result, tmp_path)["campaign"] == tmp_path / "table1.csv"
+    with open(moved, "a") as file:
+        file.write("# changed\n")
+    with pytest.raises(InputError, match=r"table1.csv: got a file that has changed since, expected the file"):
+        found(result, tmp_path)
+    (tmp_path / "table1.csv").unlink()
+    with pytest.raises(InputError, match=r"old/table1.csv: got no such file, .* put it there, or beside the result"):
+        found(result, tmp_path)
+
+
+def test_what_came_from_no_file_can_not_be_found(tmp_path):
+    result = fit(lcd_arm(), read_campaign(DATA / "lcd_arm" / "table1.csv"), FitOptions(**OPTIONS))
+    with pytest.raises(InputError, match=r"arm: got a value that came from no file"):
+        rerun(result.save(tmp_path)[0])
+
+
+def test_no_result_is_refused(tmp_path):
+    with pytest.raises(InputError, match="expected a result file of ident"):
+        rerun(DATA / "lcd_arm" / "arm.toml")
+    assert ident.rerun is rerun
