@@ -73,11 +73,13 @@ class SpectrumResult(Result):
     Attributes:
         spectra: traces, spectra, spectrograms, orders, and the modes of an arm.
         arm: the arm as its file has it; None if none was named.
+        path: the joint path that was given for the modes; None for that of the trace's own file.
         options: what was asked for.
     """
 
     spectra: "Spectra"
     arm: "ArmFile | None" = None
+    path: "Log | None" = None
     options: SpectrumOptions = field(default_factory=SpectrumOptions)
 
     form = "ident-spectrum/4"
@@ -138,7 +140,7 @@ class SpectrumResult(Result):
 
     def _inputs(self) -> Mapping[str, Any]:
         files = dict(zip(("trace", "against"), self.spectra.traces.values(), strict=False))
-        return {"arm": self.arm, "trace": None, "against": None} | files
+        return {"arm": self.arm, "path": self.path, "trace": None, "against": None} | files
 
 
 def spectrum(
@@ -180,6 +182,7 @@ def spectrum(
     given, turning = _traces(trace, against, pulleys, options)
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
     first, turning = next(iter(traces.values())), distinct(turning)
+    log = _given_path(arm_file, path)
     orders, window = options.orders, options.window
     spectra = Spectra(
         directions,
@@ -187,13 +190,13 @@ def spectrum(
         amplitude_spectra(traces, directions, window=window, segments=options.segments),
         options.upto,
         turning,
-        _modes(arm_file, options, first, trace, path),
+        _modes(arm_file, options, first, trace, log),
         order_tracks(first, directions, turning, orders, options.revolutions) if orders else {},
         orders,
         spectrograms(first, directions, window=window, seconds=options.segment) if options.spectrogram else {},
         remark,
     )
-    return SpectrumResult(spectra, arm_file, options)
+    return SpectrumResult(spectra, arm_file, log, options)
 
 
 def _traces(
@@ -249,7 +252,7 @@ def _modes(
     options: SpectrumOptions,
     first: "Trace",
     trace: "Trace | SimulateResult | str | Path",
-    path: "Log | str | Path | None",
+    path: "Log | None",
 ) -> "MarkedModes | None":
     """Return the arm's natural frequencies at the posture asked for, or along the motion, or at all angles zero."""
     from ident.assess.marked_modes import marked_along, marked_at
@@ -259,20 +262,24 @@ def _modes(
         return None
     arm, load = arm_file.arm, Load.parse(options.load)
     joints = [joint.name for joint in arm.driven]
-    log = _joint_path(trace, first, path, joints) if options.posture is None else None
+    log = path or (_joint_path(trace, first, joints) if options.posture is None else None)
     if log is not None:
         return marked_along(arm, log, (float(first.time[0]), float(first.time[-1])), load)
     return marked_at(arm, tuple(map(radians, options.posture or (0.0,) * len(joints))), load)
 
 
-def _joint_path(
-    trace: "Trace | SimulateResult | str | Path", first: "Trace", path: "Log | str | Path | None", joints: list[str]
-) -> "Log | None":
-    """Return the joint angles during a trace: those given, or those of the simulation or the file; None for none."""
+def _given_path(arm_file: "ArmFile | None", path: "Log | str | Path | None") -> "Log | None":
+    from ident.measure import Log, read_log
+
+    if path is None or arm_file is None:
+        return None
+    return path if isinstance(path, Log) else read_log(path, [joint.name for joint in arm_file.arm.driven])
+
+
+def _joint_path(trace: "Trace | SimulateResult | str | Path", first: "Trace", joints: list[str]) -> "Log | None":
+    """Return the joint angles during a trace: those of the simulation or of the file; None for none."""
     from ident.measure import Log, Trace, read_log
 
-    if path is not None:
-        return path if isinstance(path, Log) else read_log(path, joints)
     if isinstance(trace, Trace):
         return None
     if isinstance(trace, SimulateResult):
