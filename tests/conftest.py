@@ -15,7 +15,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("IDENT_PROGRAMS", "off")  # traced anew, so that shapes and types are checked
 # as `ident.jit` for its programs, and less still: of the thousands of single operations here none runs for long
 QUICKLY = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
-QUICKLY += " --xla_cpu_use_fusion_emitters=false"
+QUICKLY += " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 os.environ.setdefault("XLA_FLAGS", QUICKLY)
 
 # all but ident.cli: typer hands None to an eager flag that is annotated bool

@@ -1,4 +1,4 @@
-"""The notebooks run, and their executed copies show the scripts as they are.
+"""The notebooks run, with short chains, and their executed copies show the scripts as they are.
 
 After a change to a script, `python tests/test_notebooks.py NAME ...` executes it and writes the .ipynb anew; without a
 name, all of them.
@@ -21,6 +21,7 @@ FOLDER = Path(__file__).parents[1] / "notebooks"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
 LIMIT = 560
 """Seconds that a notebook may take where nothing has been compiled yet."""
+RUNNER = Path(__file__).parent / "support" / "run_notebook.py"
 PICTURE = "05_the_remedy.ipynb", "remedy.png"
 """The notebook whose last figure is the README's, and where that lies."""
 by_script = pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
@@ -43,7 +44,7 @@ def test_there_are_notebooks():
 def test_runs_as_plain_python(script):
     environment = {**os.environ, "MPLBACKEND": "Agg", "IDENT_PROGRAMS": "on"}  # what one has traced serves the others
     done = subprocess.run(
-        [sys.executable, script.name],
+        [sys.executable, str(RUNNER), script.name],
         cwd=FOLDER,
         env=environment,
         capture_output=True,

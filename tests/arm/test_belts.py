@@ -28,6 +28,7 @@ RADII = ((0.06, 0.03), (0.03, 0.06), (0.05, 0.05))
 T0, K, D, RATIOS = 500.0, 4e5, 0.8, (100.0, -50.0)
 EIGHTH_ORDER = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 Z = np.array([0.0, 0.0, 1.0])
+forces_of, residual_of = eqx.filter_jit(belt_forces), eqx.filter_jit(residual)
 
 
 def pair(radii: tuple[float, float], *, height: float = 0.1, offset: Any = (D, 0, 0.05), **belt: float) -> Multibody:
@@ -56,7 +57,7 @@ def forces(
     phi = jnp.zeros((3, 2)).at[:, 1].set(jnp.asarray(phi2, float))
     none = jnp.zeros(2)
     place = phi, jnp.asarray(xi, float), jnp.asarray(error, float)
-    on_bushings, on_pins, _ = belt_forces(of, place, (0 * phi, none, none))
+    on_bushings, on_pins, _ = forces_of(of, place, (0 * phi, none, none))
     return np.asarray(on_bushings), np.asarray(on_pins)
 
 
@@ -178,6 +179,9 @@ def four_joints(**belt: float) -> tuple[Multibody, Arm]:
     return multibody(arm, elastic_belts=True), arm
 
 
+slopes_of_energy = eqx.filter_jit(jax.grad(energy, (1, 2)))
+
+
 @pytest.mark.parametrize("pretension", [1e6, 300.0])
 def test_forces_are_the_gradient_of_an_energy(pretension: float) -> None:
     """Slack or not; no damping."""
@@ -186,8 +190,8 @@ def test_forces_are_the_gradient_of_an_energy(pretension: float) -> None:
     for _ in range(10):
         phi, xi = jnp.asarray(0.3 * rng.normal(size=(3, 4))), jnp.asarray(0.05 * rng.normal(size=4))
         none = jnp.zeros(4)
-        found = belt_forces(of, (phi, xi, none), (0 * phi, none, none))[:2]
-        expected = jax.grad(energy, (1, 2))(of, phi, xi)
+        found = forces_of(of, (phi, xi, none), (0 * phi, none, none))[:2]
+        expected = slopes_of_energy(of, phi, xi)
         for a, b in zip(found, expected, strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-12 * np.abs(b).max())
         e = stretch(of, phi, xi, none)
@@ -205,7 +209,7 @@ def test_jacobian_is_symmetric_when_no_span_is_slack() -> None:
         on_bushings, on_pins, _ = belt_forces(of, (phi, x[12:], none), (0 * phi, none, none))
         return jnp.concatenate([on_bushings.ravel(), on_pins])
 
-    J = np.asarray(jax.jacfwd(flat)(x))
+    J = np.asarray(jax.jit(jax.jacfwd(flat))(x))
     assert np.abs(J).max() > 1e3
     assert np.abs(J - J.T).max() < 1e-12 * np.abs(J).max()
 
@@ -298,7 +302,7 @@ def test_residual_with_belts_against_engine_and_drawing(joints: int, error: bool
         at = [jnp.asarray(part) for part in (state.y, state.yd, state.ydd)]
         at[0] = at[0].at[3 * joints :].multiply(0.01)
         y, yd, ydd = (np.array(part) for part in at)
-        found = np.asarray(residual(of, Command(*map(jnp.asarray, state.command)), *at))
+        found = np.asarray(residual_of(of, Command(*map(jnp.asarray, state.command)), *at))
         expected = engine.residual(state.command, y, yd, ydd) + drawn_forces(engine, state.command, y, yd)
         errors.append(np.abs(found - expected).max() / np.abs(expected).max())
     # measured: 8e-11, of the differences
@@ -314,8 +318,8 @@ def at_rest(arm: Arm, rng: np.random.Generator) -> tuple[Multibody, Command, jax
 def test_mass_and_stiffness_are_symmetric() -> None:
     """M at any state; K = d residual/dy of the arm at rest; not trivially: pins and bushings are coupled by both."""
     of, command, y = at_rest(four_joints(pretension=1e6)[1], np.random.default_rng(1))
-    M = np.asarray(jax.jacfwd(lambda a: residual(of, command, y, 0 * y, a))(y))
-    K = np.asarray(jax.jacfwd(lambda x: residual(of, command, x, 0 * y, 0 * y))(y))
+    M = np.asarray(jax.jit(jax.jacfwd(lambda a: residual(of, command, y, 0 * y, a)))(y))
+    K = np.asarray(jax.jit(jax.jacfwd(lambda x: residual(of, command, x, 0 * y, 0 * y)))(y))
     for A in (M, K):
         assert np.abs(A[:12, 12:]).max() > 1e-3
         assert np.abs(A - A.T).max() < 1e-12 * np.abs(A).max()
@@ -328,7 +332,7 @@ def test_stiffness_is_symmetric_with_kinematic_error(kinematic_error: bool) -> N
     _, arm = four_joints(pretension=1e6)
     arm = arm.replace({f"{d.name}.error": 3e-3 * kinematic_error for d in arm.drives})
     of, command, y = at_rest(arm, np.random.default_rng(1))
-    K = np.asarray(jax.jacfwd(lambda x: residual(of, command, x, 0 * y, 0 * y))(y))
+    K = np.asarray(jax.jit(jax.jacfwd(lambda x: residual(of, command, x, 0 * y, 0 * y)))(y))
     assert np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()
 
 
@@ -379,6 +383,6 @@ def test_machine_without_stretch_has_no_pin_coordinates() -> None:
     command = Command(*map(jnp.asarray, state.command))
     more = [jnp.concatenate([jnp.asarray(x), jnp.zeros(3)]) for x in (state.y, state.yd, state.ydd)]
     limp = eqx.tree_at(lambda m: (m.belts.stiffness, m.belts.pretension), of, replace_fn=jnp.zeros_like)
-    found = residual(limp, command, *more)[:12]
-    expected = residual(rigid, command, *map(jnp.asarray, (state.y, state.yd, state.ydd)))
+    found = residual_of(limp, command, *more)[:12]
+    expected = residual_of(rigid, command, *map(jnp.asarray, (state.y, state.yd, state.ydd)))
     np.testing.assert_allclose(found, expected, rtol=1e-13)

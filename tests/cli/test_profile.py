@@ -8,6 +8,8 @@ from commands import files
 
 from ident.cli import running
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 
 

@@ -11,6 +11,8 @@ import ident
 from ident.vibrate.modal.branches import branches
 from ident.vibrate.motion.stroke import stroke
 
+pytestmark = pytest.mark.slow
+
 BASE = "arm.extend-10.resonance"
 
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from commands import ARM, files
 
+pytestmark = pytest.mark.slow
+
 SHORT = ("--speed=200", "--dwell=0.5")
 NAME = "arm.extend-200"
 

@@ -17,6 +17,7 @@ from ident.measure import Campaign, Load, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow
 
+predicted = eqx.filter_jit(predict)
 NAMES = ("base", "link 1", "link 2", "link 3")
 
 
@@ -57,7 +58,7 @@ def case(request):
 
 def test_it_predicts_what_the_model_predicts(case):
     arm, _, conditions, found = case
-    np.testing.assert_allclose(found.predicted, predict(arm, {}, conditions), rtol=1e-11)
+    np.testing.assert_allclose(found.predicted, predicted(arm, {}, conditions), rtol=1e-11)
 
 
 @eqx.filter_jit
@@ -100,7 +101,7 @@ def test_a_number_has_the_derivative_of_the_model(case, kind, joint):
             link = tuple(replace_body(b, b.mass, b.com + x * ends[joint], b.inertia) for b in link)
         stiff = own.k_tors / (1 + x) if kind == "servo" else own.k_tors
         changed = eqx.tree_at(lambda j: (j.link, j.k_tors), own, (link, stiff))
-        return np.asarray(predict(eqx.tree_at(lambda a: a.joints[joint], arm, changed), {}, conditions))
+        return np.asarray(predicted(eqx.tree_at(lambda a: a.joints[joint], arm, changed), {}, conditions))
 
     difference = (8 * (other(small) - other(-small)) - other(2 * small) + other(-2 * small)) / (12 * small)
     expected = np.asarray(getattr(found, kind)[joint])

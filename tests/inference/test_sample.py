@@ -1,14 +1,7 @@
 """The sampler: closed forms, several optima, checkpoints to the bit, what is refused."""
 
 import math
-import os
-import random
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
-from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -16,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from chains import linear_problem, storey_problem
+from kills import killed_and_alone
 
 from ident.errors import InputError, ModelError
 from ident.inference.diagnostics import diagnose
-from ident.inference.ensembles import BLOCK
 from ident.inference.evidence import weigh
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
@@ -30,7 +23,6 @@ from ident.inference.sample import Settings, sample
 
 pytestmark = pytest.mark.slow
 
-SUPPORT = Path(__file__).parents[1] / "support"
 SHORT = Settings(max_steps=500, walkers=12)
 
 
@@ -190,32 +182,10 @@ def test_a_long_run_keeps_every_second_step_then_every_fourth(tmp_path):
     np.testing.assert_array_equal(again.theta[:225], bounded.theta)
 
 
-def test_killed_at_twenty_moments_the_chain_is_the_same_to_the_bit(tmp_path):
-    """kill -9, start again, over and over; at the end compare with a run that was left alone."""
-    line = [sys.executable, str(SUPPORT / "sample_forever.py")]
-    moments = random.Random(4)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(SUPPORT), *sys.path])}
-
-    def blocks():
-        return len(list((tmp_path / "killed").glob("draws*.item")))
-
-    for _ in range(20):
-        run = subprocess.Popen(
-            [*line, str(tmp_path / "killed"), "1000000"], stdout=subprocess.PIPE, text=True, env=environment
-        )
-        assert run.stdout is not None
-        assert run.stdout.readline() == "sampling\n"
-        wanted = blocks() + moments.randrange(3)  # none: while it starts; however busy the machine is
-        while blocks() < wanted and run.poll() is None:
-            time.sleep(0.01)
-        time.sleep(moments.uniform(0.0, 0.3))
-        run.send_signal(signal.SIGKILL)
-        run.wait()
-    assert blocks() > 5, "the moments were too early to mean anything"
-    steps = (blocks() + 3) * BLOCK
-    for folder in ("killed", "alone"):
-        subprocess.run([*line, str(tmp_path / folder), str(steps)], check=True, env=environment, capture_output=True)
-    np.testing.assert_array_equal(np.load(tmp_path / "killed.npy"), np.load(tmp_path / "alone.npy"))
+def test_killed_at_five_moments_the_chain_is_the_same_to_the_bit(tmp_path):
+    """Kill -9, start again, over and over; twenty moments are tests/benchmarks/killed.py."""
+    killed, alone = killed_and_alone(tmp_path, 5, seed=4)
+    np.testing.assert_array_equal(killed, alone)
 
 
 def test_a_broken_last_block_is_drawn_again(tmp_path):

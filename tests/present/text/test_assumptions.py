@@ -14,6 +14,8 @@ from ident.measure import read_campaign
 from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.fit import fit_report
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def fit():

@@ -11,6 +11,8 @@ from ident.assess.vibration import VibrationAssessment
 from ident.present.text.diagnose import StageReport, change_words, stage_report, verdict_words
 from ident.vibrate.redesign.binomial import binomial_estimate
 
+pytestmark = pytest.mark.slow
+
 GOOD, BAD = (binomial_estimate(np.arange(100) < count) for count in (99, 50))
 SMALL, LARGE = np.full(3, 4e-4), np.full(3, 6e-4)
 

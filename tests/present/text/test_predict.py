@@ -10,6 +10,8 @@ from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load
 from ident.present.text.predict import predict_report
 
+pytestmark = pytest.mark.slow
+
 UNFOLDED = (0.0, 0.0, 0.0)
 
 

@@ -169,14 +169,15 @@ def uncertain(found, present):
 
 
 def test_fresh_draws_agree_with_others_and_with_the_exact_method(uncertain):
+    count = 300
     trial, place, limit = uncertain.evaluator, uncertain.best, uncertain.limit
-    checked = verify(trial, place, limit, drawn(1000, 3))
+    checked = verify(trial, place, limit, drawn(count, 3))
     changes = np.stack([0 * place.changes, place.changes])
-    again = exceedances(replace(trial, draws=drawn(1000, 4)), changes, limit)
+    again = exceedances(replace(trial, draws=drawn(count, 4)), changes, limit)
     for one, other in zip((checked.before, checked.after), again, strict=True):
-        assert one.exceedance.draws == other.draws == 1000
+        assert one.exceedance.draws == other.draws == count
         share = (one.exceedance.share + other.share) / 2
-        sd = np.sqrt(2 * share * (1 - share) / 1000)
+        sd = np.sqrt(2 * share * (1 - share) / count)
         assert abs(one.exceedance.share - other.share) <= 4 * sd + 1e-12
         assert np.abs(one.difference).max() < 0.02
         assert one.vibration.shape == (3, len(one.time))

@@ -22,6 +22,8 @@ from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact
 from ident.vibrate.response.quasi_static import quasi_static_deflection
 
+pytestmark = pytest.mark.slow
+
 POSTURE = (20.0, -50.0, 40.0)
 SAMPLES = exact.SAMPLES
 FASTEST = slice(7500, 8250)

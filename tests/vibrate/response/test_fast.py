@@ -29,6 +29,8 @@ from ident.vibrate.response.time_intervals import (
     weights,
 )
 
+pytestmark = pytest.mark.slow
+
 
 def test_order() -> None:
     """Sixth: coordinates at the starts of ten panels of more and more steps, turning masses and all."""

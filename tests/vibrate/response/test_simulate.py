@@ -23,6 +23,8 @@ from ident.vibrate.response.exact import SAMPLES
 from ident.vibrate.response.response import Response, peak, rms, settling_time
 from ident.vibrate.response.simulate import simulate
 
+pytestmark = pytest.mark.slow
+
 PATHS = ("joint1.k_tors", "joint3.k_bend", "joint2.tau_tors", "bracket.com.x", "fingers.com.x", "drive2.eccentricity")
 STEP = 1e-5
 """Of the central differences, as a part of each value."""

@@ -22,6 +22,8 @@ from ident.arm.parts import Point
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact
 
+pytestmark = pytest.mark.slow
+
 POSTURE = (20.0, -50.0, 40.0)
 RATIO = 1e8
 """So that the pin turns by no more than 1e-6 rad."""

@@ -17,6 +17,8 @@ from mujoco_arm import (
     reference,
 )
 
+pytestmark = pytest.mark.slow
+
 DURATION, SPACING = 0.1, 0.005
 TIMES = np.linspace(0, DURATION, round(DURATION / SPACING) + 1)
 
