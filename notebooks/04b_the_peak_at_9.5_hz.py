@@ -337,7 +337,7 @@ assert 2 < extra < 1e3 * own
 #
 # ### Along the motion
 #
-# One finger of four, refitted, and tuned so that it is near 9.5 Hz in the middle of the stroke:
+# One finger of four, refitted, and tuned so that it is near 9.5 Hz when the arm is nearly unfolded:
 
 # %%
 TUNED = 9.2  # Hz unfolded; folded it is higher
@@ -382,7 +382,8 @@ for alpha in (UNFOLDED, 45, 90, FOLDED):
     fingers.append(min(cells[1], key=lambda f: abs(f - PEAK)))
     rigid, soft_ones = (", ".join(f"{f:.2f}" for f in cell) for cell in cells)
     print(f"at {alpha:3d} deg: rigid {rigid:22s} with the finger {soft_ones}")
-assert np.ptp(fingers) < 1.0
+assert fingers[0] < 9.3
+assert fingers[2] > 10.5
 assert 0.2 < high["z"] / low["z"] < 3
 assert abs(high["x"] / of_error[10][1]["x"] - 1) < 0.2, "the finger adds nothing in X"
 assert high["z"] > 10 * of_error[10][1]["z"]
@@ -392,10 +393,11 @@ assert np.ptp([each.frequency for each in line.values()]) < 0.8
 
 # %% [markdown]
 # The finger alone does not move either: nothing shakes it. With an error of drive 2 **there is a vertical peak**,
-# between 9.2 and 9.5 Hz at every speed from 6 to 12 %, and the finger adds nothing to X: as order 2 of pulley 2 passes
-# it twice, near 9 and 22 s, the lightly damped finger rings on. It is several tenths as high as what is there from 4 to
-# 8 Hz. The price is what the error does to the rigid arm besides: Y of two millimetres from drive 2 alone, of six from
-# all. With a tenth of the error the peak falls to a tenth, too, while the vibration from 4 to 8 Hz stays that of the
+# between 9.2 and 9.5 Hz at every speed from 6 to 12 %, and the finger adds nothing to X. The finger's mode is higher
+# while the arm is folded. Order 2 of pulley 2 passes it near 10 s at some 11 Hz, and once more near 22 s at 9.3 Hz,
+# after which the lightly damped finger rings on. It is several tenths as high as what is there from 4 to 8 Hz. The
+# price is what the error does to the rigid arm besides: Y of two millimetres from drive 2 alone, of six from all. With
+# a tenth of the error the peak falls to a tenth, too, while the vibration from 4 to 8 Hz stays that of the
 # eccentricities.
 #
 # ## What would tell them apart
@@ -404,16 +406,17 @@ assert np.ptp([each.frequency for each in line.values()]) < 0.8
 # |---|---|---|---|
 # | Z peak near 9.5 Hz along the real motion | no, nothing excites it | no, a hundredth of 4 to 8 Hz | yes |
 # | X there | no | more than Z | no more than without the finger |
-# | when in the stroke | the first 8 s | near 9 s | from 9 s and from 22 s on |
+# | when in the stroke | the first 8 s | near 9 s | from 22 s on |
 # | hammer, standing arm, unfolded | 13.7 Hz, nothing near 9.5 | the same | 9.2 Hz, finger end against bracket |
-# | hammer, folded | 9.2 Hz | the same | 9 to 10 Hz, too |
+# | hammer, folded | 9.2 Hz | the same | 9.4 and 12 Hz |
 # | at 8 and 12 % | stays | moves with the speed | stays |
 # | other lines | 8.2 Hz beside it, larger, if knocked upwards | 14 Hz in Z, millimetres in Y | millimetres in Y |
 # | static deflection | as it is | as it is | some 3 mm more at the finger end |
 #
 # Three measurements decide, the cheapest first. **Knock** on the finger of the standing arm, unfolded: if 9.5 Hz
 # answers, it is no mode of the rigid arm. Make a **spectrogram** of the recorded trace instead of one spectrum: in the
-# first eight seconds it is the third mode, later it is not. **Drive** at 8 and 12 %: whole orders move with the speed.
+# first eight seconds it is the third mode, after 20 s it is a finger. **Drive** at 8 and 12 %: whole orders move with
+# the speed.
 #
 # ## Verdict
 #
