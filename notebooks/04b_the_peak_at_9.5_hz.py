@@ -150,9 +150,10 @@ figure
 
 # %% [markdown]
 # The third mode stays within 9 to 10.5 Hz for the first eight seconds. Meanwhile the cycloid starts: pulley 2 turns at
-# less than 4 Hz, pulleys 1 and 3 at less than 2. Nothing turns at the mode's frequency when it is there; by the time
-# that pulley 2 is at 8 Hz, the mode is at 13. So: what excites it? Along the real motion, in three folded angles, at
-# three speeds, and with an s-curve, which starts more abruptly:
+# less than 4 Hz, pulleys 1 and 3 at less than 2. Nothing turns at the mode's frequency when it is there (a fourth order
+# of pulley 2 would meet it near 6 s; nothing in the model has one). By the time that pulley 2 is at 8 Hz, the mode is
+# at 13. So: what excites it? Along the real motion, in three folded angles, at three speeds, and with an s-curve, which
+# starts more abruptly:
 
 # %%
 print(HEAD)
