@@ -1,0 +1,101 @@
+"""What the model gives for the statements of the paper: `paper_table.py` puts both side by side."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import periodogram
+
+import ident
+from ident.arm.arm import Arm
+from ident.vibrate.motion.motion import Motion
+from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.response.simulate import fast_method, sample_times, vibrations
+
+ARM = Path(__file__).parents[1] / "data" / "lcd_arm" / "arm.toml"
+RATE, STACKING = 200.0, 4.0
+"""Samples a second, and when the glass is stacked at full speed [s]."""
+FACTOR, SHIFT = 1.25, {"bracket.com.x": 0.0435, "fingers.com.x": 0.18}
+"""How far each number is changed either way: a factor, or a shift [m]."""
+TORSION, CENTRES = [f"joint{j}.k_tors" for j in (1, 2, 3)], list(SHIFT)
+BALANCED = {f"drive{j}.eccentricity": 0.0 for j in (1, 2, 3)}
+
+Found = dict[str, Any]
+
+
+def changed(arm: Arm) -> dict[str, dict[str, float]]:
+    """Return the arms that are simulated at 10 %, by what is changed in them."""
+    arms: dict[str, dict[str, float]] = {"present": {}, "balanced": BALANCED}
+    for j in (1, 2, 3):
+        arms[f"only drive {j}"] = {name: 0.0 for name in BALANCED if f"drive{j}" not in name}
+    for path in (*TORSION, *CENTRES):
+        present = float(arm.get(path))
+        if path in SHIFT:
+            down, up = present - SHIFT[path], present + SHIFT[path]
+        else:
+            down, up = present / FACTOR, present * FACTOR
+        arms |= {f"{path} down": {path: down}, f"{path} up": {path: up}}
+    both = {path: value for name in ("joint1.k_tors up", "fingers.com.x up") for path, value in arms[name].items()}
+    return arms | {"both up": both}
+
+
+def simulated(arm: Arm, motion: Motion, arms: dict[str, dict[str, float]]) -> dict[str, np.ndarray]:
+    """Return how the finger end of each vibrates [mm], (3, T)."""
+    paths = {path for values in arms.values() for path in values}
+    numbers = {path: np.array([one.get(path, float(arm.get(path))) for one in arms.values()]) for path in paths}
+    found = 1e3 * np.asarray(vibrations(arm, numbers, fast_method(arm, motion, None, False, RATE, None)))
+    return {name: found[..., i] for i, name in enumerate(arms)}
+
+
+def standing() -> Found:
+    """Return what the arm is when it stands: Table 1 and damping."""
+    result = ident.predict(ARM, ident.PredictOptions(modes=6))
+    modes = {row["label"]: (row["frequency"], row["damping_ratio"]) for row in result.table()}
+    return {
+        "bending": modes["vertical bending 1"][0],
+        "torsion": modes["lateral torsion 1"][0],
+        "down": -1e3 * float(result.deflections[0]["tip"][2]),
+        "damping": (modes["vertical bending 1"][1], modes["lateral torsion 1"][1]),
+    }
+
+
+def met() -> Found:
+    """Return the natural frequencies along the stroke at 10 %, and which pulleys come near them."""
+    result = ident.resonance(ARM, ident.ResonanceOptions(speed=10))
+    lowest = np.asarray(result.branches.median)
+    near = {(each.source.pulley, str(each.label)) for each in result.crossings if each.branch < 2}
+    spans = [(each.start, each.end) for each in result.crossings]
+    pulleys = {each.source.pulley for each in result.crossings}
+    return {"lowest": lowest, "near": near, "spans": spans, "pulleys": pulleys}
+
+
+def share(trace: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Return the share of the power from 1 to 20 Hz that lies in a band, by direction."""
+    frequency, power = periodogram(trace, RATE, window="hann")
+    whole, band = (power[:, (frequency >= a) & (frequency <= b)].sum(1) for a, b in ((1, 20), (low, high)))
+    return band / whole
+
+
+def compute() -> Found:
+    """Return all that the rows are about."""
+    arm = ident.read_arm(ARM).arm
+    slow, full = stroke(arm.stroke, percent=10, dwell=4.0), stroke(arm.stroke, percent=100, dwell=STACKING)
+    teaching = simulated(arm, slow, changed(arm))
+    normal = simulated(arm, full, {"present": {}, "balanced": BALANCED})
+    time = sample_times(full, RATE)
+    ratios, times = np.array([[float(drive.ratio)] for drive in arm.drives]), sample_times(slow, RATE)
+    turns = np.abs(ratios * np.asarray(slow(times)[1]))
+    stacked = (time >= STACKING) & (time <= STACKING + 0.5)
+    moving = {
+        "peak": {name: np.abs(trace).max(1) for name, trace in teaching.items()},
+        "when": times[np.abs(teaching["present"][1]).argmax()],
+        "turns": turns.max(1) / (2 * np.pi),
+        "band": share(teaching["present"], 3.5, 8.5),
+        "near 9.5": share(teaching["present"], 9.0, 10.0),
+        "full": np.abs(normal["present"]).max(1),
+        "full balanced": np.abs(normal["balanced"]).max(1),
+        "stacked": np.abs(normal["present"][:, stacked]).max(1),
+        "stacked balanced": np.abs(normal["balanced"][:, stacked]).max(1),
+        "arrival": float(full.arrival),
+    }
+    return standing() | met() | moving

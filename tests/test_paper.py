@@ -1,0 +1,33 @@
+"""What the paper says and the model gives: `docs/paper.md` prints what is computed, and each of its verdicts holds."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from numbers_in_text import same_text
+
+sys.path.append(str(Path(__file__).parents[1] / "docs"))
+
+from paper_table import ROWS, page_table, shown_table
+from paper_values import compute
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def found():
+    return compute()
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.where}: {row.paper}")
+def test_a_verdict_holds(row, found):
+    assert row.claim(found), row.printed(found)
+
+
+def test_the_page_shows_what_is_computed(found):
+    assert same_text(shown_table(), page_table(found), relative=0.002)
+
+
+def test_each_verdict_is_one_of_four():
+    words = [row.verdict.split("**")[1] for row in ROWS]
+    assert set(words) == {"agrees", "agrees within", "differs", "not judged"}
