@@ -10,6 +10,16 @@ each pulley, (T_u + T_l) cos(beta) along the line of centres and (T_u - T_l) sin
 counted from the command, on which the belts run without stretch, and forces from the assembled arm: the bushings were
 aligned under pretension.
 
+Rigid belts (xi = 0) are not the limit of stiff ones. Those force s to zero, with gamma = 0 and without kinematic error
+
+    r2 (N2 xi2 + phi2) = r1 (N1 - 1) xi1
+
+phi along the axis: the pulley is held in space, not on its shaft. Behind a driver at rest xi = -phi / N, the link turns
+by phi (1 - 1/N), and a frequency of torsion is higher by about 1/N. Stiff belts also hold their driven shafts from
+tilting, by 2 k height^2. With a stretch a torque at the link sees the compliance
+
+    (1 - 1/N)^2 / k_tors + 1 / (2 k (N r2)^2)
+
 References:
     Ours, after the paper's Figure 3; its printed equations are lost.
 """

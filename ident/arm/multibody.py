@@ -29,7 +29,7 @@ class Drives(eqx.Module):
 
     Attributes:
         ratio: (N, *batch) [-]
-        rotor: (N, *batch) [kg m^2] inertia of pulley and wave generator.
+        rotor: (N, *batch) [kg m^2] inertia of pulley and wave generator, a part of the shaft's.
         imbalance: (N, *batch) [kg m] turning mass times its distance from the axis.
         reach: (N, *batch) [m] that distance.
         height: (N, *batch) [m] of the turning mass above the bushing.

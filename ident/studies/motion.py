@@ -67,7 +67,7 @@ class AmplitudeOptions(HeldMotionOptions):
 
     measure: str = option("peak", "peak or rms over the motion, or residual: peak after arrival", choices=MEASURES)
     limit: float | None = option(None, "amplitude [mm] that should not be exceeded", above=0.0)
-    elastic_belts: bool = option(False, "belts stretch")
+    elastic_belts: bool = option(False, "belts stretch: k_tors without them, which one from a hammer test has in it")
     rate: float = option(500.0, "samples a second", above=0.0)
 
     @property
@@ -76,9 +76,18 @@ class AmplitudeOptions(HeldMotionOptions):
         return None if self.limit is None else self.limit / 1e3
 
     def evaluator(self, basis: "Basis", variables: "Iterable[Variable]" = ()) -> "Evaluator":
-        """Return what simulates an arm and its draws again and again."""
-        from ident.vibrate.redesign.evaluator import Evaluator
+        """Return what simulates an arm and its draws again and again, by the fast method.
 
+        Raises:
+            InputError: a belt that stretches goes slack with the arm as it is.
+        """
+        from ident.vibrate.redesign.evaluator import Evaluator
+        from ident.vibrate.response.belt_tension import refuse_slack
+        from ident.vibrate.response.simulate import simulate
+
+        if self.elastic_belts and basis.arm.belts:
+            as_is = simulate(basis.arm, basis.motion, loads=basis.loads, elastic_belts=True, rate=self.rate)
+            refuse_slack(as_is, [belt.name for belt in basis.arm.belts])
         own = (self.measure, basis.draws, basis.loads, self.elastic_belts, self.rate)
         return Evaluator(basis.arm, basis.motion, tuple(variables), *own)
 

@@ -38,7 +38,7 @@ class SimulateOptions(HeldMotionOptions):
 
     draws: int = option(200, "draws of the posterior", low=1)
     seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
-    elastic_belts: bool = option(False, "belts stretch")
+    elastic_belts: bool = option(False, "belts stretch: k_tors without them, which one from a hammer test has in it")
     method: str | None = option(
         None, "fast, exact or both (default; with --posterior: fast)", choices=("fast", "exact", "both")
     )
@@ -217,6 +217,7 @@ def simulate(
     measured = _trace(trace)
     _check_time(options.at, basis)
     study = _simulated(basis, options, "fast" if drawn else "both", progress)
+    _check_belts(basis, study)
     simulation = Simulation(
         basis,
         study,
@@ -240,6 +241,16 @@ def _simulated(basis: "Basis", options: SimulateOptions, method: str, progress: 
     if options.step is not None:
         return SimulatedMotion(simulate(arm, motion, loads=loads, elastic_belts=belts, rate=rate, step=options.step))
     return simulate_motion(arm, motion, loads=loads, method=method, elastic_belts=belts, rate=rate, progress=shown)
+
+
+def _check_belts(basis: "Basis", study: "SimulatedMotion") -> None:
+    """Refuse slack in belts that stretch where the fast method alone is asked for, by the motion or by draws."""
+    from ident.vibrate.response.belt_tension import refuse_slack
+
+    response = study.response
+    by_fast_method = basis.draws or response.method == "fast"
+    if response.model.elastic and study.interrupted is None and by_fast_method:
+        refuse_slack(response, [belt.name for belt in basis.arm.belts])
 
 
 def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Draws | None":

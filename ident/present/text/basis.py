@@ -10,6 +10,7 @@ from ident.identify.values import Values
 from ident.present.text.words import WIDTH, cut, degrees
 
 UNDRIVEN = "The arm file has no [[drive]]: only the motion itself shakes the arm, no turning mass does."
+TWICE = "Elastic belts count twice where k_bend or k_tors were measured with them, by a hammer test for one."
 GUESSED = ("assumed", "calibrated")
 """Origins of numbers that were not measured: assumed, or set so that a result comes out."""
 PARTS = {"Drive": "drives", "Belt": "belts", "Stroke": "stroke"}
@@ -27,7 +28,8 @@ def motion_in_words(basis: Basis) -> Iterator[str]:
 def load_in_words(basis: Basis, elastic_belts: bool, rate: float) -> str:
     """Say how it is simulated: load case, belts, and samples a second."""
     belts = ("elastic" if elastic_belts else "rigid") if basis.arm.belts else "none"
-    return f"  load: {basis.load}; belts: {belts}; {rate:.4g} samples a second"
+    line = f"  load: {basis.load}; belts: {belts}; {rate:.4g} samples a second"
+    return f"{line}\n  {TWICE}" if belts == "elastic" else line
 
 
 def basis_in_words(basis: Basis, *, changed_draws: bool = False) -> Iterator[str]:

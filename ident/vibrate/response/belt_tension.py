@@ -1,6 +1,6 @@
 """The tension of the belts while the arm moves."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ from ident.arm.belts import stretch, tensions
 from ident.arm.multibody import Multibody
 from ident.arm.multibody_dynamics import drive_torques
 from ident.arm.multibody_kinematics import Command, at_rest, bushings, deviations, pins
+from ident.errors import InputError, Problem
 from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
 from ident.vibrate.response.exact import acceleration
@@ -74,3 +75,21 @@ def slack(time: Float[AnyArray, "T"], tension: Float[AnyArray, "2 B T"]) -> Iter
         edges = np.flatnonzero(np.diff(np.concatenate([[0], is_slack[span, belt].astype(int), [0]])))
         for first, end in edges.reshape(-1, 2):
             yield int(belt), ("upper", "lower")[span], float(at[first]), float(at[end - 1])
+
+
+def refuse_slack(response: Response, names: Sequence[str]) -> None:
+    """Refuse a response on elastic belts with a slack span, which the linear equations of the fast method have pull on.
+
+    Args:
+        response: a single response.
+        names: of the belts.
+
+    Raises:
+        InputError: some span is slack.
+    """
+    first = min(slack(response.time, belt_tension(response)), key=lambda span: span[2], default=None)
+    if response.model.elastic and first is not None:
+        belt, span, start, _ = first
+        got = f"the {span} span of {names[belt]} slack at {start:.4g} s"
+        remedy = "simulate it with `method` exact, raise the pretension, or take the belts as rigid"
+        raise InputError(Problem("elastic_belts", got, "belts under tension, for the fast method", remedy))

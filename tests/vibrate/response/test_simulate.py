@@ -18,7 +18,7 @@ from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.errors import InputError, ModelError
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.belt_tension import belt_tension, slack
+from ident.vibrate.response.belt_tension import belt_tension, refuse_slack, slack
 from ident.vibrate.response.exact import SAMPLES
 from ident.vibrate.response.response import Response, peak, rms, settling_time
 from ident.vibrate.response.simulate import simulate
@@ -208,3 +208,12 @@ def test_a_jump_of_speed_is_refused() -> None:
     halves = along(Polynomial([0, 0, 0.1]), 1.0).dwell(1.0)
     with pytest.raises(InputError, match=r"a jump of joint2's speed by 22\.92 deg/s at 1 s"):
         simulate(lcd_arm(), halves)
+
+
+def test_slack_of_elastic_belts_is_refused_of_the_fast_method() -> None:
+    """With the span and the time that `slack` tells; that of rigid ones is not."""
+    response, names = paper(100, "fast", True), ["belt1", "belt2"]
+    refuse_slack(response, names)
+    loose = eqx.tree_at(lambda r: r.model.belts.pretension, response, 0 * response.model.belts.pretension)
+    with pytest.raises(InputError, match=r"^elastic_belts: got the (upper|lower) span of belt[12] slack at [\d.e-]+ s"):
+        refuse_slack(loose, names)
