@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ident.arm.arm import Arm
+from ident.arm.checks import massless_joint
 from ident.arm.parts import Body, Joint, Point
-from ident.description.file import massless_joint
 from ident.description.urdf_chain import Segment, chain, parse, refusal
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean, one_line, read_bytes

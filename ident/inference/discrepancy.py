@@ -14,6 +14,8 @@ from ident.inference.problem import Choice, Choosing, Data, Growing, InverseProb
 from ident.text import did_you_mean
 
 PREFIX = "discrepancy."
+NARROWEST, WIDEST = 1e-6, 10.0
+"""Widths of ln(factor): within a millionth there is none, and beyond e^10 nothing is measured."""
 """What the names of discrepancies begin with; a kind of measurement follows."""
 
 
@@ -87,9 +89,9 @@ def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> In
         if kind not in problem.kinds:
             remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
             raise InputError(Problem("", f"a discrepancy of {kind}", "a kind that was measured", remedy))
-        if not 0 < width < np.inf:
-            remedy = f"as {kind}:0.1 for ten percent"
-            raise InputError(Problem("", f"a discrepancy of width {width:g}", "a finite width > 0", remedy))
+        if not NARROWEST <= width <= WIDEST:
+            expected, remedy = f"a width from {NARROWEST:g} to {WIDEST:g}", f"as {kind}:0.1 for ten percent"
+            raise InputError(Problem("", f"a discrepancy of width {width:g}", expected, remedy))
     more = tuple(Parameter((PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
     if not more:
         return problem

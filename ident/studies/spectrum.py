@@ -10,7 +10,7 @@ from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import option
 from ident.studies.result import Result
-from ident.studies.shared import BaseOptions, as_file
+from ident.studies.shared import FARTHEST, BaseOptions, as_file, is_angle
 from ident.studies.simulate import SimulateResult
 
 if TYPE_CHECKING:
@@ -63,6 +63,14 @@ class SpectrumOptions(BaseOptions):
         argument="angle",
     )
 
+    def problems(self) -> list[Problem]:
+        """Refuse a posture that is none, and orders that are."""
+        problems = super().problems()
+        if self.posture and not all(map(is_angle, self.posture)):
+            expected = f"angles within {FARTHEST:g} deg"
+            problems.append(Problem("posture", f"{self.posture}", expected, "as (30, -60, 30)"))
+        return problems
+
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SpectrumResult(Result):
@@ -82,6 +90,7 @@ class SpectrumResult(Result):
 
     form = "ident-spectrum/3"
     shown = ("spectra",)
+    numbers = ("amplitudes",)
 
     @property
     def name(self) -> str:
