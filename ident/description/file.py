@@ -78,10 +78,11 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
     except ValidationError as error:
         problems = [*source.explain(error), *problems]
     else:
-        if got := massless_joint(document.joint[-1].joint()):
-            remedy = "give the last joint a shaft or link of positive mass, with inertia or shape"
-            loc = ("joint", len(document.joint) - 1)
-            problems.append(source.problem(loc, got, "mass beyond every bushing", remedy))
+        if massless := massless_joint([joint.joint() for joint in document.joint]):
+            place, got, expected = massless
+            which = "last " * (place == len(document.joint) - 1)
+            remedy = f"give the {which}joint a shaft or link of positive mass, with inertia or shape"
+            problems.append(source.problem(("joint", place), got, expected, remedy))
         elif not problems:
             problems += _unfit(document, source)
     if problems:

@@ -57,9 +57,10 @@ def read_urdf(
     for segment in segments:
         joints.append(_joint(segment, place, k[segment.joint.name], tau[segment.joint.name], where))
         place = segment.origin
-    if got := massless_joint(joints[-1]):
-        remedy = "give the last link an <inertial>"
-        raise refusal(f"{where}, joint {names[-1]}", got, "mass beyond every bushing", remedy)
+    if massless := massless_joint(joints):
+        last, got, expected = massless
+        remedy = f"give the {'last ' * (last == len(joints) - 1)}link an <inertial>"
+        raise refusal(f"{where}, joint {names[last]}", got, expected, remedy)
     return Arm(robot.name or Path(path).stem, tuple(joints), (_tip(segments, tip, where),))
 
 

@@ -82,7 +82,7 @@ def test_unknowns_and_priors_that_can_not_be(run, options, words):
         (["sample", TABLE, "--ess=1e300"], "--ess: got 1e+300"),
         (["plan", TABLE, "--draws=1000000"], "--draws: got 1e+06"),
         (["plan", TABLE, "--count=1000000"], "--count: got 1e+06"),
-        (["plan", TABLE, "--step=1e-6"], "--step: got 1e-06"),
+        (["plan", TABLE, "--step=1e-6"], "--step: got a step of 1e-06 deg"),
         (["diagnose", TABLE, "--dwell=1e300"], "--dwell: got 1e+300, expected a number from 0 to 3600"),
         (["design", ARM, "--min-frequency=1e9"], "--min-frequency: got 1e+09, expected a number above 0, at most 1000"),
         (["simulate", ARM, "--dwell=nan"], "--dwell: got nan"),
@@ -223,6 +223,22 @@ def test_a_file_where_the_checkpoints_go_is_refused(run, tmp_path):
     assert code == 2
     assert len(err.splitlines()) == 1
     assert "table1.sample.part" in err
+
+
+def test_an_arm_with_a_massless_middle_joint_is_refused(run):
+    """Turning it one way and the next joint back about the line between them moves no mass: M is singular."""
+    words = ("mass", "inertia.xx", "inertia.yy", "inertia.zz")
+    none = [f"--set={part}.{word}=0" for part in ("link2", "shaft2") for word in words]
+    err = refused(run, "predict", ARM, *none, "--set=drive2.eccentric_mass=0")
+    assert "joint2: no mass on the bushing, expected inertia on every bushing" in err
+
+
+def test_a_sigma_that_no_instrument_has_is_refused_by_its_row(run, tmp_path):
+    (tmp_path / "sharp.csv").write_text(TABLE.read_text().replace("0.5%", "1e-12"))
+    code, out, err = run("fit", tmp_path / "sharp.csv", f"--arm={ARM}")
+    assert (code, out) == (2, "")
+    assert [line.split(",")[0][-12:] for line in err.splitlines()] == ["/sharp.csv:5", "/sharp.csv:6"]
+    assert "expected a standard deviation of 1e-09 of the value, or more" in err
 
 
 def test_a_mode_label_of_thousands_of_digits_is_no_label(run, tmp_path):
