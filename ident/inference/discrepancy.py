@@ -14,8 +14,8 @@ from ident.inference.problem import Choice, Choosing, Data, Growing, InverseProb
 from ident.text import did_you_mean
 
 PREFIX = "discrepancy."
-NARROWEST, WIDEST = 1e-6, 10.0
-"""Widths of ln(factor): within a millionth there is none, and beyond e^10 nothing is measured."""
+NARROWEST, WIDEST = 1e-6, 1e6
+"""Widths of ln(factor): within a millionth there is none, and beyond a million there is no bound at all."""
 """What the names of discrepancies begin with; a kind of measurement follows."""
 
 
