@@ -3,6 +3,14 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+LONGEST = 300
+"""Characters of each part of a problem that its line shows."""
+
+
+def one_line(text: str) -> str:
+    """Escape line breaks and control characters, so that a message stays on one line."""
+    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -23,9 +31,13 @@ class Problem:
     column: str = ""
 
     def __str__(self) -> str:
-        place = ", ".join(part for part in (self.where, self.column) if part)
+        where, column, got, expected, remedy = (
+            one_line(part if len(part) <= LONGEST else part[:LONGEST] + "…")
+            for part in (self.where, self.column, self.got, self.expected, self.remedy)
+        )
+        place = ", ".join(part for part in (where, column) if part)
         prefix = f"{place}: " if place else ""
-        return f"{prefix}got {self.got}, expected {self.expected}; {self.remedy}"
+        return f"{prefix}got {got}, expected {expected}; {remedy}"
 
 
 class IdentError(Exception):

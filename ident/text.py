@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, one_line
 
 NAME = "[A-Za-z][A-Za-z0-9_-]*"
 """A part's name: nothing that a path `link1.com.x` or a load `5 kg @ tip` could confuse."""
@@ -24,11 +24,6 @@ OFF = ("", "0", "off", "no", "n", "false", "f")
 def is_on(variable: str) -> bool:
     """Return whether an environment variable is set, and not to a word that means no."""
     return os.environ.get(variable, "").strip().lower() not in OFF
-
-
-def one_line(text: str) -> str:
-    """Escape line breaks and control characters, so that a message stays on one line."""
-    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
 
 
 def quoted(text: str) -> str:

@@ -23,7 +23,7 @@ ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "pr
 install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 
 import jax  # noqa: E402
-from reports import too_wide  # noqa: E402
+from reports import too_wide, without_number  # noqa: E402
 
 from ident import cli  # noqa: E402
 
@@ -46,6 +46,13 @@ def few_programs():
         gc.collect()
 
 
+def _without_number_in_tables(out):
+    """Return the lines of tables that a command has written, which say nan or inf where a number is meant."""
+    written = [Path(line.removeprefix("wrote ")) for line in out.splitlines() if line.startswith("wrote ")]
+    tables = [path.read_text(encoding="utf-8") for path in written if path.suffix == ".csv"]
+    return [line for text in tables for line in without_number(text.replace(",", " "))]
+
+
 @pytest.fixture
 def run(monkeypatch, capsys, tmp_path):
     """Run ident in this process, in an empty folder; return exit code, output and error text."""
@@ -61,6 +68,7 @@ def run(monkeypatch, capsys, tmp_path):
         captured = capsys.readouterr()
         if "--help" not in arguments:
             assert not too_wide(captured.out), "a report fits a terminal"
+            assert not [*without_number(captured.out), *_without_number_in_tables(captured.out)], "numbers are numbers"
         return code, captured.out, captured.err
 
     return call

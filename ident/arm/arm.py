@@ -25,6 +25,9 @@ from ident.text import did_you_mean
 GRAVITY = (0.0, 0.0, -9.80665)
 """Standard gravity [m/s^2] in the base frame (CGPM 1901)."""
 
+MOST_JOINTS = 24
+"""Joints of an arm: with more of them compiling takes minutes and the memory is not enough."""
+
 
 def _floats(value: Any) -> Array:
     return jnp.asarray(value, float)
@@ -56,6 +59,9 @@ class Arm(eqx.Module):
     workspace: Workspace = eqx.field(static=True, default=ANYWHERE)
 
     def __check_init__(self) -> None:
+        if len(self.joints) > MOST_JOINTS:
+            remedy = "leave out joints that hardly give; programs grow with the square of their number"
+            raise InputError(Problem("joint", f"{len(self.joints)} joints", f"at most {MOST_JOINTS}", remedy))
         names = [part.name for part in self.parts()]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -189,7 +195,7 @@ class Arm(eqx.Module):
                 if rest == field.name + end:
                     return name, field.name, component
         remedy = did_you_mean(path, self.paths(), "see `Arm.paths()`")
-        raise InputError(Problem("", path, f"a number of the arm {self.name}", remedy))
+        raise InputError(Problem("", path or "no name", f"a number of the arm {self.name}", remedy))
 
 
 def stiffness_paths(arm: Arm) -> tuple[str, ...]:

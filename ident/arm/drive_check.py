@@ -33,7 +33,7 @@ def check_drives(arm: "Arm") -> None:
         *(problem for drive in arm.drives for problem in _of_drive(arm, drive)),
         *(problem for belt in arm.belts for problem in _of_belt(arm, belt)),
         *(problem for stroke in strokes for problem in _of_stroke(arm, stroke)),
-        *(problem for part in (*arm.drives, *arm.belts, *strokes) for problem in _of_signs(part)),
+        *(problem for part in (*arm.drives, *arm.belts, *strokes) for problem in sign_problems(part)),
     ]
     if problems:
         raise InputError(problems)
@@ -121,9 +121,12 @@ def _beyond_limits(arm: "Arm", stroke: Stroke, end: str) -> Iterator[Problem]:
             yield Problem("stroke", got, expected, "shorten the stroke, or correct the limits", end)
 
 
-def _of_signs(part: Drive | Belt | Stroke) -> Iterator[Problem]:
+def sign_problems(part: Any) -> Iterator[Problem]:
+    """Yield the numbers of a part of an arm that are not finite, or of a sign that they can't have."""
     for field in fields_of(type(part).__name__):
         value = _known(getattr(part, field.name))
+        if value is not None and field.rank == 2:
+            value = np.diagonal(value)
         if value is not None and not (allowed := field.allows(value)).all():
             got = f"{_first(value[~allowed]):g} {field.unit}".removesuffix(" -")
             yield Problem(part.name, got, EXPECTED[field.sign], "correct it", field.name)

@@ -32,6 +32,8 @@ EXPECTED: dict[Sign, str] = {
 """What a sign asks for, in a message."""
 COMPONENTS = {"x": (0,), "y": (1,), "z": (2,), "xx": (0, 0), "yy": (1, 1), "zz": (2, 2)}
 """Names of vector and tensor components in a parameter's path."""
+LARGEST = 1e15
+"""Largest magnitude of a number in a file, or of one that is set: squares and products of several stay finite."""
 SPEED = "speed"
 """What varies like a number of the arm, though it is none: the speed of the motion [%], which slows its clock."""
 

@@ -41,7 +41,7 @@ class Label:
 
 def parse_label(text: str) -> Label | None:
     """Read a label such as `vertical bending 1`, `torsion 2` or `lateral 1`; None when it is none."""
-    match = re.fullmatch(r"(?:(vertical|lateral)\s*)?(?:(bending|torsion)\s*)?(\d+)", text.strip().lower())
+    match = re.fullmatch(r"(?:(vertical|lateral)\s*)?(?:(bending|torsion)\s*)?(\d{1,3})", text.strip().lower())
     if not match or int(match[3]) < 1 or not (match[1] or match[2]):
         return None
     return Label(match[1], match[2], int(match[3]))

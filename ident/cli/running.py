@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from ident.measure import Campaign
 
 
+LONGEST_PATH = 200
+"""Characters of a path that a message repeats."""
+
+
 def start() -> None:
     """Set up jax: double precision, and compiled programs kept from one run to the next."""
     gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
@@ -56,18 +60,19 @@ def check_folder(out: Path) -> None:
     Raises:
         InputError: it is a file, or lies where nothing can be written.
     """
-    there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
-    got = "" if there.is_dir() else "a file"
+    there, got = out, ""
     try:
-        if not got:
+        there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+        if there.is_dir():
             with TemporaryFile(dir=there):  # rights alone do not tell: root has them in /proc, too
                 pass
-    except OSError as error:
-        got = f"no place to write ({(error.strerror or str(error)).lower()})"
+        else:
+            got = "a file"
+    except (OSError, ValueError) as error:
+        got = f"no place to write ({(getattr(error, 'strerror', None) or str(error)).lower()})"
     if got:
-        raise InputError(
-            Problem(one_line(str(there)), got, "a folder that can be written", "choose another (`folder`)")
-        )
+        where = one_line(str(there)[:LONGEST_PATH])
+        raise InputError(Problem(where, got, "a folder that can be written", "choose another (`folder`)"))
 
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:

@@ -15,8 +15,8 @@ from pydantic import ValidationError
 
 from ident.arm.arm import Arm
 from ident.arm.belt_condition import belt_mismatches
+from ident.arm.checks import massless_joint
 from ident.arm.fields import COMPONENTS
-from ident.arm.parts import Joint
 from ident.description.explanations import Source
 from ident.description.quantities import Origin, si
 from ident.description.schema import ArmDocument, named
@@ -78,10 +78,11 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
     except ValidationError as error:
         problems = [*source.explain(error), *problems]
     else:
-        if got := massless_joint(document.joint[-1].joint()):
-            remedy = "give the last joint a shaft or link of positive mass, with inertia or shape"
-            loc = ("joint", len(document.joint) - 1)
-            problems.append(source.problem(loc, got, "mass beyond every bushing", remedy))
+        if massless := massless_joint([joint.joint() for joint in document.joint]):
+            place, got, expected = massless
+            which = "last " * (place == len(document.joint) - 1)
+            remedy = f"give the {which}joint a shaft or link of positive mass, with inertia or shape"
+            problems.append(source.problem(("joint", place), got, expected, remedy))
         elif not problems:
             problems += _unfit(document, source)
     if problems:
@@ -96,23 +97,10 @@ def _unfit(document: ArmDocument, source: Source) -> list[Problem]:
     except InputError as error:
         places = {table["name"]: loc for loc, table in named(source.raw)}
         return [
-            source.problem((*places.get(p.where, (p.where,)), p.column), p.got, p.expected, p.remedy)
+            source.problem((*places.get(p.where, (p.where,)), *filter(None, (p.column,))), p.got, p.expected, p.remedy)
             for p in error.problems
         ]
     return []
-
-
-def massless_joint(joint: Joint) -> str:
-    """Say why a last joint's equation would be singular: turning it moves no mass. Empty if all is well."""
-    inertia, mass = np.zeros((3, 3)), 0.0
-    for body in (*joint.shaft, *joint.link):
-        c, m = np.asarray(body.com), float(body.mass)
-        inertia += np.asarray(body.inertia) + m * (c @ c * np.eye(3) - np.outer(c, c))
-        mass += m
-    moments = np.linalg.eigvalsh(inertia)
-    if mass and moments[0] > 1e-12 * moments[2]:
-        return ""
-    return "a rotation that moves no mass" if mass else "no mass beyond the bushing"
 
 
 def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where: str = "arm.toml") -> str:

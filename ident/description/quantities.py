@@ -10,12 +10,9 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
-from ident.arm.fields import field_named
+from ident.arm.fields import LARGEST, field_named
 from ident.text import NAME, did_you_mean, quoted
 from ident.units import in_si
-
-LARGEST = 1e15
-"""Largest magnitude of any number: beyond it squares and products would overflow unnoticed."""
 
 Origin = Literal["paper", "assumed", "calibrated", "measured", "derived", "datasheet", "designed"]
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ident.arm.arm import Arm
+from ident.arm.checks import massless_joint
 from ident.arm.parts import Body, Joint, Point
-from ident.description.file import massless_joint
 from ident.description.urdf_chain import Segment, chain, parse, refusal
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean, one_line, read_bytes
@@ -57,9 +57,10 @@ def read_urdf(
     for segment in segments:
         joints.append(_joint(segment, place, k[segment.joint.name], tau[segment.joint.name], where))
         place = segment.origin
-    if got := massless_joint(joints[-1]):
-        remedy = "give the last link an <inertial>"
-        raise refusal(f"{where}, joint {names[-1]}", got, "mass beyond every bushing", remedy)
+    if massless := massless_joint(joints):
+        last, got, expected = massless
+        remedy = f"give the {'last ' * (last == len(joints) - 1)}link an <inertial>"
+        raise refusal(f"{where}, joint {names[last]}", got, expected, remedy)
     return Arm(robot.name or Path(path).stem, tuple(joints), (_tip(segments, tip, where),))
 
 

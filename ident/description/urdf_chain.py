@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ident.description.quantities import LARGEST
+from ident.arm.fields import LARGEST
 from ident.errors import InputError, Problem
 from ident.text import NAME, NAME_RULE
 

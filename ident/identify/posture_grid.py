@@ -80,7 +80,11 @@ def _turns_about_vertical(arm: Arm) -> bool:
 def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: float) -> list[float]:
     """Return the multiples of a step by which a line's shares stay within the limits."""
     pairs = [sorted((low / share, high / share)) for (low, high), share in zip(spans, line, strict=True) if share]
-    return _multiples(max(low for low, _ in pairs), min(high for _, high in pairs), step)
+    low, high = max(low for low, _ in pairs), min(high for _, high in pairs)
+    if high - low > MOST * step:
+        got = f"a step of {math.degrees(step):g} deg, {(high - low) / step:.3g} postures on the line"
+        raise InputError(Problem("", got, f"{MOST} postures at most", "give a larger step", "step"))
+    return _multiples(low, high, step)
 
 
 def may_be_held(arm: Arm, postures: Float[np.ndarray, "G joints"]) -> Bool[np.ndarray, "G"]:

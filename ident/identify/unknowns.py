@@ -16,6 +16,10 @@ WEAK_PRIOR = 1.0
 BASE_WIDER = 1.5
 """Width of the prior of a base that gives, as a multiple of the others'; assumed. About ten times joint 1's stiffness
 95 % then lie within 0.5 and 190 times: from softer than the joint to what no campaign would notice."""
+NARROWEST, WIDEST = 1e-6, 100.0
+"""Widths of priors, of ln(value) as a rule: within a millionth a number is known, beyond 43 decades nothing is."""
+ELSEWHERE = 1000.0
+"""Factor from the arm's value beyond which a prior has another unit, as N m per arc minute (3438)."""
 LENGTH_SCALE = 0.1
 """Unit [m] in which a coordinate without a prior is fitted, so that all unknowns are of order one."""
 
@@ -56,10 +60,29 @@ def parameter(
     if positive and not (start > 0 and centre > 0):
         remedy = f"give {paths[0]} a positive value in the arm file, or keep it (`fix`)"
         raise InputError(Problem("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0]))
-    if not prior_sd > 0:
-        raise InputError(Problem("", f"a prior width of {prior_sd:g}", "a width > 0", "correct it", paths[0]))
+    _check_width(paths[0], prior_sd, positive)
+    if positive and prior is not None:
+        _check_place(paths[0], prior, start)
     scale = 1.0 if positive else (prior_sd if math.isfinite(prior_sd) else LENGTH_SCALE)
     return Parameter(paths, positive, start, centre, prior_sd / scale, scale, flat)
+
+
+def _check_width(path: str, width: float, positive: bool) -> None:
+    """Refuse a width that no prior has: as good as fixed, or as good as none."""
+    least, most = (NARROWEST, WIDEST) if positive else (0.0, WIDEST)
+    if not (least <= width <= most and width > 0) and width != math.inf:
+        expected = f"a width from {least:g} to {most:g}" if positive else f"a width > 0, at most {most:g} in SI"
+        remedy = "keep it (`fix`), or drop its prior" if width > 0 else "correct it"
+        raise InputError(Problem("", f"a prior width of {width:g}", expected, remedy, path))
+
+
+def _check_place(path: str, prior: Prior, value: float) -> None:
+    """Refuse a prior that lies elsewhere than the arm's value: an error of units."""
+    off = max(prior.low / value, value / prior.high)
+    if off > ELSEWHERE:
+        got = f"a prior from {prior.low:.4g} to {prior.high:.4g}, a factor of {off:.2g} from the arm's {value:.4g}"
+        remedy = "check its unit, which is SI, or correct the arm file"
+        raise InputError(Problem("", got, f"a factor of {ELSEWHERE:g} at most", remedy, path))
 
 
 @dataclass(frozen=True)
@@ -114,6 +137,9 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     for path in (*widths, *taken):
         arm.get(path)
     _refuse_twice(taken)
+    for path in set(unknowns.free).intersection(fixed):
+        raise InputError(Problem("", f"{path} fixed and freed", "one of the two", "drop it from `fix` or from `free`"))
+    _refuse_unlike(groups)
     if damping:
         whole = [tuple(f"{joint.name}.{field}" for joint in arm.joints) for field in DAMPING]
         groups += [rest for group in whole if (rest := tuple(path for path in group if path not in taken))]
@@ -137,6 +163,16 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
 def _in_group(arm: Arm, group: tuple[str, ...], widths: Mapping[str, float], priors: Mapping[str, Prior]) -> Parameter:
     width = next(widths[path] for path in group if path in widths)
     return parameter(arm, *group, prior_sd=width, prior=next((priors[path] for path in group if path in priors), None))
+
+
+def _refuse_unlike(groups: list[tuple[str, ...]]) -> None:
+    """Refuse a tie of numbers that can't be equal."""
+    for group in groups:
+        units = {path: field.unit for path in group if (field := field_of(path))}
+        if len(set(units.values())) > 1:
+            got = ", ".join(f"{path} [{unit}]" for path, unit in units.items())
+            remedy = "tie only what can be equal (`tie`)"
+            raise InputError(Problem("", f"a tie of {got}", "numbers of one unit", remedy))
 
 
 def _refuse_twice(paths: list[str]) -> None:

@@ -1,6 +1,6 @@
 """Numbers that an arm takes over from a fit or from a posterior."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.base import BASE
+from ident.arm.fields import EXPECTED, field_of
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
 
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from ident.inference.sample import Sample
 
 BEST_ONLY = "draws about the best optimum only; the others are left out"
+VANISHING, FARTHEST = 1e6, 1e12
+"""Factors by which a fitted number may be less, and more, than the arm file's: what data leave open may become large,
+but with a millionth of its stiffness no arm stands."""
 OTHER_ARM = "fitted to another arm file, or to this one before it was changed"
 
 
@@ -66,9 +70,8 @@ class Values:
         if based := [name for name in left_out if name.startswith(f"{BASE}.")]:
             remedy = "give `soft_base` as it was given there"
             raise InputError(Problem(path, based[0], f"{arm.name} on such a base", remedy))
-        if not all(np.isfinite(value).all() for value in values.values()):
-            remedy = "run the fit or sample again"
-            raise InputError(Problem(path, "a value that is not finite", "finite numbers", remedy))
+        if problems := [problem for name, value in values.items() for problem in _impossible(path, name, value, arm)]:
+            raise InputError(problems)
         return cls(path, sha256, values, left_out, remark)
 
     @property
@@ -95,6 +98,21 @@ class Values:
         return {path: values for path, values in self.values.items() if path not in paths}
 
 
+def _impossible(path: str, name: str, value: np.ndarray, arm: Arm) -> Iterator[Problem]:
+    """Yield why numbers can't be this number of an arm: the worst of them, by the sign, or by its size."""
+    field, own, remedy = field_of(name), float(arm.get(name)), "run the fit or sample again"
+    if not value.size:
+        yield Problem(path, "no draw", "draws", remedy, name)
+    elif field and not (allowed := field.allows(value)).all():
+        got = "a value that is not finite" if not np.isfinite(value).all() else f"{value[~allowed].flat[0]:g}"
+        yield Problem(path, got, EXPECTED[field.sign], remedy, name)
+    elif field and field.has_factor(own):
+        middle = float(np.median(value))
+        if not 1 / VANISHING <= abs(middle / own) <= FARTHEST:
+            expected = f"a value of the order of {own:.4g}, as the arm file has it"
+            yield Problem(path, f"{middle:.4g} {field.unit}", expected, remedy, name)
+
+
 def doubtful(doubts: Sequence[str]) -> str:
     """Say that a fit is in doubt; nothing if it is not."""
     reasons = "; ".join(doubt.removesuffix(" (see below)") for doubt in doubts)
@@ -110,12 +128,14 @@ class Draws:
         path: the file that they are from; empty for a result of this process.
         sha256: hash of its bytes.
         remark: what else a reader must know; mostly empty.
+        arm_sha256: hash of the file of the arm that was fitted; empty where it is not known.
     """
 
     by_paths: Mapping[tuple[str, ...], Float[np.ndarray, "n"]]
     path: str = ""
     sha256: str = ""
     remark: str = ""
+    arm_sha256: str = ""
 
     @classmethod
     def of_sample(cls, sample: "Sample") -> "Draws":
@@ -126,6 +146,12 @@ class Draws:
         best = by_chain.optimum == by_chain.optimum.min()
         by_paths = {item.paths: own[best].ravel() for item, own in zip(items, by_chain.values, strict=True)}
         return cls(by_paths, remark="" if best.all() else BEST_ONLY)
+
+    def of(self, sha256: str) -> "Draws":
+        """Return the same for an arm whose file has this hash, with a remark where another one was fitted."""
+        if not (sha256 and self.arm_sha256 and sha256 != self.arm_sha256):
+            return self
+        return replace(self, remark="; ".join(filter(None, (self.remark, OTHER_ARM))))
 
     @property
     def total(self) -> int:

@@ -11,6 +11,8 @@ BURN_IN = 5
 """Autocorrelation times that are left out at the start."""
 LONG_ENOUGH = 50
 """Autocorrelation times below which emcee's estimate of that time is not to be trusted."""
+ENDLESS = 1e9
+"""Steps that no run takes: what is beyond is as good as for ever."""
 MIXED = 1.01
 """R-hat above which the ensembles have not found the same distribution (Vehtari et al. 2021)."""
 
@@ -55,7 +57,7 @@ class Diagnosis:
         needed = max(
             LONG_ENOUGH * self.tau.max(), counted * target / self.bulk.min(), 0.0 if self.mixed else 2.0 * counted
         )
-        return max(0, math.ceil(needed - counted))
+        return max(0, math.ceil(min(needed - counted, ENDLESS)))
 
 
 def diagnose(theta: Float[np.ndarray, "n ensembles walkers P"], apart: int = 1) -> Diagnosis:

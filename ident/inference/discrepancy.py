@@ -15,6 +15,8 @@ from ident.text import did_you_mean
 
 PREFIX = "discrepancy."
 """What the names of discrepancies begin with; a kind of measurement follows."""
+NARROWEST, WIDEST = 1e-6, 1e6
+"""Widths of ln(factor): within a millionth there is none, and beyond a million there is no bound at all."""
 
 
 class Discrepant(eqx.Module, Choosing, Growing):
@@ -87,9 +89,9 @@ def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> In
         if kind not in problem.kinds:
             remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
             raise InputError(Problem("", f"a discrepancy of {kind}", "a kind that was measured", remedy))
-        if not 0 < width < np.inf:
-            remedy = f"as {kind}:0.1 for ten percent"
-            raise InputError(Problem("", f"a discrepancy of width {width:g}", "a finite width > 0", remedy))
+        if not NARROWEST <= width <= WIDEST:
+            expected, remedy = f"a width from {NARROWEST:g} to {WIDEST:g}", f"as {kind}:0.1 for ten percent"
+            raise InputError(Problem("", f"a discrepancy of width {width:g}", expected, remedy))
     more = tuple(Parameter((PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
     if not more:
         return problem

@@ -1,7 +1,7 @@
 """What is known of a number before the data: log-normal, log-uniform, or a maker's catalogue."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ident.errors import InputError, Problem
 from ident.text import quoted
@@ -39,7 +39,13 @@ class Prior:
 
     @classmethod
     def log_uniform(cls, low: float, high: float) -> "Prior":
-        """Return the prior that is flat in ln(value), with edges one percent wide."""
+        """Return the prior that is flat in ln(value), with edges one percent wide.
+
+        Raises:
+            InputError: nothing lies between the ends.
+        """
+        if low == high:
+            raise InputError(Problem("", f"log-uniform from {low:g} to {high:g}", "low < high", "give two ends"))
         return cls(low, high, SHOULDER)
 
     @classmethod
@@ -69,4 +75,7 @@ class Prior:
             numbers = []
         if make is None or len(numbers) not in count:
             raise InputError(Problem("prior", quoted(text), FORMS, "correct it"))
-        return make(*numbers)
+        try:
+            return make(*numbers)
+        except InputError as error:
+            raise InputError(replace(problem, where=f"prior {quoted(text)}") for problem in error.problems) from None

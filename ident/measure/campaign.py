@@ -25,6 +25,9 @@ ROLES = {
 }
 """The fields that a kind has beside posture, load, value and sigma."""
 
+SHARPEST = 1e-9
+"""Least standard deviation, as a share of the value: no instrument is as good by far, and sums of squares lose it."""
+
 GRAVITY_DIRECTION = AXES["-z"]
 """Direction in which a deflection counts when none is given."""
 
@@ -166,6 +169,9 @@ def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
         limits = f"between {lowest:g} and {highest:g}" if highest < math.inf else f"above {lowest:g}"
         expected = f"a finite {kind}" + (f" {limits}" if math.isfinite(lowest) else "")
         yield Problem("", f"{value:g} {unit}".strip(), expected, "correct the value or its unit", "value")
+    if 0 < sigma < SHARPEST * abs(value) < math.inf:
+        expected = f"a standard deviation of {SHARPEST:g} of the value, or more"
+        yield Problem("", f"{sigma:g} {unit}".strip(), expected, "state how far the value may be off", "sigma")
     if not 0 < sigma < math.inf:
         expected, remedy = "a finite standard deviation above 0", "state how far the value may be off"
         yield Problem("", f"{sigma:g} {unit}".strip(), expected, remedy, "sigma")

@@ -38,7 +38,7 @@ OF_THE_SEARCH = ("change", "limit", "min_frequency", "max_deflection", "max_chan
 class DesignOptions(AmplitudeOptions):
     """Options of `ident.design`: what may be changed, what must be kept, over which motion, and how to search."""
 
-    dwell: float = option(1.0, "time [s] that the arm is held at the end")
+    dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     change: dict[str, ranges.Limits] = option(
         {},
         "number that may be changed, with bounds in SI, or in multiples of the present value with an x, "
@@ -49,18 +49,18 @@ class DesignOptions(AmplitudeOptions):
         read=ranges.ranges,
     )
     min_frequency: float | None = option(
-        None, "first natural frequency [Hz] to keep at both ends of the motion", above=0.0
+        None, "first natural frequency [Hz] to keep at both ends of the motion", above=0.0, high=1000.0
     )
     max_deflection: float | None = option(None, "static deflection [mm] to keep at both ends", above=0.0)
     max_change: float | None = option(
         None, "largest change norm: 1 is one number of weight 1 at its farther bound", above=0.0
     )
     sensitivities: bool = option(False, "only the table of sensitivities")
-    starts: int = option(3, "starts of the search", low=1)
+    starts: int = option(3, "starts of the search", low=1, high=100)
     no_curve: bool = option(False, "no trade-off of amplitude and change")
-    draws: int = option(16, "draws of the posterior for the search", low=1)
-    fresh: int = option(1000, "other draws, by which the design is verified", low=0)
-    seed: int = option(0, "seed of all that is drawn at random", low=0)
+    draws: int = option(16, "draws of the posterior for the search", low=1, high=1000)
+    fresh: int = option(1000, "other draws, by which the design is verified", low=0, high=100_000)
+    seed: int = option(0, "seed of all that is drawn at random", low=0, high=1e18)
 
     def problems(self) -> list[Problem]:
         """Refuse ranges that are none, and options of a search where there is none."""
@@ -95,6 +95,7 @@ class DesignResult(Result):
 
     form = "ident-design/3"
     shown = ("study",)
+    numbers = ("present", "best")
     summary = ("present", "best")
 
     @property
@@ -193,7 +194,7 @@ def design(
 
     options = DesignOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    searched, fresh = drawn_groups(posterior, arm_file.arm, options.draws, options.fresh, options.seed)
+    searched, fresh = drawn_groups(posterior, arm_file, options.draws, options.fresh, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=searched)
     evaluator = _evaluator(basis, options)
     if options.sensitivities:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class FitOptions(ProblemOptions):
     """Options of `ident.fit`: what is unknown, what is known of it, and how long to search."""
 
-    starts: int = option(16, "starts of the fit, at least", low=1)
+    starts: int = option(16, "starts of the fit, at least", low=1, high=10_000)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -45,6 +45,7 @@ class FitResult(Result):
     form = "ident-fit/3"
     subject = "fit.campaign.name"
     shown = ("fit",)
+    numbers = ("parameters", "fit.predicted", "fit.chi_squared")
     summary = (
         "parameters",
         "doubts",

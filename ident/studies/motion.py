@@ -1,13 +1,13 @@
 """What the studies share that move an arm: options of the motion, and the basis that a simulation rests on."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
 from ident.studies.options import option
-from ident.studies.shared import ArmOptions, as_file
+from ident.studies.shared import ArmOptions, as_file, with_numbers
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -26,6 +26,8 @@ STROKE = (
     " data/lcd_arm/arm.toml, or give a joint path (`path`)"
 )
 
+SLOWEST = 1e-3
+"""Lowest speed [%]."""
 MEASURES = ("peak", "rms", "residual")
 """How large a vibration is; see `ident.vibrate.response.amplitude`."""
 
@@ -41,19 +43,25 @@ class MotionOptions(ArmOptions):
         None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default"
     )
     retract: bool = option(False, "from unfolded to folded")
-    smoothing: float = option(0.0, "noise of that path, rms [deg]")
+    smoothing: float = option(0.0, "noise of that path, rms [deg]", low=0.0, high=90.0)
 
     @property
     def hold(self) -> float:
         """Time that the arm is held at the end [s]."""
         return 0.0
 
+    def problems(self) -> list[Problem]:
+        """Refuse a motion that takes for ever."""
+        slow = self.speed is not None and self.speed < SLOWEST
+        problem = Problem("speed", f"{self.speed}", f"at least {SLOWEST:g}", "100 is full speed, 10 a tenth")
+        return [*super().problems(), *([problem] if slow else [])]
+
 
 @dataclass(frozen=True, kw_only=True)
 class HeldMotionOptions(MotionOptions):
     """The same, and how long the arm is held at the end."""
 
-    dwell: float = option(2.0, "time [s] that the arm is held at the end")
+    dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
 
     @property
     def hold(self) -> float:
@@ -68,7 +76,7 @@ class AmplitudeOptions(HeldMotionOptions):
     measure: str = option("peak", "peak or rms over the motion, or residual: peak after arrival", choices=MEASURES)
     limit: float | None = option(None, "amplitude [mm] that should not be exceeded", above=0.0)
     elastic_belts: bool = option(False, "belts stretch: k_tors without them, which one from a hammer test has in it")
-    rate: float = option(500.0, "samples a second", above=0.0)
+    rate: float = option(500.0, "samples a second", low=1.0, high=1e6)
 
     @property
     def limit_si(self) -> float | None:
@@ -109,15 +117,13 @@ def basis_of(
         fit: fitted values that the arm takes over: a result, or its file.
         posterior: draws; the arm takes over their medians, unless it has fitted values.
     """
-    from ident.arm.drive_check import check_drives
     from ident.assess.basis import Basis
     from ident.measure import Load, Log, read_log
 
     arm_file = as_file(arm, options.soft_base)
     fitted = fitted_values(fit, arm_file, options.soft_base) if fit is not None else None
     central = fitted or posterior
-    described = arm_file.arm.replace((central.medians if central else {}) | options.set)
-    check_drives(described)
+    described = with_numbers(arm_file.arm, central, options.set)
     _check(options, path is not None)
     log = path if isinstance(path, Log) or path is None else read_log(path, [joint.name for joint in described.driven])
     motion, percent = _motion(described, options, log)
@@ -165,7 +171,7 @@ def _on_the_same_base(values: "Values", fitted: float | None, asked: float | Non
 
 
 def drawn_values(
-    posterior: "Values | SampleResult | str | Path | None", arm: "Arm", count: int, seed: int | None = None
+    posterior: "Values | SampleResult | str | Path | None", arm: "Arm | ArmFile", count: int, seed: int | None = None
 ) -> "Values | None":
     """Return draws of a posterior, whatever they are in; None for none.
 
@@ -179,11 +185,12 @@ def drawn_values(
 
     if posterior is None or isinstance(posterior, Values):
         return posterior
-    return _draws(posterior).some(arm, count, seed)
+    own = as_file(arm)
+    return _draws(posterior).of(own.sha256).some(own.arm, count, seed)
 
 
 def drawn_groups(
-    posterior: "Values | SampleResult | str | Path | None", arm: "Arm", count: int, fresh: int, seed: int = 0
+    posterior: "Values | SampleResult | str | Path | None", arm: "Arm | ArmFile", count: int, fresh: int, seed: int = 0
 ) -> "tuple[Values | None, Values | None]":
     """Return two groups of draws that have none in common, to search with and to verify with; None for none.
 
@@ -198,7 +205,8 @@ def drawn_groups(
 
     if posterior is None or isinstance(posterior, Values):
         return posterior, None
-    return _draws(posterior).two_groups(arm, count, fresh, seed)
+    own = as_file(arm)
+    return _draws(posterior).of(own.sha256).two_groups(own.arm, count, fresh, seed)
 
 
 def _draws(posterior: "SampleResult | str | Path") -> "Draws":
@@ -211,7 +219,7 @@ def _draws(posterior: "SampleResult | str | Path") -> "Draws":
     if not isinstance(posterior, SampleResult):
         got, expected = f"a {type(posterior).__name__}", "a result of ident.sample, or its file"
         raise InputError(Problem("posterior", got, expected, "give that"))
-    return Draws.of_sample(posterior.sample.sample)
+    return replace(Draws.of_sample(posterior.sample.sample), arm_sha256=posterior.arm.sha256)
 
 
 def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":

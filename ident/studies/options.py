@@ -37,7 +37,7 @@ class Spec:
         help: one clause, with the unit in brackets.
         low: least value that is allowed.
         above: value that it must exceed.
-        high: value that it may reach at most, where `above` is given.
+        high: value that it may reach at most: of a number of repetitions, what an hour and the memory are enough for.
         choices: words that it must be one of.
         flag: name on the command line; by default the option's own.
         short: one letter with a dash, as a further name.
@@ -64,11 +64,13 @@ class Spec:
         if self.choices and value not in (*self.choices, None):
             return f"one of {', '.join(self.choices)}"
         if isinstance(value, Real) and not isinstance(value, bool):
-            value = float(value)
+            value = _as_float(value)
             if self.above is not None and not (self.above < value <= self.high and value < math.inf):
                 return f"a number above {self.above:g}" + (f", at most {self.high:g}" if self.high < math.inf else "")
-            if self.low is not None and not self.low <= value < math.inf:
-                return f"a number from {self.low:g}"
+            if self.low is not None and not (self.low <= value <= self.high and value < math.inf):
+                return f"a number from {self.low:g}" + (f" to {self.high:g}" if self.high < math.inf else "")
+            if not math.isfinite(value):
+                return "a finite number"
         return ""
 
 
@@ -93,7 +95,8 @@ class Options:
         for each, spec in specs(type(self)):
             value = getattr(self, each.name)
             if expected := _misfit(value, each.type) or spec.problem(value):
-                got = f"{value:g}" if isinstance(value, Real) and not isinstance(value, bool) else f"{value!r:.60}"
+                number = isinstance(value, Real) and not isinstance(value, bool)
+                got = f"{_as_float(value):g}" if number else f"{value!r:.60}"
                 remedy = did_you_mean(value, spec.choices, "correct it") if isinstance(value, str) else "correct it"
                 problems.append(Problem(each.name, got, expected, remedy))
         if problems := problems or self.problems():
@@ -117,6 +120,14 @@ class Options:
     def recorded(self) -> dict[str, Any]:
         """Return the options as result files record them."""
         return {each.name: getattr(self, each.name) for each, _ in specs(type(self))}
+
+
+def _as_float(value: Any) -> float:
+    """Return a number as a float; a whole one may be larger than any."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.copysign(math.inf, value)
 
 
 def _misfit(value: Any, kind: Any) -> str:

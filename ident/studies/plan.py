@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 class PlanOptions(FitOptions):
     """Options of `ident.plan`: what to choose from, for what, and what is unknown."""
 
-    count: int = option(4, "experiments in the batch, at most", low=1, short="-k")
+    count: int = option(4, "experiments in the batch, at most", low=1, high=100, short="-k")
     criterion: str = option(
         "d", "what experiments are chosen for: d (information), a (mean variance) or a parameter's name"
     )
     target: float = option(
-        0.0, "end the batch when all standard deviations are below this, in percent; 0 for none", low=0.0
+        0.0, "end the batch when all standard deviations are below this, in percent; 0 for none", low=0.0, high=1e6
     )
-    step: float = option(30.0, "step of the grid of joint angles [deg]")
-    modes: int = option(4, "frequencies that a hammer test gives, from the lowest", low=1)
+    step: float = option(30.0, "step of the grid of joint angles [deg]", above=0.0, high=360.0)
+    modes: int = option(4, "frequencies that a hammer test gives, from the lowest", low=1, high=100)
     load: tuple[str, ...] = option(
         (), "load that can be mounted, as 'glass' or '5 kg @ tip'; may be repeated", repeated=True, read=reading.names
     )
@@ -47,7 +47,7 @@ class PlanOptions(FitOptions):
         repeated=True,
         read=reading.numbers,
     )
-    draws: int = option(8, "points besides the best estimate over which gains are averaged", low=0)
+    draws: int = option(8, "points besides the best estimate over which gains are averaged", low=0, high=1000)
 
     @property
     def settings(self) -> "PlanSettings":
@@ -88,6 +88,7 @@ class PlanResult(Result):
 
     form = "ident-plan/3"
     shown = ("plan",)
+    numbers = ("cost",)
     summary = ("cost", "sd")
 
     @property

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import radians
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from ident.studies import reading
 from ident.studies.motion import drawn_values, fitted_values
 from ident.studies.options import option
 from ident.studies.result import Result
-from ident.studies.shared import ArmOptions, as_file
+from ident.studies.shared import FARTHEST, ArmOptions, as_file, is_angle, with_numbers
 from ident.text import did_you_mean, quoted
 
 if TYPE_CHECKING:
@@ -39,14 +38,16 @@ class PredictOptions(ArmOptions):
         repeated=True,
         read=reading.postures,
     )
-    modes: int = option(6, "number of modes", low=1)
-    draws: int = option(200, "draws of the posterior", low=2)
-    seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
+    modes: int = option(6, "number of modes", low=1, high=1000)
+    draws: int = option(200, "draws of the posterior", low=2, high=100_000)
+    seed: int | None = option(
+        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
+    )
 
     def problems(self) -> list[Problem]:
         """Return a negative mass or stiffness, or a posture that is none."""
-        fine = all(isinstance(q, tuple | list) and all(isinstance(a, Real) for a in q) for q in self.posture)
-        expected, remedy = "postures, each of several angles [deg]", "as ((30, -60, 30),)"
+        fine = all(isinstance(q, tuple | list) and all(map(is_angle, q)) for q in self.posture)
+        expected, remedy = f"postures, each of several angles within {FARTHEST:g} deg", "as ((30, -60, 30),)"
         return [*super().problems(), *([] if fine else [Problem("posture", f"{self.posture}", expected, remedy)])]
 
 
@@ -72,6 +73,7 @@ class PredictResult(Result):
 
     form = "ident-predict/2"
     shown = ("predictions",)
+    numbers = ("frequencies", "deflections")
     summary = ("deflections", "deflection_bands")
 
     @property
@@ -175,9 +177,9 @@ def predict(
     options = PredictOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
     fitted = fitted_values(fit, arm_file, options.soft_base) if fit is not None else None
-    drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
+    drawn = drawn_values(posterior, arm_file, options.draws, options.seed)
     central = fitted or drawn
-    changed = arm_file.arm.replace((central.medians if central else {}) | options.set)
+    changed = with_numbers(arm_file.arm, central, options.set)
     draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)
     if drawn and next(iter(drawn.values.values())).size < 2:
         raise InputError(Problem("posterior", "one draw", "two at least, for a band", "sample longer"))

@@ -27,7 +27,9 @@ class ProfileOptions(FitOptions):
     parameter: tuple[str, ...] = option(
         (), "parameter to profile, default: all; may be repeated", repeated=True, read=reading.names
     )
-    reach: float = option(1000.0, "factor on the fitted value beyond which a profile is called open", above=1.0)
+    reach: float = option(
+        1000.0, "factor on the fitted value beyond which a profile is called open", above=1.0, high=1e12
+    )
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -51,6 +53,7 @@ class ProfileResult(Result):
     form = "ident-profile/3"
     subject = "fit.campaign.name"
     shown = ("fit", "profiles")
+    numbers = ("fit.parameters",)
     summary = ("fit.doubts",)
 
     @property

@@ -31,9 +31,11 @@ if TYPE_CHECKING:
 class ResonanceOptions(MotionOptions):
     """Options of `ident.resonance`: the motion, which modes are followed, and what counts as near."""
 
-    draws: int = option(200, "draws of the posterior", low=1)
-    seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
-    count: int = option(3, "lowest natural frequencies that are followed", low=1)
+    draws: int = option(200, "draws of the posterior", low=1, high=100_000)
+    seed: int | None = option(
+        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
+    )
+    count: int = option(3, "lowest natural frequencies that are followed", low=1, high=100)
     orders: tuple[int, ...] | None = option(
         None,
         "multiples of the pulleys' frequencies, as 1,2; default: 1, and 2 with a transmission error",
@@ -124,7 +126,7 @@ def resonance(
 
     options = ResonanceOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
+    drawn = drawn_values(posterior, arm_file, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     followed = branches(basis.arm.replace(basis.draws), basis.motion, count=options.count, loads=basis.loads)
     turning = excitation(basis.arm, basis.motion, orders=options.orders)

@@ -8,7 +8,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, ModelError, Problem
 from ident.studies.options import Options
 
 if TYPE_CHECKING:
@@ -29,6 +29,17 @@ class Wrap(Protocol):
     def __call__(self, numbers: Iterable[int], /) -> Iterator[int]:
         """Return the same numbers."""
         ...
+
+
+def _finite(value: Any) -> bool:
+    """Tell whether all numbers of a value are finite; None is no number."""
+    import numpy as np
+
+    if isinstance(value, Mapping):
+        return all(map(_finite, value.values()))
+    if isinstance(value, tuple):
+        return all(map(_finite, value))
+    return value is None or bool(np.isfinite(np.asarray(value)).all())
 
 
 def silent(description: str, total: int | None = None) -> Wrap:
@@ -59,6 +70,17 @@ class Result:
     """The fields that its report, figure and table are made of."""
     summary: ClassVar[tuple[str, ...]] = ()
     """What its file says in short, beside the table: paths to properties."""
+
+    numbers: ClassVar[tuple[str, ...]] = ()
+    """What it is asked for: paths to numbers, all of which are finite, or else there is no result."""
+
+    def __post_init__(self) -> None:
+        for path in self.numbers:
+            if not _finite(attrgetter(path)(self)):
+                raise ModelError(
+                    f"no {study_of(self.form)}: its {path.rpartition('.')[2]} are beyond all numbers; "
+                    "check the sizes of what was given: stiffnesses, masses, sigmas, and their units"
+                )
 
     def __str__(self) -> str:
         return self.report()

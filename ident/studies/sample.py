@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import option
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from ident.measure import Campaign
 
 
+MOST_WALKERS = 20_000
+"""Walkers of all ensembles about an optimum."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SampleOptions(FitOptions):
     """Options of `ident.sample`: what is unknown, what is known of it, and how long to sample."""
@@ -33,10 +38,19 @@ class SampleOptions(FitOptions):
         read=reading.names,
     )
     weights: bool = option(False, "weigh several optima against each other, by nested sampling")
-    ess: float = option(2000.0, "effective samples of each unknown at which to stop", low=100.0)
-    steps: int = option(20000, "steps at which to stop in any case", low=500, argument="max_steps")
-    ensembles: int = option(4, "independent ensembles about each optimum", low=4)
-    walkers: int | None = option(None, "walkers in each ensemble; default: four to eight times the unknowns")
+    ess: float = option(2000.0, "effective samples of each unknown at which to stop", low=100.0, high=1e6)
+    steps: int = option(20000, "steps at which to stop in any case", low=500, high=10_000_000, argument="max_steps")
+    ensembles: int = option(4, "independent ensembles about each optimum", low=4, high=100)
+    walkers: int | None = option(
+        None, "walkers in each ensemble; default: four to eight times the unknowns", low=2, high=10_000
+    )
+
+    def problems(self) -> list[Problem]:
+        """Refuse more walkers than there is time for."""
+        count = self.ensembles * (self.walkers or 0)
+        got, expected = f"{count} in {self.ensembles} ensembles", f"at most {MOST_WALKERS} in all"
+        many = Problem("walkers", got, expected, "take fewer, or fewer ensembles")
+        return [*super().problems(), *([many] if count > MOST_WALKERS else [])]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -58,6 +72,7 @@ class SampleResult(Result):
     form, suffix = "ident-sample/3", ".nc"
     subject = "sample.fitted.campaign.name"
     shown = ("sample",)
+    numbers = ("sample.sample.theta",)
 
     @property
     def short(self) -> bool:

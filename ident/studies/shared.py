@@ -1,20 +1,28 @@
 """What several studies share: options that pose a problem, and the arm with where it comes from."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.inference.priors import Prior
 from ident.studies import reading
 from ident.studies.options import Options, option
+from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.unknowns import Unknowns
+    from ident.identify.values import Values
     from ident.measure import Campaign
+
+
+FARTHEST = 3600.0
+"""Largest angle of a pin [deg], ten turns, as in a log."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +60,7 @@ class ProblemOptions(BaseOptions):
         repeated=True,
         read=reading.widths,
     )
-    prior_sd: float = option(1.0, "width of the prior: standard deviation of ln(stiffness)", above=0.0)
+    prior_sd: float = option(1.0, "width of the prior: standard deviation of ln(stiffness)", above=0.0, high=100.0)
     no_prior: bool = option(False, "no prior on stiffness and damping")
     prior: dict[str, Prior] = option(
         {},
@@ -74,7 +82,7 @@ class ProblemOptions(BaseOptions):
         repeated=True,
         read=reading.names,
     )
-    seed: int = option(0, "seed of all that is drawn at random", low=0)
+    seed: int = option(0, "seed of all that is drawn at random", low=0, high=1e18)
 
     @property
     def unknowns(self) -> "Unknowns":
@@ -100,14 +108,23 @@ class ArmOptions(BaseOptions):
 
     def problems(self) -> list[Problem]:
         """Return numbers of a sign that they can't have."""
-        from ident.arm.fields import EXPECTED, field_of
+        from ident.arm.fields import EXPECTED, LARGEST, field_of
 
         fields = {path: field_of(path) for path in self.set}
         return [
             Problem("set", f"{path}={self.set[path]:g}", EXPECTED[each.sign], "correct it")
             for path, each in fields.items()
             if each and not each.allows(self.set[path])
+        ] + [
+            Problem("set", f"{path}={value:g}", f"magnitudes up to {LARGEST:g}", "check its unit, which is SI")
+            for path, value in self.set.items()
+            if not abs(value) <= LARGEST
         ]
+
+
+def is_angle(value: Any) -> bool:
+    """Tell whether a value is an angle [deg] that a pin may have."""
+    return isinstance(value, Real) and abs(float(value)) <= FARTHEST
 
 
 def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -> "ArmFile":
@@ -130,6 +147,38 @@ def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -
     if not isinstance(arm, ArmFile):
         raise InputError(Problem("arm", f"a {type(arm).__name__}", "an arm, or its file", "see ident.read_arm"))
     return arm if soft_base is None else _on_soft_base(arm, soft_base)
+
+
+def with_numbers(arm: "Arm", taken_over: "Values | None", changed: Mapping[str, float]) -> "Arm":
+    """Return an arm with other numbers, which must make an arm as those of a file must.
+
+    Args:
+        arm: the arm.
+        taken_over: fitted values or draws, whose medians it takes over; None for none.
+        changed: numbers [SI] by path that are set besides (`set`).
+
+    Raises:
+        InputError: numbers that no arm can have, with the file or the option that they are from.
+    """
+    from ident.arm.checks import check_arm
+
+    sources = [("set", changed)]
+    if taken_over is not None:
+        sources = [(one_line(taken_over.path) or "fit", taken_over.medians), *sources]
+    for where, numbers in sources:
+        arm = arm.replace(numbers)
+        try:
+            if numbers:
+                check_arm(arm)
+        except InputError as error:
+            raise InputError(_from(where, problem) for problem in error.problems) from None
+    return arm
+
+
+def _from(where: str, problem: Problem) -> Problem:
+    """Return a problem of a part of the arm as one of the file, or the option, that its number is from."""
+    part = ".".join(filter(None, (problem.where, problem.column)))
+    return replace(problem, where=where, column="", got=f"{part}: {problem.got}")
 
 
 def _on_soft_base(arm: "ArmFile", height: float) -> "ArmFile":

@@ -36,13 +36,15 @@ if TYPE_CHECKING:
 class SimulateOptions(HeldMotionOptions):
     """Options of `ident.simulate`: the motion, how it is simulated, and what is reported of the vibration."""
 
-    draws: int = option(200, "draws of the posterior", low=1)
-    seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
+    draws: int = option(200, "draws of the posterior", low=1, high=100_000)
+    seed: int | None = option(
+        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
+    )
     elastic_belts: bool = option(False, "belts stretch: k_tors without them, which one from a hammer test has in it")
     method: str | None = option(
         None, "fast, exact or both (default; with --posterior: fast)", choices=("fast", "exact", "both")
     )
-    rate: float = option(500.0, "samples a second")
+    rate: float = option(500.0, "samples a second", low=1.0, high=1e6)
     step: float | None = option(None, "longest time step [s] of method fast; default: as the arm needs", above=0.0)
     band: tuple[float, float] = option(
         (4.0, 8.0),
@@ -77,6 +79,7 @@ class SimulateResult(Result):
     form, suffix = "ident-simulate/3", ".nc"
     subject = "simulation.basis.name"
     shown = ("simulation",)
+    numbers = ("vibration",)
     summary = ("arrival", "interrupted", "exceedance")
 
     @property
@@ -212,7 +215,7 @@ def simulate(
 
     options = SimulateOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
+    drawn = drawn_values(posterior, arm_file, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     measured = _trace(trace)
     _check_time(options.at, basis)

@@ -10,7 +10,7 @@ from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import option
 from ident.studies.result import Result
-from ident.studies.shared import BaseOptions, as_file
+from ident.studies.shared import FARTHEST, BaseOptions, as_file, is_angle
 from ident.studies.simulate import SimulateResult
 
 if TYPE_CHECKING:
@@ -63,6 +63,14 @@ class SpectrumOptions(BaseOptions):
         argument="angle",
     )
 
+    def problems(self) -> list[Problem]:
+        """Refuse a posture that is none, and orders that are."""
+        problems = super().problems()
+        if self.posture and not all(map(is_angle, self.posture)):
+            expected = f"angles within {FARTHEST:g} deg"
+            problems.append(Problem("posture", f"{self.posture}", expected, "as (30, -60, 30)"))
+        return problems
+
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SpectrumResult(Result):
@@ -84,6 +92,7 @@ class SpectrumResult(Result):
 
     form = "ident-spectrum/4"
     shown = ("spectra",)
+    numbers = ("amplitudes",)
 
     @property
     def name(self) -> str:
@@ -240,8 +249,7 @@ def _arm(arm: "Arm | ArmFile | str | Path | None", options: SpectrumOptions, pat
         raise InputError(Problem("posture", "it beside `path`", "one of them", "drop one"))
     if arm is not None:
         return as_file(arm, options.soft_base)
-    given = {"posture": options.posture, "soft_base": options.soft_base, "path": path}
-    for name, value in given.items():
+    for name, value in {"posture": options.posture, "soft_base": options.soft_base, "path": path}.items():
         if value is not None:
             raise InputError(Problem(name, "it without `arm`", "an arm", "name the arm's file (`arm`)"))
     return None
@@ -283,11 +291,9 @@ def _joint_path(trace: "Trace | SimulateResult | str | Path", first: "Trace", jo
     if isinstance(trace, Trace):
         return None
     if isinstance(trace, SimulateResult):
-        import numpy as np
-
         simulated = trace.simulation
         names = [joint.name for joint in simulated.arm.driven]
-        angles = dict(zip(names, np.asarray(simulated.response.posture), strict=True))
+        angles = dict(zip(names, simulated.response.posture, strict=True))
         return Log("", "", trace.time, angles) if set(joints) <= set(angles) else None
     named = {column.partition(" [")[0] for column in first.ignored}
     return read_log(trace, joints) if named.issuperset(joints) else None

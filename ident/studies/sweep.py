@@ -45,8 +45,10 @@ class SweepOptions(AmplitudeOptions):
         read=ranges.ranges,
     )
     grid: bool = option(False, "both of two parameters together, as a map")
-    draws: int = option(50, "draws of the posterior", low=1)
-    seed: int | None = option(None, "choose the draws at random; default: spread evenly over the chains", low=0)
+    draws: int = option(50, "draws of the posterior", low=1, high=10_000)
+    seed: int | None = option(
+        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
+    )
 
     def problems(self) -> list[Problem]:
         """Refuse ranges that are none, and what is no map."""
@@ -74,6 +76,7 @@ class SweepResult(Result):
 
     form = "ident-sweep/3"
     shown = ("study",)
+    numbers = ("present",)
     summary = ("present", "trends")
 
     @property
@@ -145,7 +148,7 @@ def sweep(
 
     options = SweepOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    drawn = drawn_values(posterior, arm_file.arm, options.draws, options.seed)
+    drawn = drawn_values(posterior, arm_file, options.draws, options.seed)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     evaluator = options.evaluator(basis)
     axes, shown = _axes(basis, options), progress("simulations")

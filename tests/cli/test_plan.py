@@ -48,8 +48,8 @@ def test_plan_starts_from_nothing_and_ends_at_a_target(run, tmp_path):
     [
         (["--criterion=joint1.kbend"], "did you mean joint1.k_bend"),
         (["--criterion=e"], "d, a, or a parameter's name"),
-        (["--step=0"], "a step above 0"),
-        (["--step=nan"], "a step above 0"),
+        (["--step=0"], "--step: got 0, expected a number above 0, at most 360"),
+        (["--step=nan"], "--step: got nan, expected a number above 0"),
         (["--target=-1"], "--target"),
         (["--load=glas"], "glass"),
         (["--sigma=frequency"], "--sigma frequency"),

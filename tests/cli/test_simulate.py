@@ -252,7 +252,7 @@ def test_an_arm_without_drives_is_shaken_by_its_motion_alone(run, tmp_path, bare
         (["--speed=0"], "--speed: got 0, expected a number above 0, at most 1000"),
         (["--speed=nan"], "--speed: got nan, expected a number above 0"),
         (["--profile=scurve"], "did you mean s-curve"),
-        (["--dwell=-1"], "--dwell: got -1 s"),
+        (["--dwell=-1"], "--dwell: got -1, expected a number from 0 to 3600"),
         (["--method=exakt"], "did you mean exact"),
         (["--rate=0.1"], "--rate: got 0.1"),
         (["--band=8:4"], "--band 8:4"),

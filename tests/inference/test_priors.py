@@ -116,7 +116,9 @@ def test_a_discrepancy_takes_up_a_contradiction():
     assert free.chi_squared < 1e-4
 
 
-@pytest.mark.parametrize(("widths", "words"), [({"c": 0.1}, "kind that was measured"), ({"b": math.inf}, "width > 0")])
+@pytest.mark.parametrize(
+    ("widths", "words"), [({"c": 0.1}, "kind that was measured"), ({"b": math.inf}, "a width from 1e-06")]
+)
 def test_discrepancies_that_are_refused(widths, words):
     with pytest.raises(InputError, match=words):
         with_discrepancy(linear(), widths)

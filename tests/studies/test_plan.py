@@ -126,7 +126,7 @@ def test_options_are_checked_when_they_are_made(options, words):
         ({"sigma": {"frequencies": 0.1}}, "did you mean frequency"),
         ({"load": ("glas",)}, "glass"),
         ({"criterion": "e"}, "d, a, or a parameter's name"),
-        ({"step": 0.0}, "a step above 0"),
+        ({"step": 0.0}, "a number above 0, at most 360"),
     ],
 )
 def test_what_the_arm_does_not_have_is_refused_in_one_line(arm_file, options, words):

@@ -1,5 +1,7 @@
 """What holds for every report."""
 
+import re
+
 WIDTH = 100
 """Columns of a terminal; those of a path, which is never broken, do not count."""
 LONGEST_NAME = 40
@@ -8,6 +10,13 @@ LONGEST_NAME = 40
 def too_wide(report):
     """Return the lines that leave a terminal of 100 columns."""
     return [line for line in report.splitlines() if sum(map(_columns, line.split(" "))) + line.count(" ") > WIDTH]
+
+
+def without_number(report):
+    """Return the lines that say nan or inf where a number is meant."""
+    return [
+        line for line in report.splitlines() if re.search(r"(?<![\w.-])[-+]?(nan|inf)(?![\w.])", line, re.IGNORECASE)
+    ]
 
 
 def _columns(word):

@@ -4,6 +4,7 @@ import re
 
 import h5netcdf
 import numpy as np
+from reports import without_number
 
 import ident
 
@@ -22,6 +23,7 @@ def assert_comes_back(result, folder):
     assert loaded.report() == str(loaded) == result.report()
     assert loaded.options == result.options
     np.testing.assert_equal(loaded.table(), result.table())
+    assert not without_number(result.report())
     assert list(loaded.figures()) == list(result.figures())
     again = loaded.save(folder / "again")
     assert [one.name for one in again] == [one.name for one in paths]

@@ -55,13 +55,21 @@ def read_document(path: str | Path, expected: str) -> dict[str, Any]:
     """Return what a result file says."""
     where = one_line(str(path))
     try:
-        document = json.loads(decode_text(read_bytes(path, expected), where))
+        document = json.loads(decode_text(read_bytes(path, expected), where), object_pairs_hook=_once)
         if not isinstance(document, dict) or not isinstance(document.get("format"), str):
             raise ValueError
     except (ValueError, RecursionError):
         remedy = "give the file that ident wrote"
         raise InputError(Problem(where, "other contents", expected, remedy)) from None
     return document
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return pairs as a mapping; a name that is given twice means two things."""
+    mapping = dict(pairs)
+    if len(mapping) < len(pairs):
+        raise ValueError
+    return mapping
 
 
 def read_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:

@@ -46,15 +46,22 @@ def read_fit(form: str, path: str | Path, arm: Arm, sha256: str = "") -> tuple[V
     where, document = one_line(str(path)), read_document(path, EXPECTED)
     check_format(document["format"], form, where, EXPECTED)
     try:
-        best: dict[tuple[str, ...], float] = {
-            (name,): float(value) for name, value in document["summary"]["parameters"].items()
-        }
+        parameters: dict[str, Any] = document["summary"]["parameters"]
+        best: dict[tuple[str, ...], float] = {(name,): _number(value) for name, value in parameters.items()}
         doubts, fitted = document["summary"]["doubts"], document["inputs"]["arm"]["sha256"]
-        remark, soft_base = doubtful(doubts), document["options"]["soft_base"]
-    except (ValueError, KeyError, TypeError, AttributeError):
+        remark, base = doubtful(doubts), document["options"]["soft_base"]
+        soft_base = None if base is None else _number(base)
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident fit wrote")) from None
     values = Values.of_arm(best, arm, where, hashlib.sha256(read_bytes(path, EXPECTED)).hexdigest(), remark)
     return (values.remarked(OTHER_ARM) if sha256 and fitted and sha256 != fitted else values), soft_base
+
+
+def _number(value: Any) -> float:
+    """Return what the file has as a number, which text and truth are not."""
+    if isinstance(value, bool | str):
+        raise TypeError
+    return float(value)
 
 
 def rows(campaign: Campaign) -> dict[str, list[Any]]:

@@ -1,10 +1,11 @@
 """Result files as netCDF: arrays that other tools read, and in a group of its own the result to load again."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,9 +14,14 @@ from ident.files import replace_path
 from ident.present.files.document import EXPECTED, RERUN
 from ident.text import one_line, read_bytes
 
+if TYPE_CHECKING:
+    import xarray
+
 GROUP = "ident"
 """Group of the result: its fields as JSON, and what of them are large arrays."""
 TREE = "tree"
+MOST_BYTES = 4_000_000_000
+"""Bytes of a group's variables: ten times a million draws of fifty unknowns."""
 
 
 def write_netcdf_result(
@@ -47,13 +53,41 @@ def write_netcdf_result(
 
 def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
     """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it."""
+    file = BytesIO(read_bytes(path, EXPECTED))
+    with whole(path, "no result to load", EXPECTED, RERUN):
+        data = read_group(file, GROUP, mask_and_scale=False)
+        arrays = {str(name): part.values for name, part in data.data_vars.items()}
+        tree = json.loads(arrays.pop(TREE).tobytes().decode("utf-8", "surrogatepass"))
+        return str(data.attrs["format"]), tree, arrays
+
+
+def read_group(file: "str | Path | BytesIO", group: str | None = None, **how: Any) -> "xarray.Dataset":
+    """Return a group of a netCDF file with all its variables; a few bytes may claim more than there is memory for.
+
+    Raises:
+        ValueError: its variables are larger than `MOST_BYTES`; besides, whatever the libraries raise.
+    """
+    import h5py
     import xarray
 
-    where, file = one_line(str(path)), BytesIO(read_bytes(path, EXPECTED))
+    with h5py.File(file, "r"):  # what is no such file at all ends here: in h5netcdf it would not end quietly
+        pass
+    with xarray.open_dataset(file, group=group, engine="h5netcdf", **how) as data:
+        if data.nbytes > MOST_BYTES:
+            raise ValueError(f"{data.nbytes / 1e9:.3g} GB of numbers")
+        return data.load()
+
+
+@contextmanager
+def whole(path: str | Path, got: str, expected: str, remedy: str) -> Iterator[None]:
+    """Refuse a file in which reading fails within: damaged, h5py and xarray raise whatever its bytes lead to.
+
+    Raises:
+        InputError: it does.
+    """
     try:
-        with xarray.open_dataset(file, group=GROUP, engine="h5netcdf", mask_and_scale=False) as data:
-            arrays = {str(name): part.values for name, part in data.data_vars.items()}
-            form = str(data.attrs["format"])
-        return form, json.loads(arrays.pop(TREE).tobytes().decode("utf-8", "surrogatepass")), arrays
-    except (OSError, ValueError, KeyError, RecursionError):
-        raise InputError(Problem(where, "no result to load", EXPECTED, RERUN)) from None
+        yield
+    except InputError:
+        raise
+    except Exception:
+        raise InputError(Problem(one_line(str(path)), got, expected, remedy)) from None

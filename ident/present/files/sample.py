@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.errors import InputError, Problem
 from ident.identify.sample import CampaignSample
 from ident.identify.values import BEST_ONLY, Draws
 from ident.inference.posterior_summary import LEVELS, chains, quantiles
 from ident.present.files.document import check_format
 from ident.present.files.fit import rows
+from ident.present.files.netcdf import read_group, whole
 from ident.present.text.units import unit_of
 from ident.text import one_line, read_bytes
 
@@ -110,21 +110,18 @@ def read_posterior(form: str, path: str | Path) -> Draws:
         form: the format that one of `ident sample` must have.
         path: the file.
     """
-    import xarray
-
     where = one_line(str(path))
     data = read_bytes(path, EXPECTED)
-    try:
-        with xarray.open_dataset(path, engine="h5netcdf") as root:
-            own = str(json.loads(root.attrs.get("format", '""')))
-        with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as posterior:
-            chains, remark = _best(path)
-            by_paths = dict(_variables(posterior.load(), chains))
-    except (OSError, ValueError, KeyError, TypeError, IndexError):
-        raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident sample wrote")) from None
-    if own.startswith("ident-sample/"):
+    with whole(path, "other contents", EXPECTED, "give the file that ident sample wrote"):
+        root = read_group(path)
+        own = str(json.loads(root.attrs.get("format", '""')))
+        ours = own.startswith("ident-sample/")
+        arm_sha256 = str(json.loads(root.attrs["inputs"])["arm"]["sha256"]) if ours else ""
+        chains, remark = _best(path)
+        by_paths = dict(_variables(read_group(path, "posterior"), chains))
+    if ours:
         check_format(own, form, where, EXPECTED)
-    return Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark)
+    return Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark, arm_sha256)
 
 
 def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
@@ -132,17 +129,14 @@ def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Itera
     for name, variable in posterior.data_vars.items():
         if variable.dims == ("chain", "draw"):
             paths = variable.attrs.get("paths")
-            own = tuple(json.loads(paths)) if paths else (str(name),)
+            own = tuple(map(str, json.loads(paths))) if paths else (str(name),)
             yield own, np.asarray(variable.values, float)[chains].ravel()
 
 
 def _best(path: str | Path) -> tuple[slice | np.ndarray, str]:
     """Return which chains are about the best optimum, and a remark if there are others."""
-    import xarray
-
     try:
-        with xarray.open_dataset(path, group="sample_stats", engine="h5netcdf") as stats:
-            optimum = np.asarray(stats["optimum"].values)
+        optimum = np.asarray(read_group(path, "sample_stats")["optimum"].values)
     except (OSError, ValueError, KeyError):
         return slice(None), ""
     best = optimum == optimum.min()

@@ -33,6 +33,10 @@ JUMP = 1e-4
 """Largest jump of a pin's speed [rad/s]: 4 m of arm on a mode of 4 Hz would vibrate by 0.02 mm."""
 CHUNK = 4
 """Arms of a batch that one call solves."""
+MOST_SAMPLES = 1_000_000
+"""Samples of a motion: half an hour at the usual rate."""
+MOST_STEPS = 10_000_000
+"""Time steps of a motion by the fast method."""
 
 
 def simulate(
@@ -67,6 +71,7 @@ def simulate(
     """
     batch = arm.batch
     _check_method(method, batch)
+    _check(arm, rate, step)
     time, solve = sample_times(motion, rate), fast_method(arm, motion, loads, elastic_belts, rate, step)
     solution = concrete(_over_batch(arm, solve, _whole) if batch else solve(arm))
     refuse_collapse(motion, solution.displacement[:, : len(time)])
@@ -97,8 +102,9 @@ def fast_method(
     _check(arm, rate, step)
     refuse_jumps(arm, motion)
     time = sample_times(motion, rate)
-    step, error = fast.step_for(_concrete(arm), motion) if step is None else step, has_transmission_error(arm)
-    grid = time_intervals(motion, time[-1], step, turn=TURN_WITH_ERROR if error else TURN)
+    longest, error = fast.step_for(_concrete(arm), motion) if step is None else step, has_transmission_error(arm)
+    _refuse_short(float(time[-1] - time[0]), longest, step is None)
+    grid = time_intervals(motion, time[-1], longest, turn=TURN_WITH_ERROR if error else TURN)
     weights, samples = step_weights(int(grid.steps)), np.asarray(len(time))
     return FastMethod(filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights, elastic, error)
 
@@ -196,7 +202,35 @@ def _exact(
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
     """Return uniform times from the first break of a motion to the last [s]."""
     start, end = float(motion.breaks[0]), float(motion.breaks[-1])
+    _refuse_many(motion, (end - start) * rate, rate)
     return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
+
+
+def _refuse_many(motion: Motion, samples: float, rate: float) -> None:
+    """Refuse a motion with more samples than can be computed, by what makes it so long."""
+    if samples <= MOST_SAMPLES:
+        return
+    dwell = float(motion.breaks[-1]) - motion.arrival
+    moving = samples / rate - dwell
+    if max(dwell, moving) * RATE <= MOST_SAMPLES:
+        column, got, remedy = "rate", f"{rate:g} samples a second", "choose a rate as 500"
+    elif dwell > moving:
+        column, got, remedy = "dwell", f"{dwell:.4g} s", "hold the arm for some seconds"
+    else:
+        column, got, remedy = "speed", f"a motion of {moving:.4g} s", "let it be faster (`speed`)"
+    got += f", {samples:.4g} samples in all"
+    raise InputError(Problem("", got, f"at most {MOST_SAMPLES:,} samples".replace(",", " "), remedy, column))
+
+
+def _refuse_short(seconds: float, step: float, needed: bool) -> None:
+    """Refuse time steps of which a motion would take more than can be computed."""
+    if seconds <= MOST_STEPS * step:
+        return
+    got = f"steps of {step:.3g} s" + (", as its drives and frequencies ask for" if needed else "")
+    got += f", {seconds / step:.3g} in all"
+    remedy = "correct the arm's ratios and stiffnesses" if needed else "leave it out for one that fits"
+    expected = f"at most {MOST_STEPS:,} steps".replace(",", " ")
+    raise InputError(Problem("", got, expected, remedy, "" if needed else "step"))
 
 
 def _concrete(arm: Arm) -> Arm:

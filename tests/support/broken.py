@@ -1,0 +1,133 @@
+"""Broken inputs, drawn from a seed: texts, bytes, documents and options, each some mistakes from a good one."""
+
+import copy
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+NUMBERS = (
+    *("", "0", "-0", "-1", "1", "2", "0.5", "1e-12", "1e-300", "-1e-300", "5e-324", "1e15", "1e300", "-1e300"),
+    *("1e999", "nan", "-nan", "inf", "-inf", "1_000", "1,5", "1.2.3", "0x10", "1e", "٣", "1" * 400, "abc", "1%", "½"),
+)
+"""What stands where a number is meant."""
+WORDS = (
+    *("", " ", "abc", "#", "#N/A", "''", '"', '"a\nb"', "é" * 300, "x" * 5000, "\0", "\ufeff", "\u202e", "\x1b[31m"),
+    *(
+        "[",
+        "]",
+        "{",
+        "}",
+        "[[",
+        "=",
+        ";",
+        ",",
+        "\t",
+        "true",
+        "null",
+        "../..",
+        "$(ls)",
+        "%s",
+        "own weight",
+        "1 kg @ tip",
+    ),
+)
+"""What stands where a word is meant."""
+VALUES = (
+    *(None, True, False, 0, -1, 1e-300, 1e300, 10**400, "", "x", "nan", "7e5", [], {}, [[]], [1], ["a"], [None]),
+    *({"a": 1}, {"class": "arm.arm:Arm"}, {"class": "os:system"}, {"same": 1}, {"numpy": [1, [2]]}, {"float": "x"}),
+)
+"""What stands where a document has something else."""
+NUMBER, WORD = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"), re.compile(r"[A-Za-z_]+")
+
+
+def broken_texts(rng: np.random.Generator, text: str, count: int) -> Iterator[bytes]:
+    """Yield texts that are one to three mistakes from a good one."""
+    for _ in range(count):
+        broken = text
+        for _ in range(rng.integers(1, 4)):
+            broken = _MISTAKES[rng.integers(len(_MISTAKES))](rng, broken)
+        yield broken.encode("utf-8", "surrogatepass") if rng.random() < 0.95 else broken.encode("utf-16")
+
+
+def broken_bytes(rng: np.random.Generator, data: bytes, count: int) -> Iterator[bytes]:
+    """Yield bytes of which some bits are flipped, or the end or a part is missing."""
+    for i in range(count):
+        broken = bytearray(data)
+        if i % 4 == 3:
+            start, end = sorted(rng.integers(0, len(data), 2))
+            broken = broken[:start] + (broken[end:] if i % 8 == 7 else bytearray())
+        else:
+            for place in rng.integers(0, len(data), rng.integers(1, 20)):
+                broken[place] ^= 1 << rng.integers(8)
+        yield bytes(broken)
+
+
+def broken_documents(rng: np.random.Generator, document: Any, count: int) -> Iterator[Any]:
+    """Yield documents in which something, high up or deep, is another value, or missing."""
+    for _ in range(count):
+        broken = copy.deepcopy(document)
+        holder, key = _some_place(rng, broken)
+        if rng.random() < 0.2:
+            del holder[key]
+        else:
+            holder[key] = copy.deepcopy(VALUES[rng.integers(len(VALUES))])
+        yield broken
+
+
+def pick(rng: np.random.Generator, among: Any) -> Any:
+    """Return one of some."""
+    return among[rng.integers(len(among))]
+
+
+def _some_place(rng: np.random.Generator, document: Any) -> tuple[Any, Any]:
+    """Return a place in a document, on each level as likely as on the next."""
+    holder = document
+    while True:
+        key = pick(rng, list(holder) if isinstance(holder, dict) else range(len(holder)))
+        if not isinstance(holder[key], dict | list) or not holder[key] or rng.random() < 0.25:
+            return holder, key
+        holder = holder[key]
+
+
+def _lines(change: Any) -> Any:
+    def mistake(rng: np.random.Generator, text: str) -> str:
+        lines = text.splitlines(keepends=True) or [""]
+        change(rng, lines, rng.integers(len(lines)))
+        return "".join(lines)
+
+    return mistake
+
+
+def _instead(pattern: re.Pattern[str], words: tuple[str, ...]) -> Any:
+    def mistake(rng: np.random.Generator, text: str) -> str:
+        found = list(pattern.finditer(text))
+        if not found:
+            return text
+        place = pick(rng, found)
+        return text[: place.start()] + pick(rng, words) + text[place.end() :]
+
+    return mistake
+
+
+def _cut(rng: np.random.Generator, text: str) -> str:
+    return text[: rng.integers(len(text) + 1)]
+
+
+def _inserted(rng: np.random.Generator, text: str) -> str:
+    place = rng.integers(len(text) + 1)
+    return text[:place] + pick(rng, WORDS) + text[place:]
+
+
+def _other_delimiter(rng: np.random.Generator, text: str) -> str:
+    return text.replace(",", pick(rng, ";\t |"), int(rng.integers(1, 30)))
+
+
+_MISTAKES = (
+    *(_instead(NUMBER, NUMBERS), _instead(WORD, WORDS), _instead(NUMBER, WORDS), _inserted, _other_delimiter),
+    *(_instead(NUMBER, NUMBERS), _instead(NUMBER, NUMBERS), _cut),
+    _lines(lambda rng, lines, i: lines.pop(i)),
+    _lines(lambda rng, lines, i: lines.insert(i, lines[rng.integers(len(lines))])),
+    _lines(lambda rng, lines, i: lines.insert(0, lines.pop(i))),
+)

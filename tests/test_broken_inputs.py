@@ -1,0 +1,227 @@
+"""Some 1500 broken inputs: each is read all the same, or refused in one line for each mistake; nothing else ends it.
+
+They are drawn from a seed, so that a failure comes back. What is accepted stops before anything is computed of it.
+"""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+from arms import lcd_arm
+from broken import NUMBERS, WORDS, broken_bytes, broken_documents, broken_texts, pick
+from commands import ARM, log, posterior
+
+import ident
+from ident.errors import InputError
+from ident.identify.build_problem import build_problem
+from ident.identify.unknowns import stiffness_parameters
+from ident.measure import parse_campaign, parse_log, parse_trace
+from ident.studies.motion import basis_of, drawn_values, fitted_values
+from ident.studies.options import flag_of, specs
+from ident.vibrate.response.simulate import sample_times
+
+CAMPAIGN = ARM.with_name("campaign.csv")
+LONGEST = 1000
+"""Characters of a line that says what is wrong."""
+
+
+def refused(read):
+    """Tell whether something is refused, as it should be."""
+    try:
+        read()
+    except InputError as error:
+        for problem in error.problems:
+            line = str(problem)
+            assert len(line.splitlines()) == 1, line
+            assert len(line) < LONGEST, line
+            assert line.isprintable(), line
+            assert problem.got, line
+            assert problem.expected, line
+            assert problem.remedy, line
+        return True
+    return False
+
+
+def share_refused(cases, read):
+    """Return the share of cases that are refused; show one that ends otherwise."""
+    found = []
+    for number, case in enumerate(cases):
+        try:
+            found.append(refused(partial(read, case)))
+        except Exception as error:
+            error.add_note(f"case {number}: {case!r:.3000}")
+            raise
+    return np.mean(found)
+
+
+def test_campaigns():
+    arm = lcd_arm()
+    cases = broken_texts(np.random.default_rng(1), CAMPAIGN.read_text(), 300)
+    assert 0.5 < share_refused(cases, lambda data: build_problem(arm, parse_campaign(data, "bad.csv"))) < 1
+
+
+def test_arm_files(tmp_path):
+    def read(data):
+        (tmp_path / "bad.toml").write_bytes(data)
+        ident.read_arm(tmp_path / "bad.toml")
+
+    assert 0.5 < share_refused(broken_texts(np.random.default_rng(2), ARM.read_text(), 250), read) < 1
+
+
+def test_logs(tmp_path):
+    log(tmp_path / "good.csv")
+    cases = broken_texts(np.random.default_rng(3), (tmp_path / "good.csv").read_text(), 150)
+    assert 0.5 < share_refused(cases, lambda data: parse_log(data, "bad.csv", ["joint1", "joint2", "joint3"])) < 1
+
+
+def test_traces():
+    rows = [f"{k / 100},{k % 7},{0.5 * (k % 3)}\n" for k in range(40)]
+    cases = broken_texts(np.random.default_rng(4), "time [s],x [mm],z [mm]\n" + "".join(rows), 150)
+    assert 0.5 < share_refused(cases, lambda data: parse_trace(data, "bad.csv")) < 1
+
+
+@pytest.fixture(scope="module")
+def fit_file(tmp_path_factory):
+    options = ident.FitOptions(starts=1)
+    return ident.fit(ARM, CAMPAIGN, options).save(tmp_path_factory.mktemp("fit"))[0]
+
+
+def test_fits(tmp_path, fit_file):
+    arm, path, rng = lcd_arm(), tmp_path / "bad.fit.json", np.random.default_rng(5)
+    whole = json.loads(fit_file.read_text())
+    short = {key: whole[key] for key in ("format", "options", "inputs", "summary")}
+
+    def read(document):
+        path.write_text(json.dumps(document))
+        fitted_values(path, arm)
+
+    def read_bytes(data):
+        path.write_bytes(data)
+        fitted_values(path, arm)
+
+    assert 0.1 < share_refused(broken_documents(rng, short, 200), read) < 1
+    assert 0.3 < share_refused(broken_texts(rng, json.dumps(short), 100), read_bytes) < 1
+    head = json.dumps(short).encode()
+    assert 0.3 < share_refused([b"[" * n + head for n in (1, 10**4, 10**6)], read_bytes) <= 1
+
+
+def test_results(tmp_path, fit_file):
+    path = tmp_path / "bad.fit.json"
+    whole = json.loads(fit_file.read_text())
+
+    def read(document):
+        path.write_text(json.dumps(document))
+        ident.load(path)
+
+    assert 0.1 < share_refused(broken_documents(np.random.default_rng(6), whole, 60), read) < 1
+
+
+def test_posteriors(tmp_path):
+    arm, path = lcd_arm(), tmp_path / "bad.nc"
+    posterior(tmp_path / "good.nc")
+
+    def read(data):
+        path.write_bytes(data)
+        drawn_values(path, arm, 5)
+        ident.load(path)
+
+    cases = broken_bytes(np.random.default_rng(7), (tmp_path / "good.nc").read_bytes(), 150)
+    assert 0.1 < share_refused(cases, read) <= 1
+
+
+KINDS = [
+    *(ident.CheckOptions, ident.FitOptions, ident.ProfileOptions, ident.SampleOptions, ident.PlanOptions),
+    *(ident.PredictOptions, ident.ResonanceOptions, ident.SimulateOptions, ident.SpectrumOptions, ident.SweepOptions),
+    ident.DesignOptions,
+]
+FORMS = {
+    "fix": "{path}",
+    "tie": "{path}={path}",
+    "free": "{path}:{number}",
+    "prior": "{path}={prior}:{number}:{number}",
+    "discrepancy": "{kind}:{number}",
+    "set": "{path}={number}",
+    "vary": "{path}={number}:{number}x",
+    "change": "{path}={path}={number}:{number}:{number}",
+    "load": "{number} kg @ {point}",
+    "posture": "{number},{number},{number}",
+    "sigma": "{kind}={number}",
+    "cost": "{kind}={number}",
+}
+"""How the text of an option may look; of any other it is a number or a word."""
+
+
+def option_text(rng, name, paths):
+    """Return the text of an option: of its form, with paths of the arm among the words that it is made of."""
+    words = {
+        "path": lambda: pick(rng, paths) if rng.random() < 0.9 else pick(rng, WORDS),
+        "number": lambda: pick(rng, NUMBERS) if rng.random() < 0.7 else f"{rng.lognormal(0, 8):.3g}",
+        "kind": lambda: pick(rng, ("frequency", "deflection", "posture", "hammer", "sway")),
+        "prior": lambda: pick(rng, ("log-normal", "log-uniform", "catalogue", "flat")),
+        "point": lambda: pick(rng, ("tip", "glass", "nowhere")),
+    }
+    form = FORMS.get(name, "{number}") if rng.random() < 0.9 else pick(rng, WORDS)
+    parts = form.split("{")
+    return parts[0] + "".join(
+        words[key]() + rest for key, _, rest in (part.partition("}") for part in parts[1:] if "}" in part)
+    )
+
+
+def some_options(rng, kind, paths):
+    """Return texts of one to three options of a kind, by their names."""
+    every = specs(kind)
+    chosen = [every[i][0].name for i in rng.choice(len(every), min(len(every), rng.integers(1, 4)), replace=False)]
+    return {name: [option_text(rng, name, paths) for _ in range(rng.integers(1, 3))] for name in chosen}
+
+
+def made(kind, texts):
+    """Return the options that the command line makes of texts; what it does not read itself, typer has read."""
+    given = {}
+    for each, spec in specs(kind):
+        for text in texts.get(each.name, ())[:1]:
+            if spec.read:
+                given[each.name] = spec.read(texts[each.name] if spec.repeated else text, flag_of(each))
+            elif isinstance(each.default, bool):
+                given[each.name] = True
+            else:
+                given[each.name] = as_typer_reads(text, str(each.type))
+    return kind(**given)
+
+
+def as_typer_reads(text, words):
+    for make in (int,) if "int" in words else (float,) if "float" in words else ():
+        try:
+            return make(text)
+        except ValueError:
+            return None
+    return text
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_options(kind):
+    arm, rng = ident.read_arm(ARM), np.random.default_rng(KINDS.index(kind))
+
+    def use(texts):
+        options = made(kind, texts)
+        if hasattr(options, "unknowns"):
+            stiffness_parameters(arm.arm, options.unknowns)
+        if hasattr(options, "hold"):
+            sample_times(basis_of(arm, options).motion, getattr(options, "rate", 500.0))
+
+    cases = [some_options(rng, kind, arm.arm.paths()) for _ in range(60)]
+    assert 0.3 < share_refused(cases, use) < 1
+
+
+def test_flags(run):
+    """What the command line makes of a flag's text, with a file that is not there to stop at."""
+    rng = np.random.default_rng(8)
+    for kind in KINDS:
+        name = kind.__name__.removesuffix("Options").lower()
+        for each, spec in specs(kind):
+            if isinstance(each.default, bool) or rng.random() < 0.3:
+                continue
+            code, out, err = run(name, "nowhere", f"{flag_of(each)}={pick(rng, NUMBERS + WORDS)}")
+            assert (code, out) == (2, ""), err
+            assert "nowhere" in err or flag_of(each) in err or spec.argument in err
+            assert "Traceback" not in err
