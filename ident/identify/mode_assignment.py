@@ -65,7 +65,7 @@ class Named(eqx.Module):
         words: (R, 2) what its label says of direction and kind, as places in `WORDS`.
         places: (R,) place of its label in the table of labels, ordered by pattern and ordinal.
         asked: (patterns, S) largest ordinal of each pattern that was seen in each state.
-        at: (labels + 1, S) the frequency that has the label of each place in each state; -1 for none, as at the last.
+        at: (labels, S) the frequency that has the label of each place in each state; -1 for none, as at the last.
         ratios: how many of them, the last ones, are damping ratios.
         patterns: the different pairs of direction and kind, as places in `WORDS`.
         top: largest ordinal of each.
@@ -76,7 +76,7 @@ class Named(eqx.Module):
     words: Int[AnyArray, "R 2"]
     places: Int[AnyArray, "R"]
     asked: Int[AnyArray, "patterns S"]
-    at: Int[AnyArray, "labels+1 S"]
+    at: Int[AnyArray, "labels S"]
     ratios: int = eqx.field(static=True)
     patterns: tuple[tuple[int, int], ...] = eqx.field(static=True)
     top: tuple[int, ...] = eqx.field(static=True)

@@ -22,7 +22,7 @@ class Repeats(eqx.Module):
     """
 
     first: Int[AnyArray, "V"]
-    sums: tuple[Int[AnyArray, "C W"], ...]
+    sums: tuple[Int[AnyArray, "_ _"], ...]
 
     def total(self, x: Float[AnyArray, "D *batch"]) -> Float[Array, "V *batch"]:
         """Add up what belongs to the rows of each value, in memory and time that grow with the rows alone.
@@ -67,15 +67,15 @@ def repeats(order: Int[np.ndarray, "D"], first: Int[np.ndarray, "V"]) -> Repeats
 
 
 def roomy(count: int) -> int:
-    """Return the next of 0, 4, 8, 16, 24, 32, 48, 64, 96, ..., 512, 576, ...: few sizes, and not much more room.
+    """Return the next of 0, 4, 8, 16, 24, 32, 48, 64, 96, ...: few sizes, and not much more room.
 
-    At most half as many again, where there are many; above 512 an eighth.
+    At most half as many again, where there are many; above 2048 a quarter.
     """
     if not count:
         return 0
     power = max(4, 1 << (count - 1).bit_length())
-    if power > 512:
-        return -(-count // (power // 16)) * (power // 16)
+    if power > 2048:
+        return -(-count // (power // 8)) * (power // 8)
     return 3 * power // 4 if power > 16 and count <= 3 * power // 4 else power
 
 
