@@ -20,6 +20,8 @@ from ident.text import did_you_mean
 
 BY_MODE = ("frequency", "damping_ratio")
 State = tuple[tuple[float, ...], Load]
+MOST = 20000
+"""Different values of a campaign at most: a fit of as many would take more than half an hour, and some 2 GB."""
 
 
 class Unnamed(eqx.Module):
@@ -135,7 +137,8 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     """Find the arm's points, payloads and modes that a campaign speaks of.
 
     Raises:
-        InputError: a posture of the wrong length, a point, payload or mode that the arm has not; all at once.
+        InputError: a posture of the wrong length, a point, payload or mode that the arm has not; all at once. Or more
+            values than can be fitted.
     """
     problems = [*(problem for m in campaign for problem in _misfits(arm, m)), *_too_many(arm, campaign)]
     if not len(campaign):
@@ -150,6 +153,10 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     keys = [_what(arm, i, m, states) for i, m in enumerate(campaign)]
     first = {key: i for i, key in reversed(list(enumerate(keys)))}
     values = sorted(first, key=lambda key: (key[0], first[key]))
+    if len(values) > MOST:
+        got = f"{len(values)} different values in {len(states)} states (posture and load case), {len(keys)} rows"
+        remedy = "fit a part of it, or hold the same postures again: repeated rows cost next to nothing"
+        raise InputError(Problem(campaign.path, got, f"at most {MOST} different values", remedy))
     place = {key: i for i, key in enumerate(values)}
     order = np.array([place[key] for key in keys])
     named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1), (2,), (3,)))

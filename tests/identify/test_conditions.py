@@ -94,6 +94,14 @@ def test_rows_are_added_up_and_pooled_by_value(most):
     assert sum(table.size for table in tables.sums) < 20 * len(order) + 100, "memory grows with the rows"
 
 
+def test_a_campaign_that_is_too_large_is_refused_by_its_size_and_many_repeats_are_not():
+    row = Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=0.02, sigma=0.001, point="tip")
+    many = [replace(row, posture=(i * 1e-5, 0.0, 0.0)) for i in range(20001)]
+    with pytest.raises(InputError, match=r"20001 different values in 20001 states.*at most 20000 different values"):
+        bind(lcd_arm(), Campaign(measurements=tuple(many)))
+    assert bind(lcd_arm(), Campaign(measurements=(row,) * 20001)).count == 1
+
+
 def program(rows):
     """What tells one program from another: static parts, shapes and types."""
     padded = build_problem(lcd_arm(), Campaign(measurements=rows)).padded().problem
