@@ -98,8 +98,7 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     pieces = cut(fitted)
     held = fit.choice.held
     chosen = None if held is None else np.asarray(held.place)
-    conditions, source = bind(arm, campaign).padded()
-    places = np.unique(source, return_index=True)[1]
+    conditions, _, places = bind(arm, campaign).padded()
     whole: Slopes = jax.device_get(slopes(fitted, pieces, conditions, chosen))
     found = Slopes(*(each[..., places] for each in whole))
     names, changes = zip(*_each(fitted, pieces, found), strict=True)

@@ -1,6 +1,7 @@
 """A campaign bound to an arm: under which conditions each value was measured, as arrays."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,26 +13,27 @@ from ident.arm.chain import Loads
 from ident.arm.labels import parse_label
 from ident.errors import InputError, Problem
 from ident.identify.mode_assignment import Named, name_modes
+from ident.identify.repeats import Repeats, repeats, room
 from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
 from ident.text import did_you_mean
 
 BY_MODE = ("frequency", "damping_ratio")
 State = tuple[tuple[float, ...], Load]
+MOST = 20000
+"""Different values of a campaign at most: a fit of as many would take more than half an hour, and some 2 GB."""
 
 
 class Unnamed(eqx.Module):
     """Measured frequencies without a label: in ascending order, the lowest modes that no label of their state takes.
 
     Attributes:
-        rows: (n,) their places in the campaign.
         states: (n,) state of each.
         ordinals: (n,) place among those of its state, from 1.
         last: (n,) whether it is the last one of its state, so that the next mode was not measured.
         highest: largest of these places, 0 for none.
     """
 
-    rows: Int[AnyArray, "n"]
     states: Int[AnyArray, "n"]
     ordinals: Int[AnyArray, "n"]
     last: Bool[AnyArray, "n"]
@@ -39,17 +41,15 @@ class Unnamed(eqx.Module):
 
 
 class Readings(eqx.Module):
-    """Measured deflections, and their differences.
+    """Measured deflections, and their differences; what several rows measured is one of them.
 
     Attributes:
-        rows: (n,) their places in the campaign.
         states: (n,) state of each.
         references: (n,) state that a difference is counted from; -1 for none.
         points: (n,) point that was read.
         direction: (3, n) unit vector along which it was read.
     """
 
-    rows: Int[AnyArray, "n"]
     states: Int[AnyArray, "n"]
     references: Int[AnyArray, "n"]
     points: Int[AnyArray, "n"]
@@ -59,7 +59,7 @@ class Readings(eqx.Module):
 class Conditions(eqx.Module):
     """The states (posture and load case) in which an arm was measured, and what was read in each.
 
-    Rows, states and places are arrays, so that another campaign of the same sizes, kinds and names of modes finds its
+    States and places are arrays, so that another campaign of the same sizes, kinds and names of modes finds its
     program compiled; `padded` makes few of these sizes.
 
     Attributes:
@@ -68,7 +68,8 @@ class Conditions(eqx.Module):
         named: values of modes that have a label.
         unnamed: frequencies without.
         readings: deflections, and their differences.
-        order: (D,) place of each of the campaign's values among the named, the unnamed and the readings in turn.
+        order: (D,) the value that each row measured: its place among named, unnamed and readings in turn.
+        repeats: the rows of each value.
     """
 
     posture: Float[AnyArray, "joints S"]
@@ -77,55 +78,67 @@ class Conditions(eqx.Module):
     unnamed: Unnamed
     readings: Readings
     order: Int[AnyArray, "D"]
+    repeats: Repeats
 
-    def padded(self) -> tuple["Conditions", np.ndarray]:
-        """Return the conditions of a larger campaign, of one of few sizes, that repeats values and states of this one.
+    @property
+    def count(self) -> int:
+        """Number of values, each of which one or several rows measured."""
+        return len(self.named.states) + len(self.unnamed.states) + len(self.readings.states)
 
-        Its values come by kind, so that their order is the same for all campaigns of a size.
+    def padded(self) -> tuple["Conditions", np.ndarray, np.ndarray]:
+        """Return the conditions of a campaign of one of few sizes, in which a row stands for each value of this one.
+
+        Its rows come by kind, so that their order is the same for all campaigns of a size.
 
         Returns:
-            Also the value that each of its values repeats; the first that does stands for it.
+            Also a row of this campaign that each of its rows is like, and which of its rows each of this campaign is.
         """
-        named, unnamed, readings = jax.device_get((self.named, self.unnamed, self.readings))
-        state = _repeated(np.arange(self.posture.shape[1]))
-        label = _repeated(*np.split(np.arange(len(named.rows)), [named.frequencies]))
-        other, difference = _repeated(np.arange(len(unnamed.rows))), readings.references >= 0
-        reading = _repeated(np.flatnonzero(~difference), np.flatnonzero(difference))
-        source = np.concatenate([named.rows[label], unnamed.rows[other], readings.rows[reading]])
-        rows = np.split(np.arange(len(source)), np.cumsum([len(label), len(other)]))
-        ratios = int((label >= named.frequencies).sum())
+        named, unnamed, readings, order = jax.device_get((self.named, self.unnamed, self.readings, self.order))
+        state = room(np.arange(self.posture.shape[1]))
+        difference, labels = readings.references >= 0, len(named.states)
+        read = labels + len(unnamed.states)
+        kinds = np.split(np.arange(read), [named.frequencies, labels])
+        kinds += [read + np.flatnonzero(~difference), read + np.flatnonzero(difference)]
+        values = [room(kind) for kind in kinds]
+        label, other = np.concatenate(values[:2]), values[2] - labels
+        reading = np.concatenate(values[3:]) - read
+        place, rows = np.zeros(self.count, int), np.arange(sum(map(len, values)))
+        before = np.cumsum([0, *map(len, values)])
+        for kind, start in zip(kinds, before, strict=False):
+            place[kind] = start + np.arange(len(kind))
         more = Conditions(
             np.asarray(self.posture)[:, state],
             jax.tree.map(lambda x: np.asarray(x)[..., state], self.loads),
             Named(
-                rows[0],
                 named.states[label],
                 named.ordinals[label],
                 named.words[label],
                 named.places[label],
                 named.asked[:, state],
-                ratios,
+                named.at[:, state],
+                len(values[1]),
                 named.patterns,
                 named.top,
             ),
-            Unnamed(rows[1], unnamed.states[other], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
+            Unnamed(unnamed.states[other], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
             Readings(
-                rows[2],
                 readings.states[reading],
                 readings.references[reading],
                 readings.points[reading],
                 readings.direction[:, reading],
             ),
-            np.arange(len(source)),
+            rows,
+            repeats(rows, rows),
         )
-        return more, source
+        return more, np.asarray(self.repeats.first)[np.concatenate(values)], place[order]
 
 
 def bind(arm: Arm, campaign: Campaign) -> Conditions:
     """Find the arm's points, payloads and modes that a campaign speaks of.
 
     Raises:
-        InputError: a posture of the wrong length, a point, payload or mode that the arm has not; all at once.
+        InputError: a posture of the wrong length, a point, payload or mode that the arm has not; all at once. Or more
+            values than can be fitted.
     """
     problems = [*(problem for m in campaign for problem in _misfits(arm, m)), *_too_many(arm, campaign)]
     if not len(campaign):
@@ -137,28 +150,40 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         states.setdefault((m.posture, m.load), len(states))
         if m.kind == "deflection_difference":
             states.setdefault((m.posture, m.reference_load), len(states))
-    named = _named(campaign, states)
-    unnamed, readings = _unnamed(campaign, states), _readings(arm, campaign, states)
-    order = np.argsort(np.concatenate([named.rows, unnamed.rows, readings.rows]))
+    keys = [_what(arm, i, m, states) for i, m in enumerate(campaign)]
+    first = {key: i for i, key in reversed(list(enumerate(keys)))}
+    values = sorted(first, key=lambda key: (key[0], first[key]))
+    if len(values) > MOST:
+        got = f"{len(values)} different values in {len(states)} states (posture and load case), {len(keys)} rows"
+        remedy = "fit a part of it, or hold the same postures again: repeated rows cost next to nothing"
+        raise InputError(Problem(campaign.path, got, f"at most {MOST} different values", remedy))
+    place = {key: i for i, key in enumerate(values)}
+    order = np.array([place[key] for key in keys])
+    named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1), (2,), (3,)))
     posture = np.array([posture for posture, _ in states], float).T
-    loads = _columns(arm, [load for _, load in states])
-    return jax.device_put(Conditions(posture, loads, named, unnamed, readings, order))
+    bound = Conditions(
+        posture,
+        _columns(arm, [load for _, load in states]),
+        _named(named, len(states)),
+        _unnamed(unnamed),
+        _readings(readings),
+        order,
+        repeats(order, np.array([first[key] for key in values])),
+    )
+    return jax.device_put(bound)
 
 
-def _repeated(*groups: np.ndarray) -> np.ndarray:
-    """Return the entries of each group, the first one repeated at its end until their number is one of few."""
-    sizes = [roomy(len(group)) for group in groups]
-    return np.concatenate(
-        [[*g, *[g[0]] * (n - len(g))] if n else g for g, n in zip(groups, sizes, strict=True)]
-    ).astype(int)
+def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple[Any, ...]:
+    """Return what a row measured: its group, its state, and what else tells it; the same where rows are repeats.
 
-
-def roomy(count: int) -> int:
-    """Return the next of 0, 4, 8, 16, 24, 32, 48, 64, 96, ...: at most half as many again, where there are many."""
-    if not count:
-        return 0
-    power = max(4, 1 << (count - 1).bit_length())
-    return 3 * power // 4 if power > 16 and count <= 3 * power // 4 else power
+    Frequencies without a label are of different modes.
+    """
+    state = states[m.posture, m.load]
+    if m.kind in BY_MODE:
+        return (BY_MODE.index(m.kind), state, parse_label(m.mode)) if m.mode else (2, state, m.value, row)
+    against = states[m.posture, m.reference_load] if m.kind == "deflection_difference" else -1
+    point = [point.name for point in arm.points].index(m.point or "")
+    return 3, state, against, point, m.direction
 
 
 def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
@@ -183,37 +208,24 @@ def loads_of(arm: Arm, load: Load) -> Loads:
     return Loads(bound.payload[:, 0], bound.mass[:, 0], bound.force[:, :, 0])
 
 
-def _named(campaign: Campaign, states: dict[State, int]) -> Named:
-    found = [(i, m) for kind in BY_MODE for i, m in enumerate(campaign) if m.kind == kind and m.mode]
-    labels = [label for _, m in found if (label := parse_label(m.mode or ""))]
-    own = [states[m.posture, m.load] for _, m in found]
-    ratios = sum(m.kind == "damping_ratio" for _, m in found)
-    return name_modes(labels, np.array([i for i, _ in found], int), np.array(own, int), len(states), ratios)
+def _named(values: Sequence[tuple[Any, ...]], count: int) -> Named:
+    states = np.array([state for _, state, _ in values], int)
+    return name_modes([label for _, _, label in values], states, count, sum(group for group, _, _ in values))
 
 
-def _unnamed(campaign: Campaign, states: dict[State, int]) -> Unnamed:
-    found = [(i, m) for i, m in enumerate(campaign) if m.kind == "frequency" and not m.mode]
-    own = np.array([states[m.posture, m.load] for _, m in found], int)
-    values = np.array([m.value for _, m in found])
-    ascending = np.lexsort((values, own))  # of equal values the earlier row first: they are of two modes all the same
-    ordinals = np.empty(len(found), int)
-    ordinals[ascending] = 1 + np.arange(len(found)) - np.searchsorted(own[ascending], own[ascending])
-    last = ordinals == (own[:, None] == own).sum(1)
-    rows = np.array([i for i, _ in found], int)
-    return Unnamed(rows, own, ordinals, last, int(ordinals.max(initial=0)))
+def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:
+    own, hertz = np.array([value[1] for value in values], int), np.array([value[2] for value in values])
+    ascending = np.lexsort((hertz, own))  # of equal values the earlier row first: they are of two modes all the same
+    ordinals = np.empty(len(values), int)
+    ordinals[ascending] = 1 + np.arange(len(values)) - np.searchsorted(own[ascending], own[ascending])
+    last = ordinals == np.bincount(own)[own] if len(values) else np.zeros(0, bool)
+    return Unnamed(own, ordinals, last, int(ordinals.max(initial=0)))
 
 
-def _readings(arm: Arm, campaign: Campaign, states: dict[State, int]) -> Readings:
-    found = [(i, m) for i, m in enumerate(campaign) if m.kind not in BY_MODE]
-    names, difference = [point.name for point in arm.points], "deflection_difference"
-    against = [states[m.posture, m.reference_load] if m.kind == difference else -1 for _, m in found]
-    return Readings(
-        np.array([i for i, _ in found], int),
-        np.array([states[m.posture, m.load] for _, m in found], int),
-        np.array(against, int),
-        np.array([names.index(m.point or "") for _, m in found], int),
-        np.array([m.direction for _, m in found], float).reshape(-1, 3).T,
-    )
+def _readings(values: Sequence[tuple[Any, ...]]) -> Readings:
+    _, state, against, point, direction = zip(*values, strict=True) if values else ((),) * 5
+    states, references, points = (np.array(each, int) for each in (state, against, point))
+    return Readings(states, references, points, np.array(direction, float).reshape(-1, 3).T)
 
 
 def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:

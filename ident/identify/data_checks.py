@@ -4,7 +4,6 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -50,7 +49,7 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
             the arm can bear.
     """
     names = row_names(campaign)
-    if unknown := [row for row in trusted if row not in (*names, ALL)]:
+    if unknown := [row for row in trusted if row not in {*names, ALL}]:
         expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
         raise InputError(Problem("trust_values", quoted(unknown[0]), expected, remedy))
     predicted, missing = _by_labels(problem, campaign, names)
@@ -141,10 +140,30 @@ def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
     pairs = sum(math.comb(len(rows), 2) for rows in same.values())
     limit = farthest(pairs)
     for rows in same.values():
-        apart = {(i, j): _apart(campaign.measurements[i], campaign.measurements[j]) for i, j in combinations(rows, 2)}
-        worst = max(apart, key=apart.__getitem__, default=None)
-        if worst and apart[worst] > limit:
-            yield worst
+        own = [campaign.measurements[row] for row in rows]
+        apart = _farthest_apart(np.array([m.value for m in own]), np.array([m.sigma for m in own]), limit)
+        if apart:
+            yield rows[apart[0]], rows[apart[1]]
+
+
+def _farthest_apart(
+    value: Float[np.ndarray, "n"], sigma: Float[np.ndarray, "n"], limit: float
+) -> tuple[int, int] | None:
+    """Return the first of the pairs that are farthest apart, if by more than a limit [sd].
+
+    As hypot(a, b) is (a + b) / sqrt(2) at least, a value is in such a pair only where it is above the lowest of
+    value + limit sigma / sqrt(2) by as much, or below the highest: of many values that agree few.
+    """
+    way = limit * sigma / math.sqrt(2)
+    high, low = value - way, value + way
+    near = np.flatnonzero((high > low.min()) | (low < high.max()))
+    worst, found = limit, None
+    for place, i in enumerate(near[:-1]):
+        others = near[place + 1 :]
+        apart = np.abs(value[others] - value[i]) / np.hypot(sigma[others], sigma[i])
+        if apart.max() > worst:
+            worst, found = float(apart.max()), (int(i), int(others[np.argmax(apart)]))
+    return found
 
 
 def _apart(a: Measurement, b: Measurement) -> float:

@@ -1,20 +1,32 @@
 """Which values of a campaign may have been taken for each other, and which row each belongs to once exchanged."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import combinations
 
 from ident.inference.exchange import Moves, Pair
 from ident.measure import Campaign, Measurement
 
+MOST = 300
+"""Values up to which all pairs are looked at; of more, those of the values that are farthest off."""
 
-def exchangeable(campaign: Campaign) -> Iterator[Pair]:
+
+def exchangeable(campaign: Campaign, far_off: Sequence[int] = ()) -> Iterator[Pair]:
     """Yield the places of values of one kind that may be taken for each other: at one posture, or of one name.
 
     Frequencies without a label are never so at one posture, as their order alone tells them apart.
+
+    Args:
+        campaign: what was measured.
+        far_off: where there are more than `MOST` values, pairs must have one of these places.
     """
-    for (i, a), (j, b) in combinations(enumerate(campaign), 2):
-        together, alike = _state(a) == _state(b), _name(a) == _name(b)
-        if a.kind == b.kind and together != alike:
+    rows = campaign.measurements
+    if len(rows) <= MOST:
+        pairs: Iterable[Pair] = combinations(range(len(rows)), 2)
+    else:
+        pairs = sorted({(min(i, j), max(i, j)) for i in far_off for j in range(len(rows)) if i != j})
+    for i, j in pairs:
+        a, b = rows[i], rows[j]
+        if a.kind == b.kind and (_state(a) == _state(b)) != (_name(a) == _name(b)):
             yield i, j
 
 

@@ -17,6 +17,11 @@ from ident.inference.exchange import Exchange, exchanges
 from ident.inference.fit import STARTS, Fit, fit, with_stretch
 from ident.measure import Campaign
 
+FARTHEST = 20
+"""Values farthest off of which it is asked, in a large campaign, whether they were taken for others."""
+NAMED = 30
+"""Rows that a remark names at most."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignFit(Fit):
@@ -54,7 +59,8 @@ class CampaignFit(Fit):
     def remarks(self) -> tuple[str, ...]:
         """What is odd about this fit, though it forbids no interval."""
         names = row_names(self.campaign)
-        rows = ", ".join(f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.renamed)
+        rows = ", ".join(f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.renamed[:NAMED])
+        rows += f" and {len(self.renamed) - NAMED} more" if len(self.renamed) > NAMED else ""
         mode = "this mode has another label: row" if len(self.renamed) == 1 else "these modes have other labels: rows"
         return (*super().remarks, *((f"on the fitted arm {mode} {rows}",) if rows else ()), *self._exchanges(names))
 
@@ -113,6 +119,7 @@ def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:
     odd = fit.mislabelled or fit.improbable or fit.outliers.any()
     if not (odd and fit.best.converged and fit.degrees_of_freedom > 0):
         return ()
-    pairs = list(exchangeable(fit.campaign))
+    farthest_off = np.argsort(-np.abs(fit.residuals), kind="stable")[:FARTHEST].tolist()
+    pairs = list(exchangeable(fit.campaign, [*farthest_off, *fit.renamed[:FARTHEST]]))
     suspected = [pair for pair in pairs if set(pair) <= set(fit.renamed)]
     return exchanges(fit, pairs, suspected, moves_of(fit.campaign))

@@ -1,18 +1,24 @@
 """Which measured modes may be taken for others: names by a near draw, neighbours that nearly cross."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.equilibrium import static_equilibrium
-from ident.arm.labels import AMBIGUOUS, Label, is_ambiguous, mode_labels
+from ident.arm.labels import (
+    AMBIGUOUS,
+    Label,
+    is_ambiguous,
+    labels_of_shares,
+    torsion_share,
+    vertical_share,
+)
 from ident.arm.modes import modes_about
 from ident.identify.conditions import Conditions, Unnamed, bind
 from ident.identify.mode_assignment import NAMING_SD, Named
@@ -62,15 +68,21 @@ def label_doubts(arm: Arm, campaign: Campaign) -> tuple[LabelDoubt, ...]:
     Raises:
         InputError: campaign and arm do not fit together.
     """
-    conditions, source = bind(arm, campaign).padded()
+    conditions, _, places = bind(arm, campaign).padded()
     values: tuple[Named | Unnamed, ...] = (conditions.named, conditions.unnamed)
-    if not any(len(each.rows) for each in values) or not arm.points:
+    if not any(len(each.states) for each in values) or not arm.points:
         return ()
     states = jax.device_get(_modes_of_states(arm, conditions))
     doubts: dict[int, LabelDoubt] = {}
+    rows: dict[int, list[int]] = {}
+    for row, place in enumerate(places.tolist()):
+        rows.setdefault(place, []).append(row)
+    before = 0
     for each, choice in zip(values, states.choice, strict=True):
-        of_campaign = replace(each, rows=source[each.rows])
-        doubts |= {doubt.row: doubt for doubt in _doubts(campaign, of_campaign, states, choice)}
+        own = [rows.get(before + i, []) for i in range(len(each.states))]
+        for i, doubt in _doubts(campaign, each, own, states, choice):
+            doubts |= {row: replace(doubt, row=row) for row in own[i]}
+        before += len(each.states)
     return tuple(doubts[row] for row in sorted(doubts))
 
 
@@ -109,7 +121,9 @@ def labels_about(
 class _States(NamedTuple):
     """Modes of all states, ascending; whether each is named by a near draw; the choice of each kind of value."""
 
-    modes: Any
+    frequency: Any
+    torsion: Any
+    vertical: Any
     near_draw: Any
     choice: Any
 
@@ -118,35 +132,42 @@ class _States(NamedTuple):
 def _modes_of_states(arm: Arm, conditions: Conditions) -> _States:
     chain = chains(arm, {}, conditions)
     modes = modes_about(chain, static_equilibrium(chain))
-    return _States(modes, is_ambiguous(modes), mode_choice(conditions, modes))
+    shares = torsion_share(modes), vertical_share(modes)
+    return _States(modes.frequency, *shares, is_ambiguous(modes), mode_choice(conditions, modes))
 
 
 def _doubts(
-    campaign: Campaign, values: Named | Unnamed, states: _States, choice: Float[np.ndarray, "m n"]
-) -> Iterator[LabelDoubt]:
+    campaign: Campaign,
+    values: Named | Unnamed,
+    rows: Sequence[Sequence[int]],
+    states: _States,
+    choice: Float[np.ndarray, "m n"],
+) -> Iterator[tuple[int, LabelDoubt]]:
+    """Yield the place of each value that is in doubt, and the doubt as that of its first row."""
     named, matched = isinstance(values, Named), np.argmax(choice, 0)
-    for i, (row, state) in enumerate(zip(values.rows.tolist(), values.states, strict=True)):
-        hertz, mode = states.modes.frequency[:, state], matched[i]
+    for i in (i for i, own in enumerate(rows) if own):
+        state, mode = values.states[i], matched[i]
+        hertz = states.frequency[:, state]
         if not (choice[:, i].any() and np.isfinite(hertz).all()):
             continue
         beside = [j for j in (mode - 1, mode + 1) if 0 <= j < len(hertz) and _near(hertz[j], hertz[mode])]
         near = [] if named else beside
-        other = _row_alike(campaign, values, i) if isinstance(values, Unnamed) else None
+        other = None if named else _row_alike(campaign, values, rows, i)
         drawn = named and bool(states.near_draw[mode, state])
         if near or drawn or other is not None:
-            names = mode_labels(jax.tree.map(lambda x, s=state: jnp.asarray(x[..., s]), states.modes))
-            yield LabelDoubt(row, names[mode], drawn, tuple(names[j] for j in near), other)
+            names = labels_of_shares(states.torsion[:, state], states.vertical[:, state])
+            yield i, LabelDoubt(rows[i][0], names[mode], drawn, tuple(names[j] for j in near), other)
 
 
 def _near(a: float, b: float) -> bool:
     return bool(abs(a - b) < NEAR * min(a, b))
 
 
-def _row_alike(campaign: Campaign, values: Unnamed, i: int) -> int | None:
+def _row_alike(campaign: Campaign, values: Named | Unnamed, rows: Sequence[Sequence[int]], i: int) -> int | None:
     """Return the row of the first value without label in the same state that is nearly the same."""
-    own = campaign.measurements[values.rows[i]]
-    for j in np.flatnonzero(values.states == values.states[i]):
-        other = campaign.measurements[values.rows[j]]
-        if values.rows[j] != values.rows[i] and abs(own.value - other.value) < ALIKE * np.hypot(own.sigma, other.sigma):
-            return int(values.rows[j])
+    own = campaign.measurements[rows[i][0]]
+    for j in np.flatnonzero(values.states == values.states[i]).tolist():
+        other = campaign.measurements[rows[j][0]] if rows[j] and j != i else None
+        if other and abs(own.value - other.value) < ALIKE * np.hypot(own.sigma, other.sigma):
+            return rows[j][0]
     return None

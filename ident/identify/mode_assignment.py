@@ -57,26 +57,26 @@ NAMES = tuple((direction, kind) for direction in ("vertical", "lateral") for kin
 
 
 class Named(eqx.Module):
-    """Values of modes that have a label: frequencies, then damping ratios.
+    """Values of modes that have a label: frequencies, then damping ratios; what several rows measured is one of them.
 
     Attributes:
-        rows: (R,) place of each in the campaign.
-        states: (R,) its state.
+        states: (R,) state of each.
         ordinals: (R,) the number in its label.
         words: (R, 2) what its label says of direction and kind, as places in `WORDS`.
         places: (R,) place of its label in the table of labels, ordered by pattern and ordinal.
         asked: (patterns, S) largest ordinal of each pattern that was seen in each state.
+        at: (labels, S) the frequency that has the label of each place in each state; -1 for none, as at the last.
         ratios: how many of them, the last ones, are damping ratios.
         patterns: the different pairs of direction and kind, as places in `WORDS`.
         top: largest ordinal of each.
     """
 
-    rows: Int[AnyArray, "R"]
     states: Int[AnyArray, "R"]
     ordinals: Int[AnyArray, "R"]
     words: Int[AnyArray, "R 2"]
     places: Int[AnyArray, "R"]
     asked: Int[AnyArray, "patterns S"]
+    at: Int[AnyArray, "labels S"]
     ratios: int = eqx.field(static=True)
     patterns: tuple[tuple[int, int], ...] = eqx.field(static=True)
     top: tuple[int, ...] = eqx.field(static=True)
@@ -84,15 +84,14 @@ class Named(eqx.Module):
     @property
     def frequencies(self) -> int:
         """Number of those that are frequencies."""
-        return len(self.rows) - self.ratios
+        return len(self.states) - self.ratios
 
 
-def name_modes(labels: Sequence[Label], rows: np.ndarray, states: np.ndarray, count: int, ratios: int) -> Named:
+def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, ratios: int) -> Named:
     """Collect the values that have labels.
 
     Args:
         labels: of frequencies, then of damping ratios.
-        rows: (R,) place of each in the campaign.
         states: (R,) state of each.
         count: number of states.
         ratios: number of damping ratios.
@@ -106,7 +105,9 @@ def name_modes(labels: Sequence[Label], rows: np.ndarray, states: np.ndarray, co
     top = tuple(asked.max(1).tolist())
     places = np.concatenate([[0], np.cumsum(top, dtype=int)])[own] + ordinals - 1
     words = np.array(says, int).reshape(-1, 2)
-    return Named(rows, states, ordinals, words, places, asked, ratios, patterns, top)
+    at, first = np.full((sum(top) + 1, count), -1), len(states) - ratios
+    at[places[:first], states[:first]] = np.arange(first)
+    return Named(states, ordinals, words, places, asked, at, ratios, patterns, top)
 
 
 def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
@@ -154,7 +155,7 @@ def most_probable(
     Args:
         values: the labelled values.
         modes: all modes of all states.
-        data: what was measured; None for the labels alone.
+        data: what was measured, the labelled values first; None for the labels alone.
         off: by how much the frequencies are off, as a fraction, see `how_far_off`; zero where none is fitted.
     """
     modes, data, off = jax.lax.stop_gradient((modes, data, off))
@@ -162,10 +163,8 @@ def most_probable(
         off = jnp.where(_fitted(values, data, modes.frequency.ndim - 2).any(0), off, 0.0)
     cost = name_costs(modes, off)
     names = jnp.stack([cost[direction] + cost[kind] for direction, kind in NAMES], 1)
-    # by sums of products: XLA's scatter on several cores (jax 0.10) does not give the same bits twice
-    place = (values.places[:, None] == np.arange(sum(values.top) + 1)).astype(float)
-    state = (values.states[:, None] == np.arange(names.shape[2])).astype(float)
-    against = jnp.einsum("mr...,rt,rs->mts...", _misfits(values, modes, data, off), place, state)
+    misfits = _misfits(values, modes, data, off)
+    against = jnp.concatenate([misfits, jnp.zeros_like(misfits[:, :1])], 1)[:, values.at]
     return _best_naming(values, names, against)[:, values.places, values.states]
 
 
@@ -195,11 +194,12 @@ def _fitted(values: Named, data: Data, rank: int) -> Bool[Array, "R *batch"]:
 
 
 def _are_frequencies(values: Named, rank: int) -> Bool[np.ndarray, "R *ones"]:
-    return np.reshape(np.arange(len(values.rows)) < values.frequencies, (-1,) + (1,) * rank)
+    return np.reshape(np.arange(len(values.states)) < values.frequencies, (-1,) + (1,) * rank)
 
 
 def _aligned(values: Named, data: Data, rank: int) -> tuple[Array, Array]:
-    measured, sigma = (jnp.reshape(x, x.shape + (1,) * (1 + rank - x.ndim))[values.rows] for x in data)
+    own = (x[: len(values.states)] for x in data)
+    measured, sigma = (jnp.reshape(x, x.shape + (1,) * (1 + rank - x.ndim)) for x in own)
     return measured, sigma
 
 

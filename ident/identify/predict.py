@@ -22,7 +22,7 @@ from ident.arm.modes import (
     modes_about,
     to_hertz,
 )
-from ident.identify.conditions import Conditions, Readings, Unnamed
+from ident.identify.conditions import Conditions, Readings
 from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, Choosing, Data, Growing
@@ -68,20 +68,21 @@ class ArmModel(eqx.Module, Choosing, Growing):
         """Predict the campaign's values [SI] for these numbers of the arm."""
         return predict(self.arm, parameters, self.conditions, data)
 
-    def padded(self) -> tuple["ArmModel", np.ndarray]:
-        """Return a model of more values, and which of its own each of them repeats."""
-        conditions, source = self.conditions.padded()
-        return ArmModel(self.arm, conditions), source
+    def padded(self) -> tuple["ArmModel", np.ndarray, np.ndarray]:
+        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
+        conditions, source, places = self.conditions.padded()
+        return ArmModel(self.arm, conditions), source, places
 
     def unheld(self) -> Held | None:
         """Return what is held before the first step; None where nothing is labelled."""
-        count = len(self.conditions.named.rows)
+        count = len(self.conditions.named.states)
         blank, no = np.zeros((3 * len(self.arm.joints), count)), np.array(False)
         return Held(blank, blank, np.array(AT_FIRST), np.array(True), no) if count else None
 
     def holding(self, parameters: Mapping[str, Any], data: Data, held: Held) -> tuple[Float[Array, "D"], Choice]:
         """Predict the campaign's values, each label at the mode whose shape it holds."""
         values, chain = self.conditions.named, chains(self.arm, parameters, self.conditions)
+        data = self.conditions.repeats.pooled(data)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at)
         wanted = most_probable(values, modes, data, held.off)
@@ -90,7 +91,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
         same = (jnp.argmax(likeness, 0) == jnp.arange(len(likeness))[:, None]).astype(float)
         chosen = jax.lax.stop_gradient(jnp.where(held.fresh, wanted, same))
         against = said_costs(values, modes, chosen)
-        cost = jnp.pad(against, (0, len(data.sigma) - len(against)))[self.conditions.order]
+        cost = jnp.pad(against, (0, self.conditions.count - len(against)))[self.conditions.order]
         off, no = how_far_off(values, modes, data, chosen), jnp.array(False)
         now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
@@ -113,8 +114,9 @@ def predict(
         has no stable equilibrium.
     """
     values, chain = conditions.named, chains(arm, parameters, conditions)
+    data = None if data is None else conditions.repeats.pooled(data)
     at = static_equilibrium(chain)
-    if not len(values.rows):
+    if not len(values.states):
         return _values(chain, at, conditions, None, None, data)
     modes = modes_about(chain, at)
     return _values(chain, at, conditions, modes, most_probable(values, modes, data, 0.0), data)
@@ -148,7 +150,7 @@ def _values(
         count = min(unnamed.highest + 1, 3 * at.phi.shape[1])
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         own, above = hertz[unnamed.ordinals - 1, unnamed.states], hertz[unnamed.ordinals, unnamed.states]
-        values.append(_counted(own, above, unnamed, data))
+        values.append(_counted(own, above, conditions, data))
     if modes is not None and chosen is not None:
         values = [pick(modes.frequency, chosen[:, :first], named.states[:first])]
         if named.ratios:
@@ -156,14 +158,14 @@ def _values(
         if unnamed.highest:
             nth, next_one = (lowest_left(conditions, chosen, beyond) for beyond in (0, 1))
             own, above = (pick(modes.frequency, mode, unnamed.states) for mode in (nth, next_one))
-            values.append(_counted(own, above, unnamed, data))
-    if len(readings.rows):
+            values.append(_counted(own, above, conditions, data))
+    if len(readings.states):
         values.append(read_points(deflection(chain, at.phi), readings))
     return jnp.concatenate(values)[conditions.order]
 
 
 def _counted(
-    own: Float[Array, "n *batch"], above: Float[Array, "n *batch"], unnamed: Unnamed, data: Data | None
+    own: Float[Array, "n *batch"], above: Float[Array, "n *batch"], conditions: Conditions, data: Data | None
 ) -> Float[Array, "n *batch"]:
     """Return the frequencies of the unnamed values, smooth where the highest measured mode and the next one cross.
 
@@ -174,7 +176,9 @@ def _counted(
     """
     if data is None:
         return own
-    sigma = jnp.reshape(data.sigma, data.sigma.shape + (1,) * (own.ndim - data.sigma.ndim))[unnamed.rows]
+    unnamed, before = conditions.unnamed, len(conditions.named.states)
+    sigma = data.sigma[before : before + len(own)]
+    sigma = jnp.reshape(sigma, sigma.shape + (1,) * (own.ndim - sigma.ndim))
     last = jnp.reshape(unnamed.last, (-1,) + (1,) * (own.ndim - 1)) & jnp.isfinite(sigma)
     s = jnp.where(last, sigma, 1.0)
     short = jnp.where(last & (above - own < s), s - (above - own), 0.0)
@@ -198,7 +202,7 @@ def mode_choice(
     """
     if chosen is None:
         values = conditions.named
-        chosen = most_probable(values, modes, None, 0.0) if len(values.rows) else jnp.zeros((len(modes.frequency), 0))
+        chosen = most_probable(values, modes, None, 0.0) if len(values.states) else jnp.zeros((len(modes.frequency), 0))
     return jnp.asarray(chosen), lowest_left(conditions, jnp.asarray(chosen))
 
 
@@ -210,8 +214,9 @@ def lowest_left(
     Or for the mode so many places beyond it among these.
     """
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
-    together = (named.states[:first, None] == unnamed.states).astype(float)
-    free = jnp.einsum("mr...,rs->ms...", chosen[:, :first], together) == 0
+    none = jnp.zeros((len(chosen), 1, *chosen.shape[2:]))
+    own = jnp.concatenate([chosen[:, :first], none], 1)
+    free = (own[:, named.at].sum(1) == 0)[:, unnamed.states]
     ordinal = jnp.reshape(unnamed.ordinals + beyond, (-1,) + (1,) * (chosen.ndim - 2))
     return (free & (jnp.cumsum(free, 0) == ordinal)).astype(float)
 

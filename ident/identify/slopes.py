@@ -1,6 +1,6 @@
 """How predictions change with what a fit takes for granted: with compliances at zero, and with given numbers."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -30,6 +30,8 @@ from ident.jit import jit
 
 Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
 """The modes of the named and of the unnamed values, as `mode_choice` gives them."""
+MANY = 64
+"""States above which one amount is changed after the other, for the memory that all of them together would take."""
 
 
 class Slopes(NamedTuple):
@@ -98,7 +100,11 @@ def slopes(
         each = jax.vmap(lambda v, eigenvalue: _of_mode(chain, phi, v, eigenvalue))(shapes, squared)
         return potential_gradient(chain, phi), each
 
-    forces, change = jax.vmap(lambda *way: jax.jvp(gradients, (jnp.zeros(3 * count), rest), way)[1])(amounts, turns)
+    def along(way: tuple[Array, Array]) -> Any:
+        return jax.jvp(gradients, (jnp.zeros(3 * count), rest), way)[1]
+
+    each_amount = jax.vmap(along) if rest.shape[2] <= MANY else lambda ways: jax.lax.map(along, ways)
+    forces, change = each_amount((amounts, turns))
     yielded = jnp.concatenate([jnp.einsum("mahs,abhs,mbhs->hms", moment, P, moment) for P in projectors])
     moves = -jax.vmap(lambda force: _solve(at.W, unflatten(force)[:, own]))(forces)
     change = change.at[: len(yielded)].add(-yielded) + jnp.einsum("mans,eans->ems", by_phi[:, :, own], moves)

@@ -144,19 +144,24 @@ def quadratic_form(
     """
     priors = np.diag(1 / widths)[np.isfinite(widths)]
     both, prior = np.vstack([jacobian, priors]), np.ones(len(priors), bool)
-    Q = _left_over(both)
+    explained, diagonal = [(-1.0, _reached(both))], np.ones(len(priors))
     for taking, width in ((np.append(~own, prior), 1.0), (np.append(own, prior), WIDE)):
-        narrow = np.append(np.ones(len(jacobian)), np.full(len(priors), 1 / width))[taking]
-        Q[np.ix_(taking, taking)] -= narrow[:, None] * _left_over(both[taking] * narrow[:, None]) * narrow
-    mean, variance = np.trace(Q), (Q**2).sum()
+        narrow = np.append(np.ones(len(jacobian)), np.full(len(priors), 1 / width))[:, None]
+        explained.append((1.0, narrow * _reached(both * narrow * taking[:, None])))
+        diagonal = diagonal - width**-2
+    # Q = B S B' + D, of which only 3 P columns and the diagonal of the priors are more than zero
+    B, S = np.hstack([U for _, U in explained]), np.concatenate([np.full(U.shape[1], sign) for sign, U in explained])
+    own_sizes = ((B[len(jacobian) :] ** 2) * S).sum(1)
+    SG = S[:, None] * (B.T @ B)
+    mean = np.trace(SG) + diagonal.sum()
+    variance = (SG * SG.T).sum() + 2 * (diagonal * own_sizes).sum() + (diagonal**2).sum()
     return (variance / mean, mean**2 / variance) if mean > NOTHING else (1.0, 0.0)
 
 
-def _left_over(A: Float[np.ndarray, "n P"]) -> Float[np.ndarray, "n n"]:
-    """Return the projection onto what no step explains."""
+def _reached(A: Float[np.ndarray, "n P"]) -> Float[np.ndarray, "n K"]:
+    """Return an orthonormal basis of what steps explain."""
     U, s, _ = np.linalg.svd(A, full_matrices=False)
-    U = U[:, s > RANK_TOLERANCE * max(s[0], 1e-300)]
-    return np.eye(len(A)) - U @ U.T
+    return np.asarray(U[:, s > RANK_TOLERANCE * max(s[0], 1e-300)])
 
 
 class _Minima(NamedTuple):

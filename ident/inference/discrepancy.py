@@ -54,18 +54,20 @@ class Discrepant(eqx.Module, Choosing, Growing):
         values, choice = self.model.holding(rest, _before(data, factor), held)
         return values * factor, choice
 
-    def padded(self) -> tuple["Discrepant", np.ndarray]:
-        """Return a model of more values, and which of its own each of them repeats."""
+    def padded(self) -> tuple["Discrepant", np.ndarray, np.ndarray]:
+        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
         if not isinstance(self.model, Growing):
-            return self, np.arange(len(self.kinds))
-        model, source = self.model.padded()
-        return Discrepant(model, tuple(self.kinds[i] for i in source)), source
+            return self, np.arange(len(self.kinds)), np.arange(len(self.kinds))
+        model, source, places = self.model.padded()
+        return Discrepant(model, tuple(self.kinds[i] for i in source)), source, places
 
     def _split(self, parameters: Mapping[str, Any]) -> tuple[dict[str, Any], Float[Array, "D *batch"]]:
         """Return the model's own parameters, and the factor on each value."""
         off = {name.removeprefix(PREFIX): x for name, x in parameters.items() if name.startswith(PREFIX)}
         batch = np.broadcast_shapes(*(jnp.shape(x) for x in parameters.values()))
-        factor = jnp.stack([jnp.broadcast_to(off.get(kind, 1.0), batch) for kind in self.kinds])
+        names = sorted(set(self.kinds))
+        each = jnp.stack([jnp.broadcast_to(off.get(kind, 1.0), batch) for kind in names])
+        factor = each[np.searchsorted(names, self.kinds)]
         return {name: x for name, x in parameters.items() if not name.startswith(PREFIX)}, factor
 
 

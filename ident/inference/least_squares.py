@@ -135,12 +135,12 @@ def _searched(
 
     Nothing that is held lets the model choose.
     """
-    padded, places = problem.padded()
+    padded, places, scatter = problem.padded()
     held = padded.unheld() if held is None else held
     end, finished = jax.device_get(search(padded, np.asarray(start), held, to_the_end, weight))
     choice = end.choice._replace(cost=end.choice.cost[places])
     own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
-    return own, bool(finished)
+    return own._replace(cost=own.cost + weight**2 * scatter) if scatter else own, bool(finished)
 
 
 @jit

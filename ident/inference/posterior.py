@@ -58,8 +58,8 @@ class Posterior(eqx.Module):
         """Return the factor on sigma of each value."""
         noise = jnp.exp(theta[len(self.problem.parameters.items) :])
         by_kind = {item.name.removeprefix(PREFIX): scale for item, scale in zip(self.noise.items, noise, strict=True)}
-        ones = jnp.ones(theta.shape[1:])
-        return jnp.stack([by_kind.get(kind, ones) for kind in self.problem.kinds])
+        ones, kinds = jnp.ones(theta.shape[1:]), sorted(set(self.problem.kinds))
+        return jnp.stack([by_kind.get(kind, ones) for kind in kinds])[np.searchsorted(kinds, self.problem.kinds)]
 
 
 class Evaluated(NamedTuple):

@@ -56,11 +56,25 @@ class Choosing:
 
 
 class Growing:
-    """A model that can predict more values than were asked for, so that few sizes of programs serve all data."""
+    """A model of which few sizes of programs serve all data: it predicts what was measured repeatedly only once."""
 
-    def padded(self) -> tuple["Growing", np.ndarray]:
-        """Return a model of more values, and which of its own values each of them repeats; all are among them."""
+    def padded(self) -> tuple["Growing", np.ndarray, np.ndarray]:
+        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
         raise NotImplementedError
+
+
+class Padded(NamedTuple):
+    """A problem of one of few sizes, whose optima are those of another one.
+
+    Attributes:
+        problem: with one value for all that were measured of the same, and others that do not count.
+        places: (D,) where each value of the other problem is.
+        scatter: sum of squares that repeated values add to the cost wherever the parameters are.
+    """
+
+    problem: "InverseProblem"
+    places: np.ndarray
+    scatter: float
 
 
 class InverseProblem(eqx.Module):
@@ -93,10 +107,11 @@ class InverseProblem(eqx.Module):
         measured, sigma = np.asarray(self.measured, float), np.asarray(self.sigma, float)
         remedy = "leave that value out"
         problems = [
-            _wrong("measured", i, x, "a finite number", remedy) for i, x in enumerate(measured) if not np.isfinite(x)
+            _wrong("measured", int(i), measured[i], "a finite number", remedy)
+            for i in np.flatnonzero(~np.isfinite(measured))
         ]
         remedy = "give its standard deviation, infinite for a value that is only to be predicted"
-        problems += [_wrong("sigma", i, x, "a number > 0", remedy) for i, x in enumerate(sigma) if not x > 0]
+        problems += [_wrong("sigma", int(i), sigma[i], "a number > 0", remedy) for i in np.flatnonzero(~(sigma > 0))]
         if problems:
             raise InputError(problems)
 
@@ -115,19 +130,27 @@ class InverseProblem(eqx.Module):
         """Return what the model holds before the first step; None where it chooses nothing."""
         return self.model.unheld() if isinstance(self.model, Choosing) else None
 
-    def padded(self) -> tuple["InverseProblem", np.ndarray]:
-        """Return the same problem with values that do not count, so many that few sizes occur, and where its own are.
+    def padded(self) -> Padded:
+        """Return the same problem in one of few sizes, repeated values as their mean; they may come in another order.
 
-        They may come in another order.
+        With weights w = 1/sigma^2, the sum of w (predicted - measured)^2 over repeated values is that of their mean,
+        W (predicted - mean)^2 with W the sum of w, and their scatter about it, which no parameter changes.
         """
         if not isinstance(self.model, Growing):
-            return self, np.arange(len(self.kinds))
-        model, source = self.model.padded()
-        places = np.unique(source, return_index=True)[1]
-        sigma = np.full(len(source), np.inf)
-        sigma[places] = np.asarray(self.sigma)
+            return Padded(self, np.arange(len(self.kinds)), 0.0)
+        model, source, places = self.model.padded()
+        measured, sigma = np.asarray(self.measured), np.asarray(self.sigma)
+        weight = sigma**-2.0
+        total = np.bincount(places, weight, len(source))
+        several = (np.bincount(places, minlength=len(source)) > 1) & (total > 0)
+        known = np.where(several, total, 1.0)
+        mean = np.where(several, np.bincount(places, weight * measured, len(source)) / known, measured[source])
+        alone = np.full(len(source), np.inf)
+        alone[places] = sigma
+        spread = np.where(several, known**-0.5, np.where(total > 0, alone, np.inf))
+        scatter = float((((measured - mean[places]) / sigma)[several[places]] ** 2).sum())
         kinds = tuple(self.kinds[i] for i in source)
-        return InverseProblem(model, np.asarray(self.measured)[source], sigma, self.parameters, kinds), places
+        return Padded(InverseProblem(model, mean, spread, self.parameters, kinds), places, scatter)
 
     @property
     def data(self) -> Data:

@@ -10,10 +10,12 @@ from arms import DATA, lcd_arm
 
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
-from ident.identify.conditions import bind, roomy
+from ident.identify.conditions import bind
 from ident.identify.modal_analysis import modal_analysis
+from ident.identify.repeats import repeats, roomy
 from ident.identify.unknowns import Unknowns
 from ident.inference.least_squares import evaluate
+from ident.inference.problem import Data
 from ident.measure import Campaign, Load, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow
@@ -35,7 +37,8 @@ def shuffled(labels=True):
 @pytest.mark.parametrize("unknowns", [Unknowns(), DISCREPANT], ids=["plain", "discrepancy"])
 def test_a_padded_problem_says_the_same_where_its_own_values_are(unknowns):
     problem = build_problem(lcd_arm(), shuffled(), unknowns)
-    padded, places = problem.padded()
+    padded, places, scatter = problem.padded()
+    assert scatter == 0
     theta = problem.parameters.theta(problem.parameters.column("start")) + 0.1
     own, more = (np.asarray(jax.jit(lambda t, p=p: p.predict(t))(theta)) for p in (problem, padded))
     np.testing.assert_allclose(more[places], own, rtol=1e-12)
@@ -47,9 +50,61 @@ def test_a_padded_problem_says_the_same_where_its_own_values_are(unknowns):
     np.testing.assert_allclose((theirs**2).sum(), (ours**2).sum(), rtol=1e-12)
 
 
+def again(campaign, most=70):
+    """Every labelled frequency and every deflection up to so many times, with other values, in another order."""
+    rng = np.random.default_rng(1)
+    rows = [m for m in campaign for _ in range(1 if m.kind == "frequency" and not m.mode else rng.integers(1, most))]
+    rows = [replace(m, value=m.value + m.sigma * z) for m, z in zip(rows, rng.standard_normal(len(rows)), strict=True)]
+    rows = [replace(m, sigma=m.sigma * s) for m, s in zip(rows, rng.uniform(0.5, 2, len(rows)), strict=True)]
+    return Campaign(measurements=tuple(rows[i] for i in rng.permutation(len(rows))))
+
+
+@pytest.mark.parametrize("unknowns", [Unknowns(), DISCREPANT], ids=["plain", "discrepancy"])
+def test_repeated_rows_are_predicted_once_and_cost_what_each_of_them_costs(unknowns):
+    once, problem = shuffled(), build_problem(lcd_arm(), again(shuffled()), unknowns)
+    assert len(problem.kinds) > 20 * len(once)
+    padded, places, scatter = problem.padded()
+    assert len(padded.kinds) == len(build_problem(lcd_arm(), once, unknowns).padded().problem.kinds)
+    theta = problem.parameters.theta(problem.parameters.column("start")) + 0.1
+    own, more = (np.asarray(jax.jit(lambda t, p=p: p.predict(t))(theta)) for p in (problem, padded))
+    np.testing.assert_allclose(more[places], own, rtol=1e-12)
+    slope = jnp.zeros((len(own), len(theta)))
+    ours, theirs = (p.weigh(x, slope[: len(x)], theta)[0] for p, x in ((problem, own), (padded, more)))
+    assert float((theirs**2).sum()) + scatter == pytest.approx(float((ours**2).sum()), rel=1e-12)
+    cost = evaluate(problem, theta).choice.cost
+    np.testing.assert_array_equal(cost, np.asarray(evaluate(padded, theta).choice.cost)[places])
+
+
+@pytest.mark.parametrize("most", [2, 8, 9, 64, 65, 700])
+def test_rows_are_added_up_and_pooled_by_value(most):
+    rng = np.random.default_rng(most)
+    order = rng.permutation(np.repeat(np.arange(5), [1, most, 3, 1, most // 2 + 1]))
+    first = np.array([np.argmax(order == value) for value in range(5)])
+    tables, x = repeats(order, first), rng.uniform(1, 2, (len(order), 2))
+    expected = np.stack([np.bincount(order, column) for column in x.T], 1)
+    np.testing.assert_allclose(tables.total(x), expected, rtol=1e-13)
+    sigma = np.where(order == 2, np.inf, rng.uniform(0.5, 2, len(order)))
+    mean, sd = tables.pooled(Data(x[:, 0], sigma))
+    weight = sigma**-2
+    own = [value for value in range(5) if value != 2]
+    np.testing.assert_allclose(
+        mean[np.array(own)], [np.average(x[order == v, 0], weights=weight[order == v]) for v in own]
+    )
+    np.testing.assert_allclose(sd, [weight[order == v].sum() ** -0.5 if v != 2 else np.inf for v in range(5)])
+    assert sum(table.size for table in tables.sums) < 20 * len(order) + 100, "memory grows with the rows"
+
+
+def test_a_campaign_that_is_too_large_is_refused_by_its_size_and_many_repeats_are_not():
+    row = Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=0.02, sigma=0.001, point="tip")
+    many = [replace(row, posture=(i * 1e-5, 0.0, 0.0)) for i in range(20001)]
+    with pytest.raises(InputError, match=r"20001 different values in 20001 states.*at most 20000 different values"):
+        bind(lcd_arm(), Campaign(measurements=tuple(many)))
+    assert bind(lcd_arm(), Campaign(measurements=(row,) * 20001)).count == 1
+
+
 def program(rows):
     """What tells one program from another: static parts, shapes and types."""
-    padded, _ = build_problem(lcd_arm(), Campaign(measurements=rows)).padded()
+    padded = build_problem(lcd_arm(), Campaign(measurements=rows)).padded().problem
     leaves, structure = jax.tree.flatten((padded, padded.unheld()))
     return structure, [(np.shape(x), np.asarray(x).dtype) for x in leaves]
 

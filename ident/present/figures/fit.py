@@ -55,6 +55,8 @@ LABEL, LETTER = 52, 0.063
 """Longest label of a measurement, and the width of a letter [inch]."""
 DENSE = 60
 """Measurements above which the rows are numbered instead of described."""
+MANY = 400
+"""Measurements above which each is a dot only."""
 REACH = 30.0
 """Factor beyond the fitted values at which the frame cuts an interval off."""
 
@@ -232,15 +234,26 @@ def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray, outliers: 
     axes.set_xlim(-reach, reach)
     axes.axvspan(-2, 2, color="#EAF1F6", zorder=0)
     axes.axvline(0.0, color="black", linewidth=0.8)
-    for y, i in enumerate(order):
-        style = KIND_STYLES[campaign.measurements[i].kind]
-        axes.plot([0.0, z[i]], [y, y], color=style["color"], linewidth=1.2)
-        axes.plot([z[i]], [y], linestyle="", **{**style, **(RIMMED if outliers[i] else {"markersize": 5})})
+    if len(order) <= MANY:
+        for y, i in enumerate(order):
+            style = KIND_STYLES[campaign.measurements[i].kind]
+            axes.plot([0.0, z[i]], [y, y], color=style["color"], linewidth=1.2)
+            axes.plot([z[i]], [y], linestyle="", **{**style, **(RIMMED if outliers[i] else {"markersize": 5})})
+    else:
+        _cloud(axes, [campaign.measurements[i].kind for i in order], z[order], outliers[order])
     axes.set_xlabel("(measured - predicted) / sigma [-]; shaded: within ±2", fontsize=9)
     keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
     if outliers.any():
         keys["too far off"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
     heading(axes, "Measured against predicted", keys, columns=3)
+
+
+def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray) -> None:
+    """Draw one small marker for each of many values."""
+    for kind in dict.fromkeys(kinds):
+        for far in (False, True):
+            at = np.flatnonzero((np.array(kinds) == kind) & (outliers == far))
+            axes.plot(z[at], at, linestyle="", **{**KIND_STYLES[kind], **(RIMMED if far else {"markersize": 1.5})})
 
 
 def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:

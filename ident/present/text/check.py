@@ -8,6 +8,7 @@ import numpy as np
 from ident.identify.check import CampaignCheck
 from ident.identify.label_checks import LabelDoubt
 from ident.inference.information import WEAK_ABOVE, Information
+from ident.inference.leverage import Leverage
 from ident.inference.optima import Optimum, is_tie
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
@@ -22,6 +23,8 @@ SLIGHT = 0.05
 """Change, relative to the parameter that leads, below which another one hardly takes part in a trade-off."""
 FEW = 24
 """Measurements up to which all are listed; beyond, only those that matter or do not."""
+LISTED = 40
+"""Measurements, or doubts, that are listed at most."""
 MOST = 6
 """Rows named, at most, whose label may change."""
 ENORMOUS = 1e3
@@ -172,28 +175,26 @@ def _measurements(check: CampaignCheck) -> Iterator[str]:
     if part is None:
         return
     every = len(check.campaign) <= FEW
-    names = check.problem.parameters.names
+    names, share = check.problem.parameters.names, part.share
     yield f"{'Measurements, each with its row in the file':57s}  information  checked  depends most on"
-    for i in range(len(check.campaign)):
-        remark = _remark(check, i)
-        if every or remark:
-            most = names[part.sees[i]] if part.sees[i] >= 0 else "nothing"
-            numbers = f"{part.share[i]:13.1%} {1 - min(part.leverage[i], 1):8.0%}"
-            yield f"  {cut(_row(check, i), 55):55s}{numbers}  {most}"
-            yield from [f"       <-- {remark}"] if remark else []
+    empty, dominant = part.empty, part.dominant
+    rows = np.arange(len(check.campaign)) if every else np.flatnonzero(empty | dominant)
+    for i in rows[:LISTED].tolist():
+        remark = "carries no information" if empty[i] else _dominates(part, i) if dominant[i] else ""
+        most = names[part.sees[i]] if part.sees[i] >= 0 else "nothing"
+        numbers = f"{share[i]:13.1%} {1 - min(part.leverage[i], 1):8.0%}"
+        yield f"  {cut(_row(check, i), 55):55s}{numbers}  {most}"
+        yield from [f"       <-- {remark}"] if remark else []
+    if len(rows) > LISTED:
+        yield f"  and {len(rows) - LISTED} more that carry nothing or dominate"
     if not every:
         yield f"  The other measurements of {len(check.campaign)} neither dominate nor carry nothing."
     yield "  information: share of all; checked: how much of its message the others would tell without it."
-    if part.dominant.any():
+    if dominant.any():
         yield "  What nothing checks is taken on trust: an error in such a value cannot be noticed."
 
 
-def _remark(check: CampaignCheck, i: int) -> str:
-    part = check.leverage
-    if part is None or not (part.empty[i] or part.dominant[i]):
-        return ""
-    if part.empty[i]:
-        return "carries no information"
+def _dominates(part: Leverage, i: int) -> str:
     lost = f"; without it {', '.join(part.lost[i])} not identifiable" if part.lost[i] else ""
     opened = "; one direction open without it" if part.opened[i] and not part.lost[i] else ""
     return f"dominates{lost or opened}"
@@ -213,8 +214,10 @@ def _labels(check: CampaignCheck) -> Iterator[str]:
     if not modal or check.missing.any():
         return
     yield "Mode labels, at the arm file's values" + ("" if check.labels else ": none is in doubt")
-    for doubt in check.labels:
+    for doubt in check.labels[:LISTED]:
         yield f"  {_row(check, doubt.row)}: {'; '.join(_doubt(check, doubt))}"
+    if len(check.labels) > LISTED:
+        yield f"  and {len(check.labels) - LISTED} more"
     yield from _changing(check)
 
 

@@ -14,21 +14,42 @@ from ident.present.text.words import cut, describe, priors_in_words, shares
 
 LISTED = 12
 """Optima that are listed at most."""
+EVERY = 200
+"""Measurements up to which all are listed."""
+FARTHEST = 24
+"""Those that are listed of more."""
+ALL_ROWS = "Measurements, each with its row in the file"
 
 
 def measurements(fit: CampaignFit) -> Iterator[str]:
-    """Yield each measurement beside what is predicted for it."""
-    yield f"{'Measurements, each with its row in the file':57s}  measured  predicted      off by"
-    rows = zip(fit.campaign, fit.predicted, fit.residuals, fit.outliers, strict=True)
-    for m, predicted, z, outlying in rows:
+    """Yield each measurement beside what is predicted for it; of many, those that are farthest off."""
+    count, z, many = len(fit.campaign), fit.residuals, len(fit.campaign) > EVERY
+    shown = np.sort(np.argsort(-np.abs(z), kind="stable")[:FARTHEST]) if many else np.arange(count)
+    head = f"The {FARTHEST} of {count} measurements farthest off, with their rows" if many else ALL_ROWS
+    yield f"{head:57s}  measured  predicted      off by"
+    outliers = fit.outliers
+    for i in shown.tolist():
+        m = fit.campaign.measurements[i]
         measured, unit = in_read_unit(m.kind, m.value)
-        model, _ = in_read_unit(m.kind, float(predicted))
-        row, mark = m.where.rpartition(":")[2], " <--" if outlying else ""
-        numbers = f"{measured:9.4g} {model:10.4g} {unit:3s} {-z:5.2f} sigma{mark}"
+        model, _ = in_read_unit(m.kind, float(fit.predicted[i]))
+        row, mark = m.where.rpartition(":")[2], " <--" if outliers[i] else ""
+        numbers = f"{measured:9.4g} {model:10.4g} {unit:3s} {-z[i]:5.2f} sigma{mark}"
         yield f"  {row:>3s}  {cut(describe(m), 50):50s}  {numbers}"
-    count = len(fit.campaign)
+    if many:
+        yield from _by_kind(fit)
     yield "  off by: measured less predicted"
     yield f"  limit for the farthest of {count}: {farthest(count):.1f} sigma; what lies too far off is marked <--"
+
+
+def _by_kind(fit: CampaignFit) -> Iterator[str]:
+    """Yield for each kind how far its values are off."""
+    kinds, outliers = np.array([m.kind for m in fit.campaign]), fit.outliers
+    for kind in dict.fromkeys(kinds.tolist()):
+        z = -fit.residuals[kinds == kind]
+        far = int(outliers[kinds == kind].sum())
+        numbers = f"off by {z.mean():+.2f} sigma in the mean, {np.sqrt((z**2).mean()):.2f} sigma rms; {far} too far off"
+        yield f"  {len(z)} of {kind.replace('_', ' ')}: {numbers}"
+    yield "  All are in the result file."
 
 
 def origins(fit: CampaignFit) -> Iterator[str]:
