@@ -86,7 +86,7 @@ def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
         (["--prior=joint1.k_tors"], "a name, = and what it is given"),
         (["--discrepancy=deflection:0.1", "--discrepancy=deflection:0.2"], "deflection twice"),
         (["--noise=frequenzy"], "did you mean frequency"),
-        (["--discrepancy=deflection:-1"], "width > 0"),
+        (["--discrepancy=deflection:-1"], "a width from 1e-06"),
         (["--no-prior"], "nor a prior that bound"),
         (["--walkers=6"], "at least 12 for 6 unknowns"),
     ],

@@ -51,7 +51,7 @@ def test_two_values_that_were_taken_for_each_other_are_named_with_what_the_fit_w
     names = " and ".join(SHIPPED.measurements[i].where.rpartition(":")[2] for i in rows)
     report = fit_report(found)
     assert f"REMARK: rows {names}, their values exchanged, would fit (chi-squared " in report
-    assert "-> 9.38)" in report
+    assert f"-> {right.chi_squared:.3g})" in report
     assert "is nearly fixed by masses and lengths" not in report, "no reason to look there"
 
 
@@ -76,7 +76,7 @@ def test_only_values_that_may_be_confused_are_compared():
 
 @pytest.mark.parametrize(
     ("blank", "rows"),
-    [(range(20), (1, 18)), ((1, 2, 6, 7, 11, 12, 16, 17), (11, 13))],
+    [(range(20), (3, 18)), ((1, 2, 6, 7, 11, 12, 16, 17), (11, 13))],
     ids=["two blanks", "a blank and a label"],
 )
 def test_values_without_a_label_are_put_in_order_where_they_come_to(right, blank, rows):

