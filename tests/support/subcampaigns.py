@@ -16,6 +16,7 @@ import numpy as np
 from arms import DATA, lcd_arm
 
 import ident
+from ident.arm.arm import Arm
 from ident.errors import InputError, ModelError
 from ident.identify.build_problem import build_problem
 from ident.inference.least_squares import evaluate
@@ -120,10 +121,10 @@ def _of_simulated(
         return replace(verdict, broken=traceback.format_exc(limit=-4))
 
 
-def simulated(part: str, factor: float, draw: int, seed: int) -> tuple[np.ndarray, Campaign]:
+def simulated(part: str, factor: float, draw: int, seed: int, arm: Arm | None = None) -> tuple[np.ndarray, Campaign]:
     """Return a truth from the prior at which the model has an answer, and its campaign."""
     campaign = parts()[part]
-    problem = build_problem(lcd_arm(), campaign)
+    problem = build_problem(arm or lcd_arm(), campaign)
     rng = np.random.default_rng([seed, list(parts()).index(part), draw])
     for _ in range(100):
         truth = np.asarray(
