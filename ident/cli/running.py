@@ -4,6 +4,7 @@ import atexit
 import gc
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -24,6 +25,7 @@ LONGEST_PATH = 200
 
 def start() -> None:
     """Set up jax: double precision, and compiled programs kept from one run to the next."""
+    warnings.filterwarnings("ignore", category=FutureWarning)  # what a library will do is no news to who uses ident
     gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
     atexit.register(gc.freeze)  # and 0.6 s less to stop: what is left goes with the process
     import jax
