@@ -21,6 +21,8 @@ from ident.studies.motion import basis_of, drawn_values, fitted_values
 from ident.studies.options import flag_of, specs
 from ident.vibrate.response.simulate import sample_times
 
+pytestmark = pytest.mark.slow
+
 CAMPAIGN = ARM.with_name("campaign.csv")
 LONGEST = 1000
 """Characters of a line that says what is wrong."""

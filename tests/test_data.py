@@ -11,6 +11,8 @@ from ident.arm.belt_condition import belt_mismatches
 from ident.description.file import parse_arm, read_arm, update_file
 from ident.measure import read_campaign
 
+pytestmark = pytest.mark.slow
+
 LCD = Path(__file__).parents[1] / "data" / "lcd_arm"
 
 

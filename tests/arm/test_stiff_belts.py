@@ -14,6 +14,8 @@ from ident.arm.multibody_dynamics import residual
 from ident.arm.multibody_kinematics import Command
 from ident.arm.parts import Body, Joint
 
+pytestmark = pytest.mark.slow
+
 SHAFT, LINK, ROTOR, TORSION, RADIUS = 0.4, 9.0, 0.003, 3e4, 0.03
 
 

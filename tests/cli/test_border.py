@@ -14,6 +14,8 @@ from commands import ARM, posterior
 
 import ident
 
+pytestmark = pytest.mark.slow
+
 FOLDER = DATA / "lcd_arm"
 TABLE, CAMPAIGN = FOLDER / "table1.csv", FOLDER / "campaign.csv"
 

@@ -10,6 +10,8 @@ from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("a", "b", "c")
 PRIOR = 0.8
 

@@ -13,6 +13,8 @@ from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
 from ident.vibrate.modal.branches import branches
 from ident.vibrate.motion.stroke import stroke
 
+pytestmark = pytest.mark.slow
+
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 
 

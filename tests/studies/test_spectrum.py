@@ -12,6 +12,8 @@ from ident.measure import Load, Log, Pulley, Trace, read_pulleys
 from ident.studies.simulate import SimulateOptions, simulate
 from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
 
+pytestmark = pytest.mark.slow
+
 ARM = DATA / "lcd_arm" / "arm.toml"
 TIME = np.arange(1000) / 100
 

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from arms import lcd_arm
 from figures import HOSTILE, assert_tidy
 
@@ -7,6 +8,8 @@ from ident.assess.prediction import Prediction, predict_draws
 from ident.identify.modal_analysis import modal_analysis
 from ident.present.figures.predict import frequency_figure, mode_figure
 from ident.present.files.png import save
+
+pytestmark = pytest.mark.slow
 
 MOTION = (1.0, -2.0, 1.0)
 

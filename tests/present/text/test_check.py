@@ -18,6 +18,8 @@ from ident.measure import Campaign, read_campaign
 from ident.present.text.check import check_report
 from ident.present.text.words import balance, parameter_in_words
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(__file__).parents[3] / "data" / "lcd_arm"
 
 

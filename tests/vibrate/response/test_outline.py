@@ -9,6 +9,8 @@ from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.outline import outline
 from ident.vibrate.response.simulate import simulate
 
+pytestmark = pytest.mark.slow
+
 MOMENTS = np.linspace(0.2, 0.9, 8)
 
 
