@@ -8,7 +8,7 @@ from ident.identify.validate import Validation
 from ident.inference.held_out import HeldOut
 from ident.present.text.words import cut, paragraphs, percent
 
-ROOM = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "fraction": "fifths"}
+PARTS = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "fraction": "fifths"}
 """What is left out at a time, in words."""
 
 
@@ -20,7 +20,7 @@ def validate_report(validation: Validation) -> str:
 def _heading(validation: Validation) -> Iterator[str]:
     fit, parts = validation.fit, validation.parts
     yield f"Validation of {cut(fit.arm.name, 30)} by {cut(fit.campaign.name, 30)}"
-    yield f"  {len(parts)} {ROOM[validation.leave]}, each left out in turn and predicted by a fit to the others"
+    yield f"  {len(parts)} {PARTS[validation.leave]}, each left out in turn and predicted by a fit to the others"
     z = validation.z
     if not len(z):
         yield "  NOTHING is predicted: what is left out is needed to tell the stiffnesses. Measure more."
