@@ -63,8 +63,8 @@ class Comparison:
 
     @property
     def name(self) -> str:
-        """Both names."""
-        return "-".join(self.names)
+        """Both names; one where they are the same."""
+        return "-".join(dict.fromkeys(self.names))
 
 
 def _name(each: CampaignFit | Posterior) -> str:
