@@ -1,0 +1,211 @@
+// What the arm does at a posture: modes, static deflection, steady response to its turning masses.
+
+const MODES_SHOWN = 6;
+
+// Everything at one posture, or null where the arm collapses; guess: bushings' rotations nearby.
+function solveAt(model, q, mass, k, guess) {
+  const chain = chainAt(model, q, mass, k), rest = equilibrium(chain, guess);
+  if (!rest) return null;
+  const n = 3 * chain.joints.length, { phi, at, L } = rest, modes = eigenmodes(chain, at, L, n);
+  const straight = forwardKinematics(chain, phi.map(() => [0, 0, 0]));
+  const line = [...at.map((body) => body.centre), ...pointPositions(chain, at)];
+  const rigid = [...straight.map((body) => body.centre), ...pointPositions(chain, straight)];
+  const damping = chain.joints.map((joint) => joint.damping);
+  return { q, phi, line, rigid, modes, damping, torques: harmonicTorques(model, chain, at) };
+}
+
+// H v = omega^2 M v by the largest eigenvalues of L^-1 M L^-T, the most accurate ones; V' M V = 1.
+function eigenmodes(chain, at, L, n) {
+  const half = massMatrix(chain, at), A = new Float64Array(n * n);
+  for (let i = 0; i < n; i++) {
+    const column = forwardSolve(L, n, half.subarray(i * n, i * n + n));
+    for (let r = 0; r < n; r++) half[i * n + r] = column[r];
+  }
+  for (let r = 0; r < n; r++) {
+    const column = forwardSolve(L, n, Float64Array.from({ length: n }, (_, i) => half[i * n + r]));
+    for (let i = 0; i < n; i++) A[i * n + r] = column[i];
+  }
+  for (let i = 0; i < n; i++) for (let r = 0; r < i; r++) A[i * n + r] = A[r * n + i] = (A[i * n + r] + A[r * n + i]) / 2;
+  const { values, vectors } = jacobi(A, n);
+  const order = values.map((_, i) => i).sort((a, b) => values[b] - values[a]);
+  const counts = {};
+  return order.map((i) => {
+    const y = vectors.subarray(i * n, i * n + n), omega = 1 / Math.sqrt(values[i]);
+    const shape = backSolve(L, n, y).map((x) => x * omega);
+    return describe(chain, at, shape, omega, counts);
+  });
+}
+
+// Damping ratio of light damping, shares of strain energy, motion of the line, label (ident.arm.labels).
+function describe(chain, at, shape, omega, counts) {
+  const by = byJoint(shape), form = (field) => by.map((x, j) => dot(x, matvec(chain.joints[j][field], x)));
+  const [bend, tors, loss] = ["bend", "tors", "damping"].map(form), sum = (x) => x.reduce((a, b) => a + b, 0);
+  const motion = movement(chain, at, by), end = motion[motion.length - 1];
+  const torsion = sum(tors) / (sum(bend) + sum(tors)), vertical = end[2] ** 2 / dot(end, end);
+  const name = `${vertical > 0.5 ? "vertical" : "lateral"} ${torsion > 0.5 ? "torsion" : "bending"}`;
+  counts[name] = (counts[name] || 0) + 1;
+  return {
+    omega, frequency: omega / (2 * Math.PI), damping: sum(loss) / (2 * omega), shape, motion,
+    label: `${name} ${counts[name]}`,
+    unsure: Math.abs(torsion - 0.5) < 0.1 || Math.abs(vertical - 0.5) < 0.1,
+  };
+}
+
+// Damping ratio of a mode with the damping that couples it to the others, by its root s of s^2 + s C + omega^2 in modal
+// coordinates: the others are eliminated at the last s, and the quadratic that is left is solved again.
+function dampingRatio(solved, r) {
+  const { modes } = solved, others = modes.map((_, i) => i).filter((i) => i !== r);
+  const C = (i, j) => dampingBetween(solved, i, j), own = C(r, r), { omega } = modes[r];
+  if (own >= 2 * omega) return 1;
+  let s = [-own / 2, Math.sqrt(omega * omega - own * own / 4)];
+  for (let step = 0; step < 12; step++) {
+    const s2 = times(s, s);
+    const A = others.map((i) => others.map((j) => {
+      const c = times(s, [C(i, j), 0]);
+      return i === j ? [s2[0] + c[0] + modes[i].omega ** 2, s2[1] + c[1]] : c;
+    }));
+    const b = others.map((i) => times(s, [C(i, r), 0]));
+    const x = solveComplex(A, b.map((z) => z.slice()));
+    const h = b.reduce((sum, z, i) => add(sum, times(z, x[i])), [0, 0]);
+    // s^2 + own s + omega^2 - h = 0, the root in the upper half plane
+    const root = complexRoot([own * own / 4 - omega * omega + h[0], h[1]]);
+    s = [-own / 2 + root[0], root[1]];
+  }
+  return -s[0] / Math.hypot(s[0], s[1]);
+}
+
+function dampingBetween(solved, i, j) {
+  if (!solved.C) solved.C = solved.modes.map(() => []);
+  const known = solved.C[i][j];
+  if (known !== undefined) return known;
+  const other = byJoint(solved.modes[j].shape);
+  const value = byJoint(solved.modes[i].shape).reduce((sum, x, n) => sum + dot(x, matvec(solved.damping[n], other[n])), 0);
+  solved.C[i][j] = solved.C[j][i] = value;
+  return value;
+}
+
+const times = (a, b) => [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
+
+function complexRoot(z) {
+  const size = Math.hypot(z[0], z[1]), im = Math.sqrt((size - z[0]) / 2);
+  return [im > 0 ? z[1] / (2 * im) : Math.sqrt(size), im];
+}
+
+// Gauss elimination with row exchanges; A and b are used up.
+function solveComplex(A, b) {
+  const n = b.length, over = (a, c) => scale(times(a, [c[0], -c[1]]), 1 / (c[0] * c[0] + c[1] * c[1]));
+  for (let k = 0; k < n; k++) {
+    let best = k;
+    for (let i = k + 1; i < n; i++) if (Math.hypot(...A[i][k]) > Math.hypot(...A[best][k])) best = i;
+    [A[k], A[best], b[k], b[best]] = [A[best], A[k], b[best], b[k]];
+    for (let i = k + 1; i < n; i++) {
+      const factor = over(A[i][k], A[k][k]);
+      for (let j = k; j < n; j++) A[i][j] = minus(A[i][j], times(factor, A[k][j]));
+      b[i] = minus(b[i], times(factor, b[k]));
+    }
+  }
+  for (let k = n - 1; k >= 0; k--) {
+    for (let j = k + 1; j < n; j++) b[k] = minus(b[k], times(A[k][j], b[j]));
+    b[k] = over(b[k], A[k][k]);
+  }
+  return b;
+}
+
+// How bushings and points move while the bushings' rotations change by v.
+function movement(chain, at, v) {
+  let w = [0, 0, 0], velocity = [0, 0, 0];
+  const turning = [], centres = at.map((body, j) => {
+    if (j) velocity = add(velocity, cross(w, minus(body.centre, at[j - 1].centre)));
+    w = add(w, matvec(body.rate, v[j]));
+    turning.push(w);
+    return velocity;
+  });
+  const points = chain.points.map((point) => (
+    add(centres[point.joint], cross(turning[point.joint], matvec(at[point.joint].axes, point.position)))));
+  return [...centres, ...points];
+}
+
+// Phasors of the torques of the turning masses about all bushings, pulleys turning forwards: real and imaginary parts
+// of the pull over the square of the rate, and of the weight's moment.
+function harmonicTorques(model, chain, at) {
+  return model.drives.map((drive) => {
+    const j = drive.joint, turn = matmul(at[j].axes, chain.joints[j].before), [first, second] = drive.across;
+    const a = matvec(turn, first), b = matvec(turn, second), c = Math.cos(drive.phase), s = Math.sin(drive.phase);
+    const u = [add(scale(a, c), scale(b, s)), minus(scale(a, s), scale(b, c))].map((x) => scale(x, drive.imbalance));
+    const where = add(at[j].centre, scale(matvec(turn, model.joints[j].axis), drive.height));
+    return u.map((part) => {
+      const weight = cross(part, chain.gravity), none = [0, 0, 0];
+      const rows = at.map((body, i) => (i > j ? [none, none] : [
+        matvec(transpose(body.rate), cross(minus(where, body.centre), part)), matvec(transpose(body.rate), weight)]));
+      return { pull: rows.flatMap((row) => row[0]), weight: rows.flatMap((row) => row[1]) };
+    });
+  });
+}
+
+// How strongly each drive excites each mode: [real, imaginary] of pull and weight, computed once for all speeds.
+function participation(solved) {
+  const inner = (x, y) => x.reduce((sum, value, i) => sum + value * y[i], 0);
+  return solved.torques.map((parts) => solved.modes.map((mode) => parts.map((part) => (
+    [inner(part.pull, mode.shape), inner(part.weight, mode.shape)]))));
+}
+
+// Amplitude of the end point in x, y, z [m] for rates of the drives [rad/s], at worst phases: the sum over drives.
+// Turning backwards, a phasor is its conjugate.
+function steadyResponse(solved, rates, sign) {
+  const total = [0, 0, 0], shares = solved.shares || (solved.shares = participation(solved));
+  shares.forEach((ofModes, d) => {
+    const w = rates[d], re = [0, 0, 0], im = [0, 0, 0];
+    if (!(w > 0)) return;
+    ofModes.forEach(([real, imaginary], r) => {
+      const { omega, damping, motion } = solved.modes[r], end = motion[motion.length - 1];
+      const a = w * w * real[0] + real[1], b = sign[d] * (w * w * imaginary[0] + imaginary[1]);
+      const x = omega * omega - w * w, y = 2 * damping * omega * w, size = x * x + y * y;
+      for (let i = 0; i < 3; i++) {
+        re[i] += end[i] * (a * x + b * y) / size;
+        im[i] += end[i] * (b * x - a * y) / size;
+      }
+    });
+    for (let i = 0; i < 3; i++) total[i] += Math.hypot(re[i], im[i]);
+  });
+  return total;
+}
+
+// Angular rates of the drives [rad/s], and their signs, where the stroke passes a place at a speed [%].
+function driveRates(model, alpha, percent) {
+  const stroke = model.stroke, rate = interpolate(stroke.alpha, stroke.rate, alpha) * percent / 100;
+  const turns = model.drives.map((drive) => drive.ratio * stroke.direction[drive.pin] * rate);
+  return { rates: turns.map(Math.abs), signs: turns.map((x) => (x < 0 ? -1 : 1)) };
+}
+
+function interpolate(x, y, at) {
+  const up = x[x.length - 1] > x[0];
+  let low = 0, high = x.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if ((x[middle] <= at) === up) low = middle; else high = middle;
+  }
+  const share = Math.min(1, Math.max(0, (at - x[low]) / (x[high] - x[low])));
+  return y[low] + share * (y[high] - y[low]);
+}
+
+// Largest component of the steady response over the stroke at a speed: at each place, and where a drive passes a
+// mode's frequency between two of them, as if it did so at the former.
+function worstOnStroke(model, places, percent) {
+  let worst = 0;
+  let before = null;
+  for (const place of places) {
+    if (!place.solved) { before = null; continue; }
+    const { rates, signs } = driveRates(model, place.alpha, percent);
+    worst = Math.max(worst, ...steadyResponse(place.solved, rates, signs));
+    if (before) {
+      rates.forEach((rate, d) => place.solved.modes.slice(0, MODES_SHOWN).forEach((mode, r) => {
+        const passed = (rate - mode.omega) * (before.rates[d] - before.solved.modes[r].omega) < 0;
+        if (!passed) return;
+        const tuned = rates.map((x, i) => (i === d ? mode.omega : x));
+        worst = Math.max(worst, ...steadyResponse(place.solved, tuned, signs));
+      }));
+    }
+    before = { rates, solved: place.solved };
+  }
+  return worst;
+}
