@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -18,10 +19,8 @@ from ident.measure import Campaign, Load
 from ident.text import did_you_mean, quoted
 from ident.vibrate.motion.motion import Motion
 
-FINE = 201
-"""Places along the stroke at which its speed is tabulated; between them the page takes straight lines."""
-TIMES = 20_001
-"""Times among which that is looked for at which a place is passed."""
+FINE = 401
+"""Times at which the speed of the stroke is tabulated by place; between them the page takes straight lines."""
 SHARE = 0.1
 """Largest mass at a point, as a share of the arm's; made a round number."""
 INTERVAL = (0.05, 0.95)
@@ -171,19 +170,16 @@ def _carried(arm: Arm, load: Load, name: str) -> Carried:
 def _unit_moments(r: Float[np.ndarray, "3"], inertia: Float[np.ndarray, "3 3"]) -> Moments:
     """Return the moments of 1 kg; `inertia` [m^2] is about its mass centre."""
     second = np.outer(r, r) - inertia + np.trace(inertia) / 2 * np.eye(3)
-    return Moments(np.ones(1), r[:, None], second[:, :, None])
+    return Moments(jnp.ones(1), jnp.asarray(r[:, None]), jnp.asarray(second[:, :, None]))
 
 
 def _stroke_speed(arm: Arm, extension: Motion) -> StrokeSpeed:
     assert arm.stroke is not None
     direction = np.asarray(arm.stroke.direction)
-    folded, unfolded = float(arm.stroke.folded), float(arm.stroke.unfolded)
-    alpha, time = np.linspace(folded, unfolded, FINE), np.linspace(0.0, extension.arrival, TIMES)
     largest = int(np.argmax(np.abs(direction)))
-    q, qd, _ = (np.asarray(x)[largest] / direction[largest] for x in extension(time))
-    order = math.copysign(1, unfolded - folded)
-    rate = np.interp(order * alpha, order * q, qd)
-    return StrokeSpeed(alpha, rate, extension.name)
+    q, qd, _ = (np.asarray(x)[largest] / direction[largest] for x in extension(np.linspace(0, extension.arrival, FINE)))
+    q[[0, -1]] = float(arm.stroke.folded), float(arm.stroke.unfolded)
+    return StrokeSpeed(q, qd, extension.name)
 
 
 def _interval(values: Float[np.ndarray, "D"]) -> tuple[float, float]:

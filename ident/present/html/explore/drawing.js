@@ -1,6 +1,7 @@
 // Drawings as SVG, made anew for each width so that letters keep their size. All words go through textContent.
 
 const SVG = "http://www.w3.org/2000/svg";
+const TALLEST = 340;  // pixels of a view of the arm
 const MARGIN = { left: 52, right: 12, top: 10, bottom: 38 };
 
 function svgNode(kind, attributes, text) {
@@ -76,12 +77,12 @@ function pathOf(points) {
 
 // The arm in two views with the same scale: from the side (x, z) and from above (x, y).
 function armViews(svgs, box, lines) {
-  const width = svgs[0].parentNode.clientWidth || 320;
-  const scale = (width - 24) / (box.high[0] - box.low[0]);
+  const width = svgs[0].parentNode.clientWidth || 320, span = minus(box.high, box.low);
+  const scale = Math.min((width - 24) / span[0], TALLEST / Math.max(span[1], span[2])), left = (width - scale * span[0]) / 2;
   svgs.forEach((svg, view) => {
-    const up = view ? 1 : 2, tall = Math.max(70, scale * (box.high[up] - box.low[up]) + 24);
+    const up = view ? 1 : 2, tall = Math.max(70, scale * span[up] + 24);
     const middle = (box.high[up] + box.low[up]) / 2;
-    const at = (p) => [12 + scale * (p[0] - box.low[0]), tall / 2 - scale * (p[up] - middle)];
+    const at = (p) => [left + scale * (p[0] - box.low[0]), tall / 2 - scale * (p[up] - middle)];
     svg.setAttribute("viewBox", `0 0 ${width} ${tall.toFixed(0)}`);
     svg.setAttribute("height", tall.toFixed(0));
     svg.replaceChildren();

@@ -55,7 +55,7 @@ function describe(chain, at, shape, omega, counts) {
 // coordinates: the others are eliminated at the last s, and the quadratic that is left is solved again.
 function dampingRatio(solved, r) {
   const { modes } = solved, others = modes.map((_, i) => i).filter((i) => i !== r);
-  const C = (i, j) => dampingBetween(solved, i, j), own = C(r, r), { omega } = modes[r];
+  const all = modalDamping(solved), C = (i, j) => all[i * modes.length + j], own = C(r, r), { omega } = modes[r];
   if (own >= 2 * omega) return 1;
   let s = [-own / 2, Math.sqrt(omega * omega - own * own / 4)];
   for (let step = 0; step < 12; step++) {
@@ -74,14 +74,18 @@ function dampingRatio(solved, r) {
   return -s[0] / Math.hypot(s[0], s[1]);
 }
 
-function dampingBetween(solved, i, j) {
-  if (!solved.C) solved.C = solved.modes.map(() => []);
-  const known = solved.C[i][j];
-  if (known !== undefined) return known;
-  const other = byJoint(solved.modes[j].shape);
-  const value = byJoint(solved.modes[i].shape).reduce((sum, x, n) => sum + dot(x, matvec(solved.damping[n], other[n])), 0);
-  solved.C[i][j] = solved.C[j][i] = value;
-  return value;
+// V' C V, row by row; computed once for each solution.
+function modalDamping(solved) {
+  if (solved.C) return solved.C;
+  const n = solved.modes.length, C = new Float64Array(n * n), shapes = solved.modes.map((mode) => byJoint(mode.shape));
+  shapes.forEach((shape, i) => {
+    const lost = shape.map((x, j) => matvec(solved.damping[j], x));
+    for (let r = 0; r <= i; r++) {
+      C[i * n + r] = C[r * n + i] = shapes[r].reduce((sum, x, j) => sum + dot(x, lost[j]), 0);
+    }
+  });
+  solved.C = C;
+  return C;
 }
 
 const times = (a, b) => [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
@@ -150,24 +154,58 @@ function participation(solved) {
 }
 
 // Amplitude of the end point in x, y, z [m] for rates of the drives [rad/s], at worst phases: the sum over drives.
-// Turning backwards, a phasor is its conjugate.
+// Turning backwards, a phasor is its conjugate. Damping couples the modes; all of them are solved for together.
 function steadyResponse(solved, rates, sign) {
-  const total = [0, 0, 0], shares = solved.shares || (solved.shares = participation(solved));
+  const total = [0, 0, 0], shares = solved.shares || (solved.shares = participation(solved)), n = solved.modes.length;
   shares.forEach((ofModes, d) => {
-    const w = rates[d], re = [0, 0, 0], im = [0, 0, 0];
+    const w = rates[d], re = new Float64Array(n), im = new Float64Array(n);
     if (!(w > 0)) return;
     ofModes.forEach(([real, imaginary], r) => {
-      const { omega, damping, motion } = solved.modes[r], end = motion[motion.length - 1];
-      const a = w * w * real[0] + real[1], b = sign[d] * (w * w * imaginary[0] + imaginary[1]);
-      const x = omega * omega - w * w, y = 2 * damping * omega * w, size = x * x + y * y;
-      for (let i = 0; i < 3; i++) {
-        re[i] += end[i] * (a * x + b * y) / size;
-        im[i] += end[i] * (b * x - a * y) / size;
-      }
+      re[r] = w * w * real[0] + real[1];
+      im[r] = sign[d] * (w * w * imaginary[0] + imaginary[1]);
     });
-    for (let i = 0; i < 3; i++) total[i] += Math.hypot(re[i], im[i]);
+    solveModal(solved, w, re, im);
+    for (let i = 0; i < 3; i++) {
+      let x = 0, y = 0;
+      solved.modes.forEach(({ motion }, r) => {
+        const end = motion[motion.length - 1][i];
+        x += end * re[r];
+        y += end * im[r];
+      });
+      total[i] += Math.hypot(x, y);
+    }
   });
   return total;
+}
+
+// Solve (omega^2 - w^2 + i w C) x = b in modal coordinates, in place, by symmetric elimination. No pivot is needed: C is
+// positive semi-definite, so that what a row adds to another is no larger than that one's own damping.
+function solveModal(solved, w, re, im) {
+  const n = re.length, A = new Float64Array(n * n), B = new Float64Array(n * n), C = modalDamping(solved);
+  for (let i = 0; i < n * n; i++) B[i] = w * C[i];
+  solved.modes.forEach(({ omega }, i) => { A[i * n + i] = omega * omega - w * w; });
+  for (let k = 0; k < n; k++) {
+    const a = A[k * n + k], b = B[k * n + k], size = a * a + b * b || 1e-300;
+    for (let i = k + 1; i < n; i++) {
+      const x = A[k * n + i], y = B[k * n + i], f = (x * a + y * b) / size, g = (y * a - x * b) / size;
+      for (let j = i; j < n; j++) {
+        A[i * n + j] -= f * A[k * n + j] - g * B[k * n + j];
+        B[i * n + j] -= f * B[k * n + j] + g * A[k * n + j];
+      }
+      const own = re[k];
+      re[i] -= f * own - g * im[k];
+      im[i] -= f * im[k] + g * own;
+    }
+  }
+  for (let k = n - 1; k >= 0; k--) {
+    for (let j = k + 1; j < n; j++) {
+      re[k] -= A[k * n + j] * re[j] - B[k * n + j] * im[j];
+      im[k] -= A[k * n + j] * im[j] + B[k * n + j] * re[j];
+    }
+    const a = A[k * n + k], b = B[k * n + k], size = a * a + b * b || 1e-300, own = re[k];
+    re[k] = (own * a + im[k] * b) / size;
+    im[k] = (im[k] * a - own * b) / size;
+  }
 }
 
 // Angular rates of the drives [rad/s], and their signs, where the stroke passes a place at a speed [%].

@@ -48,6 +48,8 @@ function boxOf() {
   if (!model.stroke) points.push(...arm(forwardLine(radians(state.q))));
   const low = [0, 1, 2].map((i) => Math.min(...points.map((p) => p[i]))), high = [0, 1, 2].map((i) => Math.max(...points.map((p) => p[i])));
   const space = 0.09 * Math.max(...minus(high, low));
+  const tall = Math.max(high[1] - low[1], high[2] - low[2]) > 0.6 * (high[0] - low[0]);
+  $("drawings").className = tall ? "beside" : "";
   return { low: low.map((x) => x - space), high: high.map((x) => x + space) };
 }
 
@@ -186,7 +188,7 @@ function listen() {
     changed();
   });
   addEventListener("resize", redraw);
-  addEventListener("beforeprint", redraw);
+  addEventListener("beforeprint", () => { clock = 250 / SLOW; redraw(); });  // a mode at its widest
 }
 
 function redraw() {
@@ -214,7 +216,10 @@ function begin() {
     });
     $("sweep").addEventListener("change", () => { state.sweep = $("sweep").selectedIndex; box = boxOf(); changed(); });
   }
-  if (!model.stroke || !model.drives.length) $("response-section").hidden = true;
+  if (!model.stroke || !model.drives.length) {
+    $("response-section").hidden = true;
+    $("campbell-section").className = "whole";
+  }
   makeSliders();
   makeVisits();
   listen();
@@ -223,4 +228,10 @@ function begin() {
 }
 
 begin();
-window.explorer = { model, state: () => copyOf(state), numbers: () => here, solveAt, steadyResponse, driveRates, dampingRatio };
+// For the console and the tests: what the page computes, in SI; angles in degrees.
+window.explorer = {
+  model, driveRates, steadyResponse, dampingRatio,
+  state: () => copyOf(state),
+  numbers: () => here,
+  at: (degrees, mass, k = first.k) => solveAt(model, radians(degrees), mass, k),
+};
