@@ -26,6 +26,7 @@ pytestmark = pytest.mark.slow
 
 CAMPAIGN = "data/lcd_arm/campaign.csv"
 SIX = random_arm(np.random.default_rng(0), 6)
+ROWS = "[...document.querySelectorAll('#modes tr')].map((row) => [...row.cells].map((c) => c.innerText.trim()))"
 HOSTILE = "</script><img src=x onerror=alert(1)><!--"
 
 
@@ -219,9 +220,7 @@ def test_the_page_shows_its_numbers_and_asks_for_nothing(lcd_page, browser_page)
     with browser_page(path, 1280, 900) as opened:
         opened.page.select_option("#measured", index=3)
         until(opened.page, "document.querySelector('#command').value.includes('60,-120,60')")
-        rows = opened.page.evaluate(
-            "[...document.querySelectorAll('#modes tr')].map((r) => [...r.cells].map((c) => c.innerText.trim()))"
-        )
+        rows = opened.page.evaluate(ROWS)
         tip = [float(x) for x in opened.page.locator("#static td").all_inner_texts()[:3]]
         shown = opened.page.inner_text("#static")
         bars = opened.page.locator(".scale i").count()
@@ -257,6 +256,17 @@ def test_what_is_on_the_screen_is_what_the_command_prints(lcd_page, browser_page
     assert printed == pytest.approx(frequencies, abs=5e-5)
     assert command[1].startswith("ident resonance")
     assert "--speed=25" in command[1]
+
+
+def test_a_mode_is_compared_with_itself_where_frequencies_have_crossed(plain_page, browser_page):
+    with browser_page(plain_page, 1000, 800) as opened:
+        opened.page.goto(f"{opened.address}#joint1.k_tors=180000")
+        opened.page.reload()
+        until(opened.page, "document.querySelector('#modes tr')")
+        rows = opened.page.evaluate(ROWS)
+        first = opened.page.evaluate("explorer.at([71, -142, 71], 0).modes.map((m) => [m.label, m.frequency])")
+    assert [row[0] for row in rows[:2]] == [first[1][0], first[0][0]] == ["lateral torsion 1", "vertical bending 1"]
+    assert [float(row[2]) for row in rows[:2]] == pytest.approx([first[1][1], first[0][1]], abs=5e-5)
 
 
 @pytest.mark.parametrize(

@@ -35,9 +35,22 @@ function logTicks(low, high) {
   return found;
 }
 
-// A frame with axes: { x: [from, to], y: [from, to], log: whether both axes are logarithmic, labels }.
+// Width of what a drawing stands in, looked up once: a look makes the browser lay out the page.
+const widths = new Map();
+
+function widthOf(svg) {
+  if (!widths.has(svg)) widths.set(svg, svg.parentNode.clientWidth || 320);
+  return widths.get(svg);
+}
+
+// A frame with axes, kept while it stays the same: { x: [from, to], y: [from, to], log: whether both axes are logarithmic, labels }.
 function chart(svg, height, spec) {
-  const width = svg.parentNode.clientWidth || 320, { left, right, top, bottom } = MARGIN;
+  const width = widthOf(svg), { left, right, top, bottom } = MARGIN, frames = JSON.stringify([width, spec]);
+  if (svg.frames === frames) {
+    svg.drawn.inner.replaceChildren();
+    return svg.drawn;
+  }
+  svg.frames = frames;
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
   svg.setAttribute("height", height);
   svg.replaceChildren();
@@ -62,7 +75,8 @@ function chart(svg, height, spec) {
   const frame = [left - 6, top, width - left - right + 12, height - top - bottom];  // so that no dot at an end is cut
   const inner = svgNode("svg", { x: frame[0], y: frame[1], width: frame[2], height: frame[3], viewBox: frame.join(" ") });
   svg.append(inner);
-  return { X, Y, inner, width, top, bottom: height - bottom };
+  svg.drawn = { X, Y, inner, bottom: height - bottom };
+  return svg.drawn;
 }
 
 // A path through points [x, y] of the page; null interrupts it.
@@ -77,7 +91,7 @@ function pathOf(points) {
 
 // The arm in two views with the same scale: from the side (x, z) and from above (x, y).
 function armViews(svgs, box, lines) {
-  const width = svgs[0].parentNode.clientWidth || 320, span = minus(box.high, box.low);
+  const width = widthOf(svgs[0]), span = minus(box.high, box.low);
   const scale = Math.min((width - 24) / span[0], TALLEST / Math.max(span[1], span[2])), left = (width - scale * span[0]) / 2;
   svgs.forEach((svg, view) => {
     const up = view ? 1 : 2, tall = Math.max(70, scale * span[up] + 24);

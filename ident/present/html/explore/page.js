@@ -219,7 +219,8 @@ function firstFrequencies(q) {
 function showNumbers() {
   sliders.forEach((show) => show());
   $("collapsed").hidden = Boolean(here);
-  atFirst = solveAt(model, radians(angles(model, state)), first.mass, first.k);
+  const q = radians(angles(model, state));
+  if (!atFirst || String(atFirst.q) !== String(q)) atFirst = solveAt(model, q, first.mass, first.k);
   $("brief").textContent = here ? briefly() : "";
   if (here) { modeRows(); staticRows(); steadyRow(); } else for (const id of ["modes", "static", "steady"]) $(id).replaceChildren();
 }
@@ -246,6 +247,7 @@ function modeRows() {
   const modes = here.modes.slice(0, MODES_SHOWN), body = $("modes"), focused = document.activeElement;
   state.mode = Math.min(state.mode, modes.length - 1);
   const found = readingsHere("frequency"), measured = {};
+  const same = atFirst && alike(here, atFirst);
   let order = 0;
   for (const reading of [...found].sort((a, b) => a.value - b.value)) {
     const i = modeOf(reading.mode, modes, order);
@@ -255,7 +257,7 @@ function modeRows() {
   while (body.rows.length > modes.length) body.lastChild.remove();
   while (body.rows.length < modes.length) body.append(modeRow(body.rows.length));
   modes.forEach((mode, i) => {
-    const row = body.rows[i], before = atFirst && atFirst.modes[i].frequency, radio = row.querySelector("input");
+    const row = body.rows[i], before = atFirst && atFirst.modes[same[i]].frequency, radio = row.querySelector("input");
     radio.checked = i === state.mode;
     row.querySelector("span.name").textContent = mode.label + (mode.unsure ? " (?)" : "");
     row.querySelector("span.swatch").className = `swatch c-${styleOf(mode.label)}`;

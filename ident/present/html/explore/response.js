@@ -6,17 +6,17 @@ const MODES_SHOWN = 6;
 function solveAt(model, q, mass, k, guess) {
   const chain = chainAt(model, q, mass, k), rest = equilibrium(chain, guess);
   if (!rest) return null;
-  const n = 3 * chain.joints.length, { phi, at, L } = rest, modes = eigenmodes(chain, at, L, n);
+  const n = 3 * chain.joints.length, { phi, at, L } = rest, M = massMatrix(chain, at), modes = eigenmodes(chain, at, L, M, n);
   const straight = forwardKinematics(chain, phi.map(() => [0, 0, 0]));
   const line = [...at.map((body) => body.centre), ...pointPositions(chain, at)];
   const rigid = [...straight.map((body) => body.centre), ...pointPositions(chain, straight)];
   const damping = chain.joints.map((joint) => joint.damping);
-  return { q, phi, line, rigid, modes, damping, torques: harmonicTorques(model, chain, at) };
+  return { q, phi, line, rigid, M, modes, damping, torques: harmonicTorques(model, chain, at) };
 }
 
 // H v = omega^2 M v by the largest eigenvalues of L^-1 M L^-T, the most accurate ones; V' M V = 1.
-function eigenmodes(chain, at, L, n) {
-  const half = massMatrix(chain, at), A = new Float64Array(n * n);
+function eigenmodes(chain, at, L, M, n) {
+  const half = Float64Array.from(M), A = new Float64Array(n * n);
   for (let i = 0; i < n; i++) {
     const column = forwardSolve(L, n, half.subarray(i * n, i * n + n));
     for (let r = 0; r < n; r++) half[i * n + r] = column[r];
@@ -54,24 +54,30 @@ function describe(chain, at, shape, omega, counts) {
 // Damping ratio of a mode with the damping that couples it to the others, by its root s of s^2 + s C + omega^2 in modal
 // coordinates: the others are eliminated at the last s, and the quadratic that is left is solved again.
 function dampingRatio(solved, r) {
-  const { modes } = solved, others = modes.map((_, i) => i).filter((i) => i !== r);
-  const all = modalDamping(solved), C = (i, j) => all[i * modes.length + j], own = C(r, r), { omega } = modes[r];
+  const { modes } = solved, n = modes.length, C = modalDamping(solved), own = C[r * n + r], { omega } = modes[r];
   if (own >= 2 * omega) return 1;
-  let s = [-own / 2, Math.sqrt(omega * omega - own * own / 4)];
-  for (let step = 0; step < 12; step++) {
-    const s2 = times(s, s);
-    const A = others.map((i) => others.map((j) => {
-      const c = times(s, [C(i, j), 0]);
-      return i === j ? [s2[0] + c[0] + modes[i].omega ** 2, s2[1] + c[1]] : c;
-    }));
-    const b = others.map((i) => times(s, [C(i, r), 0]));
-    const x = solveComplex(A, b.map((z) => z.slice()));
-    const h = b.reduce((sum, z, i) => add(sum, times(z, x[i])), [0, 0]);
-    // s^2 + own s + omega^2 - h = 0, the root in the upper half plane
-    const root = complexRoot([own * own / 4 - omega * omega + h[0], h[1]]);
-    s = [-own / 2 + root[0], root[1]];
+  const others = [...modes.keys()].filter((i) => i !== r), m = n - 1;
+  let x = -own / 2, y = Math.sqrt(omega * omega - own * own / 4);
+  for (let step = 0; step < 20; step++) {
+    const re = new Float64Array(m), im = new Float64Array(m), A = new Float64Array(m * m), B = new Float64Array(m * m);
+    others.forEach((i, a) => {
+      others.forEach((j, b) => { A[a * m + b] = x * C[i * n + j]; B[a * m + b] = y * C[i * n + j]; });
+      A[a * m + a] += x * x - y * y + modes[i].omega ** 2;
+      B[a * m + a] += 2 * x * y;
+      re[a] = x * C[i * n + r];
+      im[a] = y * C[i * n + r];
+    });
+    solveSymmetric(A, B, re, im);
+    let h = 0, g = 0;  // s C_ro A^-1 s C_or
+    others.forEach((i, a) => { h += C[i * n + r] * (x * re[a] - y * im[a]); g += C[i * n + r] * (x * im[a] + y * re[a]); });
+    // s^2 + own s + omega^2 - h - i g = 0, the root in the upper half plane
+    const p = own * own / 4 - omega * omega + h, size = Math.hypot(p, g), root = Math.sqrt((size - p) / 2);
+    const before = [x, y];
+    x = -own / 2 + (root > 0 ? g / (2 * root) : Math.sqrt(size));
+    y = root;
+    if (Math.hypot(x - before[0], y - before[1]) < 1e-13 * omega) break;
   }
-  return -s[0] / Math.hypot(s[0], s[1]);
+  return -x / Math.hypot(x, y);
 }
 
 // V' C V, row by row; computed once for each solution.
@@ -88,31 +94,19 @@ function modalDamping(solved) {
   return C;
 }
 
-const times = (a, b) => [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
-
-function complexRoot(z) {
-  const size = Math.hypot(z[0], z[1]), im = Math.sqrt((size - z[0]) / 2);
-  return [im > 0 ? z[1] / (2 * im) : Math.sqrt(size), im];
-}
-
-// Gauss elimination with row exchanges; A and b are used up.
-function solveComplex(A, b) {
-  const n = b.length, over = (a, c) => scale(times(a, [c[0], -c[1]]), 1 / (c[0] * c[0] + c[1] * c[1]));
-  for (let k = 0; k < n; k++) {
-    let best = k;
-    for (let i = k + 1; i < n; i++) if (Math.hypot(...A[i][k]) > Math.hypot(...A[best][k])) best = i;
-    [A[k], A[best], b[k], b[best]] = [A[best], A[k], b[best], b[k]];
-    for (let i = k + 1; i < n; i++) {
-      const factor = over(A[i][k], A[k][k]);
-      for (let j = k; j < n; j++) A[i][j] = minus(A[i][j], times(factor, A[k][j]));
-      b[i] = minus(b[i], times(factor, b[k]));
-    }
-  }
-  for (let k = n - 1; k >= 0; k--) {
-    for (let j = k + 1; j < n; j++) b[k] = minus(b[k], times(A[k][j], b[j]));
-    b[k] = over(b[k], A[k][k]);
-  }
-  return b;
+// For each mode of one solution the mode of another that is most like it, by mass-weighted MAC, no mode twice.
+function alike(solved, other) {
+  const n = solved.modes.length, free = new Set(other.modes.keys());
+  const weigh = (shape) => shape.map((_, i) => shape.reduce((sum, x, j) => sum + solved.M[i * n + j] * x, 0));
+  const inner = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
+  const weighed = other.modes.map((mode) => weigh(mode.shape));
+  const sizes = other.modes.map((mode, i) => inner(mode.shape, weighed[i]));
+  return solved.modes.slice(0, MODES_SHOWN).map((mode) => {
+    const mac = (i) => inner(mode.shape, weighed[i]) ** 2 / sizes[i];
+    const best = [...free].reduce((a, b) => (mac(b) > mac(a) ? b : a));
+    free.delete(best);
+    return best;
+  });
 }
 
 // How bushings and points move while the bushings' rotations change by v.
@@ -178,12 +172,17 @@ function steadyResponse(solved, rates, sign) {
   return total;
 }
 
-// Solve (omega^2 - w^2 + i w C) x = b in modal coordinates, in place, by symmetric elimination. No pivot is needed: C is
-// positive semi-definite, so that what a row adds to another is no larger than that one's own damping.
+// Solve (omega^2 - w^2 + i w C) x = b in modal coordinates, in place.
 function solveModal(solved, w, re, im) {
-  const n = re.length, A = new Float64Array(n * n), B = new Float64Array(n * n), C = modalDamping(solved);
-  for (let i = 0; i < n * n; i++) B[i] = w * C[i];
+  const n = re.length, A = new Float64Array(n * n), B = modalDamping(solved).map((c) => w * c);
   solved.modes.forEach(({ omega }, i) => { A[i * n + i] = omega * omega - w * w; });
+  solveSymmetric(A, B, re, im);
+}
+
+// Solve (A + i B) x = b in place, by symmetric elimination. No pivot is needed: what damping couples is positive
+// semi-definite, so that what a row adds to another is no larger than that one's own damping.
+function solveSymmetric(A, B, re, im) {
+  const n = re.length;
   for (let k = 0; k < n; k++) {
     const a = A[k * n + k], b = B[k * n + k], size = a * a + b * b || 1e-300;
     for (let i = k + 1; i < n; i++) {
@@ -192,9 +191,8 @@ function solveModal(solved, w, re, im) {
         A[i * n + j] -= f * A[k * n + j] - g * B[k * n + j];
         B[i * n + j] -= f * B[k * n + j] + g * A[k * n + j];
       }
-      const own = re[k];
-      re[i] -= f * own - g * im[k];
-      im[i] -= f * im[k] + g * own;
+      re[i] -= f * re[k] - g * im[k];
+      im[i] -= f * im[k] + g * re[k];
     }
   }
   for (let k = n - 1; k >= 0; k--) {

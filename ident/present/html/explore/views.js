@@ -26,7 +26,7 @@ function drawArm() {
   const words = `${style} ${factor} ${mode.label}`;
   if ($("arm-key").dataset.words === words) return;
   $("arm-key").dataset.words = words;
-  const entries = [["rigid", "the arm with rigid joints"], [`${style} chosen`, `${mode.label}, swinging far too wide and too slowly`]];
+  const entries = [["rigid", "the arm with rigid joints"], [`${style} chosen`, `${mode.label}, drawn far too wide and too slow`]];
   if (factor > 1) entries.push(["sag", `sag, drawn ${factor} times as large`]);
   key($("arm-key"), entries);
 }
@@ -50,6 +50,7 @@ function boxOf() {
   const space = 0.09 * Math.max(...minus(high, low));
   const tall = Math.max(high[1] - low[1], high[2] - low[2]) > 0.6 * (high[0] - low[0]);
   $("drawings").className = tall ? "beside" : "";
+  widths.clear();
   return { low: low.map((x) => x - space), high: high.map((x) => x + space) };
 }
 
@@ -192,6 +193,7 @@ function listen() {
 }
 
 function redraw() {
+  widths.clear();
   drawCampbell();
   drawResponse();
   drawArm();
