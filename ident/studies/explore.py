@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import radians
+from math import degrees, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +60,7 @@ class ExploreResult(Result):
         arm: the arm as its file has it.
         exploration: what the page knows of it.
         options: what was asked for.
+        posture: (driven,) [deg] that the page begins with.
         fit: fitted values that the arm has taken over.
         posterior: draws of the arm's numbers.
     """
@@ -67,6 +68,7 @@ class ExploreResult(Result):
     arm: "ArmFile"
     exploration: "Exploration"
     options: ExploreOptions = field(default_factory=ExploreOptions)
+    posture: tuple[float, ...] = ()
     fit: "Values | None" = None
     posterior: "Values | None" = None
 
@@ -99,7 +101,7 @@ class ExploreResult(Result):
         from ident.present.html.explore.page import Start, explore_page
 
         options = self.options
-        start = Start(options.posture, options.speed, options.soft_base, options.set)
+        start = Start(self.posture, options.speed, options.soft_base, options.set)
         return explore_page(self.exploration, self.arm, start, fit=self.fit, posterior=self.posterior)
 
     def _inputs(self) -> Mapping[str, Any]:
@@ -139,6 +141,7 @@ def explore(
             file that does not fit the arm.
     """
     from ident.assess.exploration import exploration
+    from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 
     options = ExploreOptions.of(options)
@@ -151,8 +154,9 @@ def explore(
     draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)
     extension = _extension(changed, options.profile)
     made = exploration(changed, load, options.payload, extension, draws, campaign)
-    _check_stands(changed, options.posture, load)
-    return ExploreResult(arm_file, made, options, fitted, drawn)
+    posture = options.posture or _middle(changed)
+    modal_analysis(changed, tuple(map(radians, posture)), load)  # an arm that collapses there has nothing to show
+    return ExploreResult(arm_file, made, options, posture, fitted, drawn)
 
 
 def _check_posture(arm: "Arm", posture: tuple[float, ...]) -> None:
@@ -170,11 +174,12 @@ def _check_posture(arm: "Arm", posture: tuple[float, ...]) -> None:
             raise InputError(Problem("posture", got, expected, "the page moves the arm along its [stroke]"))
 
 
-def _check_stands(arm: "Arm", posture: tuple[float, ...], load: Any) -> None:
-    """Refuse an arm that collapses where the page begins: it would have nothing to show."""
-    from ident.identify.modal_analysis import modal_analysis
-
-    modal_analysis(arm, tuple(map(radians, posture)) or (0.0,) * len(arm.driven), load)
+def _middle(arm: "Arm") -> tuple[float, ...]:
+    """Return the middle of the stroke [deg], where the pulleys turn; all angles zero where there is none."""
+    if arm.stroke is None:
+        return (0.0,) * len(arm.driven)
+    alpha = round(degrees(float(arm.stroke.folded) + float(arm.stroke.unfolded)) / 2)
+    return tuple(float(share) * alpha for share in arm.stroke.direction)
 
 
 def _extension(arm: "Arm", profile: str | None) -> "Motion | None":

@@ -113,6 +113,23 @@ def test_another_mass_of_the_payload_is_that_of_predict(plain_page, browser_page
     np.testing.assert_allclose(found["frequency"], expected.modes.frequency, rtol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("load", "mass", "soft_base"), [("2 kg @ tip", 2.0, None), ("glass + 3.5 kg @ tip + 30 N -z @ tip", 3.5, 0.4)]
+)
+def test_masses_forces_and_a_base_that_gives_are_those_of_predict(tmp_path, browser_page, load, mass, soft_base):
+    options = {"load": load, "soft_base": soft_base}
+    result = explore(lcd_arm(), ExploreOptions(payload="tip", posture=(30, -60, 30), **options))
+    expected = predict(lcd_arm(), PredictOptions(posture=((30, -60, 30),), modes=6, **options)).analyses[0]
+    with browser_page(result.save(tmp_path / "page.html")[0], 800, 600) as opened:
+        until(opened.page, "document.querySelector('#command').value !== ''")
+        assert opened.page.evaluate("explorer.state().mass") == mass
+        found = opened.page.evaluate("explorer.numbers().modes.slice(0, 6).map((m) => m.frequency)")
+        command = opened.page.input_value("#command").splitlines()[0]
+    np.testing.assert_allclose(found, expected.modes.frequency, rtol=1e-9)
+    assert ("--soft-base=0.4" in command) is bool(soft_base)
+    assert ("--load=glass + 30 N -z @ tip + 3.5 kg @ tip'" in command) is bool(soft_base)
+
+
 def test_an_arm_that_collapses_has_no_answer(plain_page, browser_page):
     arm = lcd_arm()
     with browser_page(plain_page, 800, 600) as opened:

@@ -23,7 +23,7 @@ from ident.present.html.explore.data import page_data
 from ident.present.html.page import shown
 from ident.present.text.basis import changes_in_words, values_in_words
 
-SCRIPTS = ("mechanics.js", "response.js", "drawing.js", "state.js", "page.js", "views.js")
+SCRIPTS = ("mechanics.js", "response.js", "drawing.js", "state.js", "sliders.js", "page.js", "views.js")
 """Parts of the script, in this order."""
 
 
@@ -32,13 +32,13 @@ class Start:
     """Where a page begins, and with which options its commands go on.
 
     Attributes:
-        posture: (driven,) [deg]; empty for the page's own choice.
+        posture: (driven,) [deg]
         speed: [%] of full speed.
         soft_base: [m] height of a base that gives, or None.
         changed: numbers that were set, by path [SI].
     """
 
-    posture: tuple[float, ...] = ()
+    posture: tuple[float, ...]
     speed: float = 10.0
     soft_base: float | None = None
     changed: Mapping[str, float] = field(default_factory=dict)

@@ -47,6 +47,7 @@ function describe(chain, at, shape, omega, counts) {
   return {
     omega, frequency: omega / (2 * Math.PI), damping: sum(loss) / (2 * omega), shape, motion,
     label: `${name} ${counts[name]}`,
+    reach: Math.max(...end.map(Math.abs)),
     unsure: Math.abs(torsion - 0.5) < 0.1 || Math.abs(vertical - 0.5) < 0.1,
   };
 }
@@ -225,23 +226,42 @@ function interpolate(x, y, at) {
 }
 
 // Largest component of the steady response over the stroke at a speed: at each place, and where a drive passes a
-// mode's frequency between two of them, as if it did so at the former.
+// mode's frequency between two of them, as if it did so at the latter. Which of them is found without the coupling of modes.
 function worstOnStroke(model, places, percent) {
-  let worst = 0;
-  let before = null;
-  for (const place of places) {
-    if (!place.solved) { before = null; continue; }
-    const { rates, signs } = driveRates(model, place.alpha, percent);
-    worst = Math.max(worst, ...steadyResponse(place.solved, rates, signs));
+  let worst = null, before = null;
+  const offer = (solved, rates, signs) => {
+    const size = roughResponse(solved, rates);
+    if (!worst || size > worst.size) worst = { size, solved, rates, signs };
+  };
+  for (const { solved, alpha } of places) {
+    if (!solved) { before = null; continue; }
+    const { rates, signs } = driveRates(model, alpha, percent);
+    offer(solved, rates, signs);
     if (before) {
-      rates.forEach((rate, d) => place.solved.modes.slice(0, MODES_SHOWN).forEach((mode, r) => {
-        const passed = (rate - mode.omega) * (before.rates[d] - before.solved.modes[r].omega) < 0;
-        if (!passed) return;
-        const tuned = rates.map((x, i) => (i === d ? mode.omega : x));
-        worst = Math.max(worst, ...steadyResponse(place.solved, tuned, signs));
+      rates.forEach((rate, d) => solved.modes.slice(0, MODES_SHOWN).forEach((mode, r) => {
+        if ((rate - mode.omega) * (before.rates[d] - before.solved.modes[r].omega) >= 0) return;
+        offer(solved, rates.map((x, i) => (i === d ? mode.omega : x)), signs);
       }));
     }
-    before = { rates, solved: place.solved };
+    before = { rates, solved };
   }
-  return worst;
+  return worst ? Math.max(...steadyResponse(worst.solved, worst.rates, worst.signs)) : 0;
+}
+
+// About how large the response is: the sum over drives of the largest that one mode does.
+function roughResponse(solved, rates) {
+  const shares = solved.shares || (solved.shares = participation(solved));
+  let total = 0;
+  for (let d = 0; d < shares.length; d++) {
+    const w2 = rates[d] ** 2;
+    let largest = 0;
+    for (let r = 0; r < shares[d].length; r++) {
+      const { omega, damping, reach } = solved.modes[r], [real, imaginary] = shares[d][r];
+      const a = w2 * real[0] + real[1], b = w2 * imaginary[0] + imaginary[1], x = omega * omega - w2;
+      const size = reach * reach * (a * a + b * b) / (x * x + 4 * damping * damping * omega * omega * w2);
+      if (size > largest) largest = size;
+    }
+    total += Math.sqrt(largest);
+  }
+  return total;
 }

@@ -4,7 +4,7 @@ const SPAN = 4;  // a stiffness may be changed by this factor, up and down
 const SPEEDS = [1, 120];
 
 function firstState(model) {
-  const { start, stroke } = model, driven = model.joints.filter((joint) => joint.driven);
+  const { start, stroke } = model;
   const state = {
     k: model.joints.map((joint) => [...joint.stiffness]),
     mass: model.payload.present,
@@ -13,11 +13,10 @@ function firstState(model) {
   };
   if (stroke) {
     const j = stroke.direction.reduce((best, x, i) => (Math.abs(x) > Math.abs(stroke.direction[best]) ? i : best), 0);
-    const ends = strokeEnds(stroke), given = start.posture_deg;
-    state.place = given.length ? given[j] / stroke.direction[j] : Math.round((ends[0] + ends[1]) / 2);
+    state.place = round(start.posture_deg[j] / stroke.direction[j]);
   } else {
-    state.q = start.posture_deg.length ? [...start.posture_deg] : driven.map(() => 0);
-    state.sweep = Math.min(1, driven.length - 1);
+    state.q = [...start.posture_deg];
+    state.sweep = Math.min(1, state.q.length - 1);  // the first joint of most arms is vertical: it changes nothing
   }
   return state;
 }

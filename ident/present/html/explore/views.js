@@ -81,7 +81,7 @@ function drawCampbell() {
     const d = Array.from({ length: count }, (_, i) => pathOf(segments(i, style).map((p) => p && [X(p[0]), Y(p[1])]))).join("");
     if (d) { inner.append(svgNode("path", { class: style, d })); shown.add(style); }
   }
-  const turning = pulleyLines();
+  const turning = pulleys();
   turning.forEach(({ line }, i) => {
     inner.append(svgNode("path", { class: `pulley d${i % 4}`, d: pathOf(line.map(([x, f]) => [X(x), Y(Math.min(f, 2 * top4))])) }));
   });
@@ -98,6 +98,13 @@ function segments(i, style) {
     if (ends.some((end) => !end.solved) || styleOf(place.solved.modes[i].label) !== style) return [null];
     return [null, ...ends.map((end) => [end.x, end.solved.modes[i].frequency])];
   });
+}
+
+let turned = { speed: NaN, lines: [] };
+
+function pulleys() {
+  if (turned.speed !== state.speed) turned = { speed: state.speed, lines: pulleyLines() };
+  return turned.lines;
 }
 
 // Turning frequencies along the stroke at this speed; drives that turn alike are one line.
@@ -140,15 +147,15 @@ function keyOfCampbell(shown, turning, dots) {
 
 function drawResponse() {
   if (!model.stroke || !model.drives.length) return;
-  response = response || { here: responseHere(), worst: logSpaced(60).map((speed) => [speed, worstOnStroke(model, places, speed)]) };
-  const sizes = [...response.here, ...response.worst].map(([, size]) => 1e3 * size).filter((size) => size > 0);
+  worst = worst || logSpaced(60).map((speed) => [speed, worstOnStroke(model, places, speed)]);
+  const own = responseHere(), sizes = [...own, ...worst].map(([, size]) => 1e3 * size).filter((size) => size > 0);
   if (!sizes.length) { $("response").replaceChildren(); return; }
   const most = 10 ** Math.ceil(Math.log10(Math.max(...sizes)));
   const labels = ["speed [% of full speed]", "largest of x, y, z [mm]"];
   const { X, Y, inner, bottom } = chart($("response"), HEIGHT, { x: SPEEDS, y: [most / 1e4, most], log: true, labels });
   const path = (line) => pathOf(line.map(([speed, size]) => (size > 0 ? [X(speed), Y(Math.max(1e3 * size, most / 1e5))] : null)));
-  inner.append(svgNode("path", { class: "worst", d: path(response.worst) }));
-  inner.append(svgNode("path", { class: "here", d: path(response.here) }));
+  inner.append(svgNode("path", { class: "worst", d: path(worst) }));
+  inner.append(svgNode("path", { class: "here", d: path(own) }));
   inner.append(svgNode("line", { class: "now", x1: X(state.speed), x2: X(state.speed), y1: 0, y2: bottom }));
   if (!$("response-key").children.length) {
     key($("response-key"), [["here", "held in this posture"], ["worst", "in the worst posture of the stroke"], ["now", "this speed"]]);
@@ -161,9 +168,9 @@ const logSpaced = (count) => Array.from({ length: count }, (_, i) => SPEEDS[0] *
 function responseHere() {
   if (!here) return [];
   const alpha = state.place * DEGREE, full = driveRates(model, alpha, 100), speeds = logSpaced(120);
-  full.rates.forEach((rate) => here.modes.forEach(({ omega, damping }) => {
+  full.rates.forEach((rate) => here.modes.slice(0, MODES_SHOWN).forEach(({ omega, damping }) => {
     const peak = 100 * omega / rate;
-    for (let i = -6; i <= 6; i++) speeds.push(peak * (1 + i * Math.abs(i) * damping / 4));
+    for (let i = -4; i <= 4; i++) speeds.push(peak * (1 + i * Math.abs(i) * damping / 3));
   }));
   const within = speeds.filter((speed) => speed >= SPEEDS[0] && speed <= SPEEDS[1]).sort((a, b) => a - b);
   return within.map((speed) => {
