@@ -212,6 +212,25 @@ def test_steady_response_at_its_peaks_is_that_of_the_damped_equations(plain_page
         assert np.abs(total - peak["size"]).max() < 1e-6 * total.max(), peak["speed"]
 
 
+def test_the_worst_posture_is_found_between_the_places(plain_page, browser_page):
+    """Against 3000 places along the stroke, each solved on its own."""
+    script = """(speeds) => {
+        const { model, at, driveRates, steadyResponse } = explorer, most = speeds.map(() => 0);
+        for (let i = 0; i <= 3000; i++) {
+            const alpha = 142 * i / 3000, s = at(model.stroke.direction.map((d) => d * alpha), 0);
+            speeds.forEach((speed, k) => {
+                const { rates, signs } = driveRates(model, alpha * Math.PI / 180, speed);
+                most[k] = Math.max(most[k], ...steadyResponse(s, rates, signs));
+            });
+        }
+        return speeds.map((speed, k) => explorer.worst(speed) / most[k]);
+    }"""
+    with browser_page(plain_page, 800, 600) as opened:
+        until(opened.page, "document.querySelector('#response path')")
+        ratios = opened.page.evaluate(script, [3, 7, 10, 20])
+    assert 0.95 < min(ratios) <= max(ratios) < 1.2
+
+
 def _slope(chain, phi, i):
     """How the end point moves with one coordinate, by a central difference [m/rad]."""
     step = unflatten(jnp.zeros(9).at[i].set(1e-5))

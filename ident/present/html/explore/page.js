@@ -1,14 +1,14 @@
 // The page itself: its state, what follows from it frame by frame, and its numbers.
 
 const model = JSON.parse(document.getElementById("data").textContent);
-const PLACES = 33, BUDGET = 12;  // places along the motion; milliseconds a frame for them while something is dragged
+const PLACES = 33, BUDGET = 12, PAUSE = 150;  // places along the motion; milliseconds a frame for them, and between drawings of the response
 const $ = (id) => document.getElementById(id);
 model.points.unshift({ name: "", joint: model.payload.joint, position: model.payload.unit.first, force: [0, 0, 0] });
 const JOINTS = model.joints.length, first = firstState(model);
 let state = stateOf(model, first, location.hash.slice(1));
 let here = null, atFirst = null, queued = false, dirty = true, quiet = 0, clock = 0;
 let playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
-let places = [], cursor = 0, renewed = "", worst = null, late = true;
+let places = [], cursor = 0, renewed = "", worst = null, late = true, responded = 0;
 
 // ---- what follows from the state
 
@@ -45,8 +45,9 @@ function frame(now) {
     do solveNext(); while (stale() && performance.now() - begun < BUDGET);
     drawCampbell();
   }
-  if (late && !stale() && (performance.now() - begun < BUDGET || now > quiet)) {
+  if (late && !stale() && (now > quiet || now > responded + PAUSE)) {
     late = false;
+    responded = now;
     drawResponse();
   }
   if (quiet && now > quiet && !stale()) {

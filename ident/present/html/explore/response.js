@@ -1,6 +1,6 @@
 // What the arm does at a posture: modes, static deflection, steady response to its turning masses.
 
-const MODES_SHOWN = 6;
+const MODES_SHOWN = 6, CANDIDATES = 4;
 
 // Everything at one posture, or null where the arm collapses; guess: bushings' rotations nearby.
 function solveAt(model, q, mass, k, guess) {
@@ -226,13 +226,12 @@ function interpolate(x, y, at) {
 }
 
 // Largest component of the steady response over the stroke at a speed: at each place, and where a drive passes a
-// mode's frequency between two of them, as if it did so at the latter. Which of them is found without the coupling of modes.
+// mode's frequency between two of them, as if it did so at either. Few of
+// them, found without the coupling of modes, are solved.
 function worstOnStroke(model, places, percent) {
-  let worst = null, before = null;
-  const offer = (solved, rates, signs) => {
-    const size = roughResponse(solved, rates);
-    if (!worst || size > worst.size) worst = { size, solved, rates, signs };
-  };
+  const candidates = [];
+  let before = null;
+  const offer = (solved, rates, signs) => candidates.push({ size: roughResponse(solved, rates), solved, rates, signs });
   for (const { solved, alpha } of places) {
     if (!solved) { before = null; continue; }
     const { rates, signs } = driveRates(model, alpha, percent);
@@ -240,13 +239,17 @@ function worstOnStroke(model, places, percent) {
     if (before) {
       rates.forEach((rate, d) => solved.modes.slice(0, MODES_SHOWN).forEach((mode, r) => {
         if ((rate - mode.omega) * (before.rates[d] - before.solved.modes[r].omega) >= 0) return;
-        offer(solved, rates.map((x, i) => (i === d ? mode.omega : x)), signs);
+        offer(solved, tuned(rates, d, mode.omega), signs);
+        offer(before.solved, tuned(before.rates, d, before.solved.modes[r].omega), before.signs);
       }));
     }
-    before = { rates, solved };
+    before = { rates, signs, solved };
   }
-  return worst ? Math.max(...steadyResponse(worst.solved, worst.rates, worst.signs)) : 0;
+  const largest = candidates.sort((a, b) => b.size - a.size).slice(0, CANDIDATES);
+  return Math.max(0, ...largest.flatMap((one) => steadyResponse(one.solved, one.rates, one.signs)));
 }
+
+const tuned = (rates, d, omega) => rates.map((rate, i) => (i === d ? omega : rate));
 
 // About how large the response is: the sum over drives of the largest that one mode does.
 function roughResponse(solved, rates) {

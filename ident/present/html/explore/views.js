@@ -147,14 +147,16 @@ function keyOfCampbell(shown, turning, dots) {
 
 function drawResponse() {
   if (!model.stroke || !model.drives.length) return;
-  worst = worst || logSpaced(60).map((speed) => [speed, worstOnStroke(model, places, speed)]);
-  const own = responseHere(), sizes = [...own, ...worst].map(([, size]) => 1e3 * size).filter((size) => size > 0);
+  worst = worst || logSpaced(40).map((speed) => [speed, worstOnStroke(model, places, speed)]);
+  const own = responseHere(), speeds = worst.map(([speed]) => speed), values = worst.map(([, size]) => size);
+  const envelope = own.map(([speed, size]) => [speed, Math.max(size, interpolate(speeds, values, speed))]);
+  const sizes = envelope.map(([, size]) => 1e3 * size).filter((size) => size > 0);
   if (!sizes.length) { $("response").replaceChildren(); return; }
   const most = 10 ** Math.ceil(Math.log10(Math.max(...sizes)));
   const labels = ["speed [% of full speed]", "largest of x, y, z [mm]"];
   const { X, Y, inner, bottom } = chart($("response"), HEIGHT, { x: SPEEDS, y: [most / 1e4, most], log: true, labels });
   const path = (line) => pathOf(line.map(([speed, size]) => (size > 0 ? [X(speed), Y(Math.max(1e3 * size, most / 1e5))] : null)));
-  inner.append(svgNode("path", { class: "worst", d: path(worst) }));
+  inner.append(svgNode("path", { class: "worst", d: path(envelope) }));
   inner.append(svgNode("path", { class: "here", d: path(own) }));
   inner.append(svgNode("line", { class: "now", x1: X(state.speed), x2: X(state.speed), y1: 0, y2: bottom }));
   if (!$("response-key").children.length) {
@@ -242,5 +244,6 @@ window.explorer = {
   model, driveRates, steadyResponse, dampingRatio,
   state: () => copyOf(state),
   numbers: () => here,
+  worst: (speed) => worstOnStroke(model, places, speed),
   at: (degrees, mass, k = first.k) => solveAt(model, radians(degrees), mass, k),
 };
