@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.motion import SLOWEST, drawn_values, fitted_values
+from ident.studies.motion import drawn_values, fitted_values
 from ident.studies.options import option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, as_campaign, as_file, is_angle, with_numbers
@@ -37,7 +37,7 @@ class ExploreOptions(ArmOptions):
     posture: tuple[float, ...] = option(
         (), "joint angles in degrees to begin with, as 30,-60,30", short="-q", read=reading.several
     )
-    speed: float = option(10.0, "percent of full speed to begin with", low=SLOWEST, high=200.0)
+    speed: float = option(10.0, "percent of full speed to begin with", low=1.0, high=120.0)
     profile: str | None = option(
         None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default"
     )

@@ -1,7 +1,7 @@
 // The page itself: its state, what follows from it frame by frame, and its numbers.
 
 const model = JSON.parse(document.getElementById("data").textContent);
-const PLACES = 33, BUDGET = 12, PAUSE = 150;  // places along the motion; milliseconds a frame for them, and between drawings of the response
+const PLACES = model.joints.length > 8 ? 17 : 33, BUDGET = 12, PAUSE = 150;  // places along the motion; milliseconds a frame for them, and between drawings of the response
 const $ = (id) => document.getElementById(id);
 model.points.unshift({ name: "", joint: model.payload.joint, position: model.payload.unit.first, force: [0, 0, 0] });
 const JOINTS = model.joints.length, first = firstState(model);

@@ -2,6 +2,9 @@
 
 const sliders = [];
 
+// The joint's limits, or further where the page begins beyond them.
+const rangeOf = (joint, i) => [Math.min(joint.limits_deg[0], first.q[i]), Math.max(joint.limits_deg[1], first.q[i])];
+
 function slider(parent, words, range, { read, write, show, value, bands }) {
   const box = document.createElement("div"), label = document.createElement("label");
   const input = document.createElement("input"), output = document.createElement("output");
@@ -66,7 +69,7 @@ function makeSliders() {
       read: () => state.speed, write: (x) => { state.speed = x; }, show: () => `${short(state.speed)} % of full speed`,
     });
   } else {
-    model.joints.filter((joint) => joint.driven).forEach((joint, i) => slider(motion, joint.name, [...joint.limits_deg, 0.5], {
+    model.joints.filter((joint) => joint.driven).forEach((joint, i) => slider(motion, joint.name, [...rangeOf(joint, i), 0.5], {
       read: () => state.q[i], write: (x) => { state.q[i] = x; }, show: () => `${fixed(state.q[i], 1)} deg`,
     }));
   }
