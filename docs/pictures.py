@@ -35,10 +35,10 @@ FIGURES = {
 """The figure that a page shows, by command."""
 PAGES = {
     "diagnose": ("campaign.diagnose.html", (1000, 1400)),
-    "explore": ("arm.explore.html#joint1.k_tors=180000", (1280, 1200)),
+    "explore": ("arm.explore.html#joint1.k_tors=180000", (1280, 1640)),
 }
 """Pages that commands write, shown as a browser of a size shows them."""
-WIDEST, MOST, COLORS = 1400, 120_000, 64
+WIDEST, MOST, COLORS = 1400, 120_000, 256
 
 
 def main(commands: list[str]) -> None:

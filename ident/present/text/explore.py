@@ -27,7 +27,8 @@ def explore_report(
         changed: numbers that were set, by path [SI].
     """
     arm, carried = exploration.arm, exploration.carried
-    place = "place on the stroke and speed" if exploration.stroke else f"{len(arm.driven)} joint angles"
+    on_stroke = "place on the stroke" + " and speed" * bool(arm.drives)
+    place = on_stroke if exploration.stroke else f"{len(arm.driven)} joint angles"
     mass = f"mass of {cut(carried.name, 30)}" if carried.kind == "payload" else f"mass at {cut(carried.name, 30)}"
     head = [
         f"{cut(arm.name, 60)}, to be explored in a browser",

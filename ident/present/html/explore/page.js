@@ -13,7 +13,7 @@ let places = [], cursor = 0, renewed = "", worst = null, late = true, responded 
 // ---- what follows from the state
 
 function sweepStates() {
-  const ends = model.stroke ? strokeEnds(model.stroke) : model.joints.filter((joint) => joint.driven)[state.sweep].limits_deg;
+  const ends = model.stroke ? strokeEnds(model.stroke).sort((a, b) => a - b) : model.joints.filter((joint) => joint.driven)[state.sweep].limits_deg;
   return Array.from({ length: PLACES }, (_, i) => {
     const x = ends[0] + (ends[1] - ends[0]) * i / (PLACES - 1);
     const q = model.stroke ? model.stroke.direction.map((d) => d * x) : state.q.map((own, j) => (j === state.sweep ? x : own));
@@ -186,6 +186,7 @@ function steadyRow() {
   if (!model.stroke || !model.drives.length) return;
   const { rates, signs } = driveRates(model, state.place * DEGREE, state.speed);
   const row = document.createElement("tr"), size = steadyResponse(here, rates, signs);
-  row.append(cell(model.points[model.points.length - 1].name, "th"), ...size.map((x) => cell(short(1e3 * x))));
+  const still = rates.every((rate) => !(rate > 0)) ? ", the pulleys at rest" : "";
+  row.append(cell(model.points[model.points.length - 1].name + still, "th"), ...size.map((x) => cell(short(1e3 * x))));
   $("steady").replaceChildren(row);
 }

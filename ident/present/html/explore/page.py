@@ -87,6 +87,8 @@ def explore_page(
 
 def _remarks(exploration: Exploration, start: Start, fit: Values | None, posterior: Values | None) -> Iterator[str]:
     yield "Drag, and see what the arm does."
+    if exploration.arm.drives and not exploration.stroke:
+        yield "The arm file has no [stroke]: how fast the pulleys turn is not known, so they are left out."
     if exploration.fixed:
         yield f"always on it: {exploration.fixed}"
     yield from values_in_words(fit, posterior)

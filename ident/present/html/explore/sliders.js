@@ -65,7 +65,7 @@ function makeSliders() {
     slider(motion, "place on the stroke (alpha)", [low, high, 0.5], {
       read: () => state.place, write: (x) => { state.place = x; }, show: () => `${fixed(state.place, 1)} deg`,
     });
-    slider(motion, "speed", [...SPEEDS, 0.5], {
+    if (model.drives.length) slider(motion, "speed", [...SPEEDS, 0.5], {
       read: () => state.speed, write: (x) => { state.speed = x; }, show: () => `${short(state.speed)} % of full speed`,
     });
   } else {

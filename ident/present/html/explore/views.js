@@ -70,7 +70,8 @@ function drawCampbell() {
   }
   const ends = [places[0].x, places[PLACES - 1].x];
   const sweptName = model.stroke ? "" : model.joints.filter((joint) => joint.driven)[state.sweep].name;
-  const words = model.stroke ? "place on the stroke, alpha [deg]: folded to unfolded" : `${sweptName} [deg]`;
+  const [folded, unfolded] = model.stroke ? strokeEnds(model.stroke) : [];
+  const words = model.stroke ? `alpha [deg], ${short(unfolded)} unfolded, ${short(folded)} folded` : `${sweptName} [deg]`;
   const { X, Y, inner, bottom } = chart($("campbell"), HEIGHT, { x: ends, y: [0, top4], labels: [words, "frequency [Hz]"] });
   const count = Math.min(MODES_SHOWN, 3 * JOINTS);
   for (let i = 0; i < count; i++) {
