@@ -105,6 +105,8 @@ def test_its_page_has_every_stage(result):
     assert [f'id="stage-{i}"' in page for i in range(1, 9)] == [True] * 7 + [False]
     assert page.count("<figure>") == len(result.figures()) == 6
     assert result.advice in page
+    assert "ident explore " in page
+    assert "--posterior=campaign.diagnose.nc" in page
 
 
 def test_a_limit_that_is_kept_needs_no_remedy(result):
