@@ -31,6 +31,7 @@ FIGURES = {
     "spectrum": "arm.extend-10.spectrum.png",
     "sweep": "arm.extend-10.joint1.k_tors+bracket.com.x+speed.sweep.png",
     "design": "arm.extend-10.design.png",
+    "show": "arm.show.png",
 }
 """The figure that a page shows, by command."""
 PAGE = "campaign.diagnose.html"

@@ -8,6 +8,7 @@ In the order of use; every study is one function that returns one frozen result.
     read_campaign   natural frequencies, static deflections and damping ratios from a CSV file
     read_log        a joint path as a robot controller logs it
     read_trace      a measured vibration
+    show            an arm drawn, and what looks odd about its numbers
     predict         natural frequencies, modes and static deflection at postures
     check           what a campaign can tell about each parameter, before any solving
     fit             joint stiffnesses from a campaign, and what the data support
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from ident.studies.rerun import Rerun, rerun
     from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
     from ident.studies.sample import SampleOptions, SampleResult, sample
+    from ident.studies.show import ArmPicture, show
     from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
     from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
     from ident.studies.sweep import SweepOptions, SweepResult, sweep
@@ -68,6 +70,7 @@ _PLACES = {
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
     "studies.load": ("load",),
     "studies.rerun": ("Rerun", "rerun"),
+    "studies.show": ("ArmPicture", "show"),
 }
 _PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in STUDIES}
 _MODULES = {name: module for module, names in _PLACES.items() for name in names}

@@ -252,15 +252,6 @@ def run_diagnose(
 ResultArgument = Annotated[Path, typer.Argument(metavar="file", help="a result: .json, or .nc of sample and diagnose")]
 
 
-@app.command("show")
-def show(file: ResultArgument) -> None:
-    """Print a saved result as the command printed it that has written it."""
-    running.start()
-    from ident.studies.load import load
-
-    typer.echo(load(file).report())
-
-
 @app.command("rerun")
 def rerun(
     file: ResultArgument,

@@ -1,0 +1,86 @@
+"""Commands about files: what an arm is or a result says."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli import running
+from ident.cli.app import app
+from ident.cli.command import NoFigureOption, OutOption
+from ident.cli.times import TIMES
+from ident.errors import InputError, Problem
+from ident.text import one_line, read_bytes
+
+RESULTS = (".json", ".nc")
+"""How result files end."""
+STARTS = (b"{", b"\x89HDF")
+"""How result files begin."""
+
+ShownArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="file", help="an arm description (.toml), or a result: .json, or .nc of sample and diagnose"
+    ),
+]
+
+
+@app.command("show")
+def show(
+    file: ShownArgument,
+    posture: Annotated[
+        str | None, typer.Option("--posture", "-q", help="joint angles of the drawn arm in degrees, as 30,-60,30")
+    ] = None,
+    out: OutOption = Path("out"),
+    no_figure: NoFigureOption = False,
+) -> None:
+    """Draw an arm and say what looks odd about it, or print a saved result again.
+
+    Of an arm: masses and reach, first modes, every number with its origin, and a warning for each that looks wrong.
+    Writes ARM.show.png into the folder given by --out. Of a result: the report, as the command printed it that has
+    written the file; nothing is written.
+    """
+    if is_result(file):
+        if posture is not None:
+            raise InputError(Problem("--posture", "a posture for a result", "an arm to draw", "leave it out"))
+        _show_result(file)
+        return
+    running.check_folder(out)
+    running.start()
+    from ident.studies import reading
+    from ident.studies.show import show as draw
+
+    try:
+        picture = draw(file, None if posture is None else reading.postures([posture], "--posture")[0])
+    except InputError as error:
+        flags = {"posture": "--posture"}
+        raise InputError(replace(p, where=flags.get(p.where, p.where)) for p in error.problems) from None
+    with TIMES.on("writing"):
+        typer.echo(picture.report(), nl=False)
+    for path in () if no_figure else picture.save_figures(out):
+        typer.echo(f"\nwrote {path}")
+
+
+def is_result(file: Path) -> bool:
+    """Tell by its end, and else by its beginning, whether a file is a result, and no arm.
+
+    Raises:
+        InputError: there is no such file, or it is a robot description that has no stiffness.
+    """
+    if file.suffix in RESULTS:
+        return True
+    start = read_bytes(file, "an arm description (TOML) or a result file of ident (.json or .nc)")[:200]
+    if file.suffix == ".urdf" or b"<robot" in start:
+        remedy = f"ident new my_robot --urdf {one_line(str(file))}"
+        raise InputError(
+            Problem(one_line(str(file)), "a URDF file, which has no stiffness", "an arm description", remedy)
+        )
+    return start.startswith(STARTS)
+
+
+def _show_result(file: Path) -> None:
+    running.start()
+    from ident.studies.load import load
+
+    typer.echo(load(file).report())

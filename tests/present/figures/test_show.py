@@ -1,0 +1,60 @@
+"""The picture of an arm: to scale, nothing off the paper, names as they are."""
+
+import jax
+import numpy as np
+import pytest
+from arms import DATA
+from figures import HOSTILE
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from ident.arm.arm import Arm
+from ident.assess.arm_view import arm_view
+from ident.description.file import ArmFile, read_arm
+from ident.present.figures.arm_drawing import spread
+from ident.present.figures.show import show_figure
+from ident.present.text.show import show_report
+
+jax.config.update("jax_enable_x64", True)
+
+TEMPLATES = DATA.parent / "ident" / "description" / "templates"
+ARMS = [DATA / "lcd_arm" / "arm.toml", TEMPLATES / "scara.toml", TEMPLATES / "six-axis.toml"]
+
+
+def inside(figure):
+    """Whether all that is written lies within the picture."""
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw_without_rendering()
+    texts = [*figure.texts, *(text for axes in figure.axes for text in (*axes.texts, axes.title))]
+    boxes = [text.get_window_extent(renderer) for text in texts if text.get_text()]
+    return all(
+        b.x0 >= -2 and b.y0 >= -2 and b.x1 <= figure.bbox.width + 2 and b.y1 <= figure.bbox.height + 2 for b in boxes
+    )
+
+
+@pytest.mark.parametrize("path", ARMS, ids=lambda path: path.stem)
+def test_an_arm_is_drawn_to_scale_and_within_the_picture(path):
+    figure = show_figure(arm_view(read_arm(path)))
+    assert inside(figure)
+    scales = []
+    for axes in figure.axes[:2]:
+        origin, corner = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
+        scales += list(corner - origin)
+    np.testing.assert_allclose(scales, scales[0], rtol=1e-9)
+
+
+def test_hostile_names_are_drawn_as_they_are():
+    arm = read_arm(ARMS[1]).arm
+    view = arm_view(ArmFile(Arm(HOSTILE, arm.joints, arm.points, arm.payloads), "", "", {}))
+    assert inside(show_figure(view))
+    assert max(map(len, show_report(view).splitlines())) <= 100
+
+
+def test_labels_keep_their_order_and_distance():
+    rng = np.random.default_rng(5)
+    places = rng.uniform(0, 3, 20).tolist()
+    found = spread(places, 0.2)
+    order = np.argsort(places)
+    assert (np.diff(found[order]) >= 0.2 - 1e-12).all()
+    np.testing.assert_allclose(spread([0.0, 1.0, 2.0], 0.5), [0.0, 1.0, 2.0])
+    np.testing.assert_allclose(spread([1.0, 1.0], 0.5), [0.75, 1.25])
+    assert spread([], 0.5).size == 0
