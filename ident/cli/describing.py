@@ -11,8 +11,13 @@ from ident.cli.app import app
 from ident.cli.command import NoFigureOption, OutOption
 from ident.cli.times import TIMES
 from ident.errors import InputError, Problem
+from ident.studies.new import KINDS
 from ident.text import one_line, read_bytes
 
+NEXT = """Example numbers: every one is marked as assumed, or simulated. Next:
+  ident show {arm}       the arm drawn, and what looks odd
+  ident check {campaign}  what the measurements can tell
+  ident fit {campaign}    the stiffnesses"""
 RESULTS = (".json", ".nc")
 """How result files end."""
 STARTS = (b"{", b"\x89HDF")
@@ -84,3 +89,34 @@ def _show_result(file: Path) -> None:
     from ident.studies.load import load
 
     typer.echo(load(file).report())
+
+
+@app.command("new")
+def new(
+    kind: Annotated[str, typer.Argument(help=f"{' or '.join(KINDS)}; with --urdf, the folder")],
+    folder: Annotated[Path | None, typer.Argument(help="folder to make")] = None,
+    urdf: Annotated[Path | None, typer.Option("--urdf", help="robot description to take the arm from")] = None,
+) -> None:
+    """Write an arm and a campaign with example numbers into a new folder, ready to run and to be filled in.
+
+    As `ident new scara my_robot`, or `ident new my_robot --urdf robot.urdf`. Writes arm.toml, in which every number has
+    a comment or an origin, and campaign.csv, simulated with stiffnesses that it states.
+    """
+    from ident.studies import new as study
+
+    if urdf is not None and folder is None:
+        folder = Path(kind)
+    elif urdf is not None:
+        remedy = "as ident new my_robot --urdf robot.urdf"
+        raise InputError(Problem("", "a kind and --urdf", "one of them", remedy))
+    if folder is None:
+        raise InputError(Problem("", "no folder", "the folder to make", f"as ident new {KINDS[0]} my_robot"))
+    running.check_folder(folder)
+    if urdf is None:
+        made = study.new(kind, folder)
+    else:
+        running.start()
+        made = study.new_from_urdf(urdf, folder)
+    for path in made.paths:
+        typer.echo(f"wrote {path}")
+    typer.echo(NEXT.format(arm=made.paths[0], campaign=made.paths[1]))

@@ -16,6 +16,8 @@ from ident.present.text.words import cut
 COLORS = {"shaft": "#8A96A0", "link": "#A8D0E8", "payload": "#F4C08A"}
 HEAVIEST = 11.0
 """Diameter of the heaviest body's mass centre [pt]; the others' areas are in proportion."""
+BASE = "#5B3A8E"
+"""Colour of the base frame."""
 TOWARDS = 0.95
 """Cosine from which a direction counts as pointing at the reader."""
 PITCH = 0.19
@@ -60,6 +62,26 @@ class View:
     def normal(self) -> int:
         """Place of the axis that points at the reader, or away."""
         return 3 - self.across - self.up
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What a label names.
+
+    Attributes:
+        words: the label.
+        place: (2,) [m] as seen.
+        odd: whether it is one of what looks odd.
+    """
+
+    words: str
+    place: np.ndarray
+    odd: bool
+
+    @property
+    def color(self) -> str:
+        """Colour of the label."""
+        return ORANGE if self.odd else "black"
 
 
 def views(view: ArmView) -> tuple[View, View]:
@@ -147,14 +169,14 @@ def _draw_frame(axes: Axes, origin: np.ndarray, frame: np.ndarray, seen: View, s
         start, end = (tuple(seen.of(each).tolist()) for each in (origin, origin + size * frame[:, place]))
         if abs(frame[seen.normal, place]) > TOWARDS:
             continue
-        colour = ORANGE if named else "#D9A27C"
+        colour = BASE if named else "#9C8FA8"
         arrow = {"arrowstyle": "-|>" if named else "-", "color": colour, "linewidth": 1.4 if named else 1.0}
         axes.annotate("", end, start, arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0}, zorder=6)
         if named:
             way = np.subtract(end, start)
             off = tuple((6 * way / max(float(np.linalg.norm(way)), 1e-12)).tolist())
             axes.annotate(
-                letter, end, off, textcoords="offset points", color=ORANGE, fontsize=8, ha="center", va="center"
+                letter, end, off, textcoords="offset points", color=BASE, fontsize=8, ha="center", va="center"
             )
 
 
@@ -174,12 +196,12 @@ def spread(places: Sequence[float], pitch: float) -> np.ndarray:
     return found
 
 
-def label_above(axes: Axes, marks: Sequence[tuple[str, np.ndarray]], level: float, scale: float, *, up: bool) -> None:
+def label_above(axes: Axes, marks: Sequence[Mark], level: float, scale: float, *, up: bool) -> None:
     """Write slanted labels above or below a drawing, with lines to what they name.
 
     Args:
         axes: where.
-        marks: words and place (2,) [m] of each.
+        marks: what is named.
         level: height [m] of the labels' ends.
         scale: inches a metre.
         up: whether they stand above.
@@ -187,8 +209,9 @@ def label_above(axes: Axes, marks: Sequence[tuple[str, np.ndarray]], level: floa
     if not marks:
         return
     sign = 1 if up else -1
-    for (words, place), x in zip(marks, spread([float(p[0]) for _, p in marks], 1.6 * PITCH / scale), strict=True):
-        axes.plot([place[0], x], [place[1], level], zorder=3, **LEADER)
+    places = spread([float(mark.place[0]) for mark in marks], 1.6 * PITCH / scale)
+    for mark, x in zip(marks, places, strict=True):
+        axes.plot([mark.place[0], x], [mark.place[1], level], zorder=3, **LEADER)
         style: dict[str, Any] = {
             "rotation": 32 * sign,
             "rotation_mode": "anchor",
@@ -196,15 +219,13 @@ def label_above(axes: Axes, marks: Sequence[tuple[str, np.ndarray]], level: floa
             "va": "center",
             "parse_math": False,
         }
-        axes.text(x, level + sign * 0.04 / scale, cut(words, 34), fontsize=8, color="black", **style)
+        axes.text(x, level + sign * 0.04 / scale, cut(mark.words, 34), fontsize=8, color=mark.color, **style)
 
 
-def label_beside(
-    axes: Axes, marks: Sequence[tuple[str, np.ndarray]], level: float, scale: float, *, left: bool
-) -> None:
+def label_beside(axes: Axes, marks: Sequence[Mark], level: float, scale: float, *, left: bool) -> None:
     """Write labels in a column left or right of a drawing, with lines to what they name; see `label_above`."""
     sign, ha = (-1, "right") if left else (1, "left")
-    for (words, place), y in zip(marks, spread([float(p[1]) for _, p in marks], PITCH / scale), strict=True):
-        axes.plot([place[0], level], [place[1], y], zorder=3, **LEADER)
+    for mark, y in zip(marks, spread([float(mark.place[1]) for mark in marks], PITCH / scale), strict=True):
+        axes.plot([mark.place[0], level], [mark.place[1], y], zorder=3, **LEADER)
         at = level + sign * 0.05 / scale
-        axes.text(at, y, cut(words, 26), fontsize=8, ha=ha, va="center", color="black", parse_math=False)
+        axes.text(at, y, cut(mark.words, 26), fontsize=8, ha=ha, va="center", color=mark.color, parse_math=False)

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ident.assess.arm_view import ArmView
 from ident.identify.modal_analysis import ModalAnalysis
-from ident.present.figures.arm_drawing import KEY, View, draw_arm, label_above, label_beside, span_of, views
+from ident.present.figures.arm_drawing import KEY, Mark, View, draw_arm, label_above, label_beside, span_of, views
 from ident.present.figures.predict import NAME_STYLES, SWING
 from ident.present.figures.style import GREY, ORANGE, Style, plain
 from ident.present.text.show import sums
@@ -71,7 +71,7 @@ def show_figure(view: ArmView) -> Figure:
     stacked = side.room[1] > side.room[0]
     words = textwrap.wrap(sums(view), 125)
     found = _findings(view)
-    modes, below = (1.75 if view.analysis else 0.0), 0.45 + 0.17 * len(found)
+    modes, below = (1.85 if view.analysis else 0.0), 0.45 + 0.17 * len(found)
     tall = side.inches[1] + above.inches[1] + EDGE if stacked else max(side.inches[1], above.inches[1])
     figure = Figure(figsize=(WIDTH, HEAD + tall + EDGE + modes + below))
     height = float(figure.get_size_inches()[1])
@@ -100,7 +100,7 @@ def panels(view: ArmView) -> tuple[Panel, Panel]:
     side, above = (corner[:, 1] - corner[:, 0] for corner in corners)
     wide = float(side[0])
     if side[1] < 0.6 * wide:
-        scale = min((WIDTH - 2 * EDGE - 1.2) / wide, 5.0 / float(side[1] + above[1]))
+        scale = min((WIDTH - 2 * EDGE - 1.2) / wide, 6.0 / float(side[1] + above[1]))
         rooms = ((0.35, ABOVE), (0.35, 0.05))
     else:
         scale = min((WIDTH - 3 * EDGE - 2 * BESIDE) / (2 * wide), 5.0 / float(max(side[1], above[1])))
@@ -129,13 +129,14 @@ def _draw(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, float]) 
     plain(axes)
     axes.spines["left"].set_bounds(float(panel.low[1]), float(panel.high[1]))
     axes.spines["bottom"].set_bounds(float(panel.low[0]), float(panel.high[0]))
-    bodies = [(f"{solid.name} {solid.mass:.3g} kg", panel.seen.of(solid.centre)) for solid in view.solids]
-    others = [(hinge.name, panel.seen.of(hinge.centre)) for hinge in view.hinges]
-    others += [(name, panel.seen.of(place)) for name, place in view.points.items()]
+    odd = {each.path.partition(".")[0] for each in view.oddities}
+    bodies = [Mark(f"{s.name} {s.mass:.3g} kg", panel.seen.of(s.centre), s.name in odd) for s in view.solids]
+    others = [Mark(hinge.name, panel.seen.of(hinge.centre), hinge.name in odd) for hinge in view.hinges]
+    others += [Mark(name, panel.seen.of(place), name in odd) for name, place in view.points.items()]
     if panel.room[0] > 1:
         label_beside(axes, bodies, panel.high[0], panel.scale, left=False)
         label_beside(axes, others, panel.low[0], panel.scale, left=True)
-    elif panel.room[1] > 1:
+    elif panel.room[1] > 0.5:
         label_above(axes, bodies, panel.high[1], panel.scale, up=True)
         label_above(axes, others, panel.low[1], panel.scale, up=False)
 
@@ -146,7 +147,7 @@ def _draw_modes(figure: Figure, analysis: ModalAnalysis, seen: tuple[View, View]
     width, height = figure.get_size_inches()
     step = (WIDTH - 0.5) / count
     for i in range(count):
-        place = (0.3 + i * step) / width, (top - room + 0.35) / height, (step - 0.2) / width, 1.2 / height
+        place = (0.3 + i * step) / width, (top - room + 0.3) / height, (step - 0.2) / width, 1.2 / height
         _draw_mode(figure.add_axes(place), analysis, i, seen)
 
 
