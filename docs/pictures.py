@@ -36,7 +36,7 @@ FIGURES = {
 """The figure that a page shows, by command."""
 PAGE = "campaign.diagnose.html"
 """What `ident diagnose` writes, shown as a browser shows it."""
-WIDEST, MOST, COLORS = 1400, 120_000, 64
+WIDEST, MOST, COLORS = 1400, 120_000, 256
 
 
 def main(commands: list[str]) -> None:
