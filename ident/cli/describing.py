@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from ident.cli import running
-from ident.cli.app import app
-from ident.cli.command import NoFigureOption, OutOption
+from ident.cli.command import NoFigureOption, OutOption, plain
+from ident.cli.output import output
 from ident.cli.times import TIMES
 from ident.errors import InputError, Problem
 from ident.studies.new import KINDS
@@ -16,6 +16,7 @@ from ident.text import one_line, read_bytes
 
 NEXT = """Example numbers: every one is marked as assumed, or simulated. Next:
   ident show {arm}       the arm drawn, and what looks odd
+  ident list {arm}       the names that commands and campaigns take
   ident check {campaign}  what the measurements can tell
   ident fit {campaign}    the stiffnesses"""
 RESULTS = (".json", ".nc")
@@ -31,7 +32,7 @@ ShownArgument = Annotated[
 ]
 
 
-@app.command("show")
+@plain("show")
 def show(
     file: ShownArgument,
     posture: Annotated[
@@ -61,10 +62,11 @@ def show(
     except InputError as error:
         flags = {"posture": "--posture"}
         raise InputError(replace(p, where=flags.get(p.where, p.where)) for p in error.problems) from None
-    with TIMES.on("writing"):
-        typer.echo(picture.report(), nl=False)
-    for path in () if no_figure else picture.save_figures(out):
-        typer.echo(f"\nwrote {path}")
+    output().say(picture.report())
+    output().document = picture.document
+    with TIMES.on("drawing"):
+        for path in () if no_figure else picture.save_figures(out):
+            output().wrote(path)
 
 
 def is_result(file: Path) -> bool:
@@ -88,10 +90,28 @@ def _show_result(file: Path) -> None:
     running.start()
     from ident.studies.load import load
 
-    typer.echo(load(file).report())
+    result = load(file)
+    output().say(result.report())
+    output().document = result.document
 
 
-@app.command("new")
+@plain("list")
+def list_names(
+    arm: Annotated[Path, typer.Argument(help="arm description, a TOML file (data/README.md)")],
+) -> None:
+    """List every name of an arm that other commands and a campaign take, with value, unit and origin.
+
+    Numbers, joints, points, loads, modes, kinds of measurement, and the words that options choose from.
+    """
+    running.start()
+    from ident.studies.names import names
+
+    found = names(arm)
+    output().say(found.report(), nl=False)
+    output().document = found.document
+
+
+@plain("new")
 def new(
     kind: Annotated[str, typer.Argument(help=f"{' or '.join(KINDS)}; with --urdf, the folder")],
     folder: Annotated[Path | None, typer.Argument(help="folder to make")] = None,
@@ -118,5 +138,5 @@ def new(
         running.start()
         made = study.new_from_urdf(urdf, folder)
     for path in made.paths:
-        typer.echo(f"wrote {path}")
-    typer.echo(NEXT.format(arm=made.paths[0], campaign=made.paths[1]))
+        output().wrote(path)
+    output().say(NEXT.format(arm=made.paths[0], campaign=made.paths[1]))

@@ -1,10 +1,10 @@
 """Draw an arm and say what looks odd: a wrong arm file is the commonest cause of a wrong stiffness."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import radians
+from dataclasses import asdict, dataclass
+from math import degrees, radians
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies.shared import FARTHEST, as_file, is_angle
@@ -48,6 +48,27 @@ class ArmPicture:
         from ident.present.text.show import show_report
 
         return show_report(self.view)
+
+    def document(self) -> dict[str, Any]:
+        """Return for programs what looks odd, masses [kg], reach [m] and natural frequencies [Hz]."""
+        analysis = self.view.analysis
+        return {
+            "format": "ident-show/1",
+            "arm": self.view.arm.name,
+            "path": self.view.arm_file.path,
+            "sha256": self.view.arm_file.sha256,
+            "posture": [round(degrees(angle), 9) for angle in self.view.posture],
+            "mass": self.view.mass,
+            "reach": self.view.reach,
+            "modes": [
+                {"mode": str(label), "frequency": float(frequency)}
+                for label, frequency in zip(analysis.labels, analysis.modes.frequency, strict=True)
+            ]
+            if analysis
+            else [],
+            "failure": self.view.failure,
+            "oddities": [asdict(each) for each in self.view.oddities],
+        }
 
     def figures(self) -> "dict[str, Figure]":
         """Return the picture: from the side and from above to scale, with the first modes."""
