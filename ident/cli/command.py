@@ -10,6 +10,7 @@ import typer
 
 from ident.cli import running
 from ident.cli.app import app
+from ident.cli.defaults import with_defaults
 from ident.cli.output import JsonOption, QuietOption, output, speaking
 from ident.cli.times import TIMES
 from ident.errors import InputError
@@ -93,16 +94,18 @@ def plain(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
 def register(name: str, function: Callable[..., None], parameters: list[inspect.Parameter]) -> None:
     """Hang a function on the program, with the flags that all commands have."""
 
-    def call(**values: Any) -> None:
+    def call(context: typer.Context, **values: Any) -> None:
         with speaking(as_json=values.pop("json"), quiet=values.pop("quiet")):
-            function(**values)
+            function(**with_defaults(context, values, kinds))
 
     kind = inspect.Parameter.KEYWORD_ONLY
+    first = inspect.Parameter("context", kind, annotation=typer.Context)
     common = [
         inspect.Parameter("json", kind, default=False, annotation=JsonOption),
         inspect.Parameter("quiet", kind, default=False, annotation=QuietOption),
     ]
-    ordered = [*(each.replace(kind=kind) for each in parameters), *common]
+    kinds = {each.name: get_args(each.annotation)[0] for each in parameters}
+    ordered = [first, *(each.replace(kind=kind) for each in parameters), *common]
     call.__signature__ = inspect.Signature(ordered)  # type: ignore[attr-defined]
     call.__annotations__ = {each.name: each.annotation for each in ordered}
     call.__doc__ = function.__doc__
