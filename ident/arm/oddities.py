@@ -18,11 +18,11 @@ from ident.arm.oddity_geometry import Carried, Link, carried, links, reach_of, t
 
 LONGEST, SHORTEST = 20.0, 0.05
 """Reach [m] beyond which metres and millimetres were probably mixed up."""
-DENSEST, LIGHTEST = 23e3, 2.0
-"""Densities [kg/m^3]: osmium has 22,600; 2 is less than any frame or foam that carries."""
+DENSEST, LIGHTEST = 23e3, 10.0
+"""Densities [kg/m^3]: osmium has 22,600; 10 is less than any frame that carries."""
 MOST_GIVING = 0.02
 """Angle [rad] by which the weight beyond it may bend a bushing when it is held out level: a degree."""
-PROPORTION = 30.0
+PROPORTION = 20.0
 """Factor between stiffnesses of one arm that is odd, if what they carry does not explain it."""
 LOWEST, HIGHEST = 0.5, 200.0
 """First natural frequencies [Hz] of arms."""
@@ -101,7 +101,7 @@ def _lengths(arm: Arm, reach: float) -> Iterator[Oddity]:
     else:
         yield from (Oddity(path, f"{size:.4g} m", f"at most {LONGEST:g} m; {unit}") for path, size in far.items())
     for path, size in sizes.items():
-        if 2e-4 < size < 5e-3 and 0.1 * reach < 1e3 * size < 2 * reach:
+        if 3e-5 < size < 5e-3 and 0.05 * reach < 1e3 * size < 2 * reach:
             yield Oddity(path, f"{1e3 * size:.3g} mm in an arm of {reach:.3g} m", f'{1e3 * size:.3g} m; unit = "m"?')
 
 
@@ -133,7 +133,10 @@ def _place(path: str, com: np.ndarray, link: Link, reach: float, extent: np.ndar
     aside = to_segment(com, link.end) if extent is None else to_box(link.end, extent)
     allowed = 0.25 * reach + 0.5 * length if extent is None else 0.05 * reach + 0.1 * length
     where = ", ".join(f"{x:.4g}" for x in com + 0.0)
-    if beyond > 0.25 * length + 0.05 * reach:
+    size = float(np.linalg.norm(com))
+    if length > SHORTEST and size < 2e-3 and 0.2 * length < 1e3 * size < 1.2 * length:
+        yield Oddity(path, f"{1e3 * size:.3g} mm on a link of {length:.3g} m", f'{1e3 * size:.3g} m; unit = "m"?')
+    elif beyond > 0.25 * length + 0.05 * reach:
         got = f"({where}) m, {beyond:.3g} m beyond the ends of its link, which is {length:.3g} m long"
         yield Oddity(path, got, f"a mass centre between the link's ends{_thousandth(com, length or reach)}")
     elif aside > allowed:
