@@ -11,7 +11,10 @@ from jaxtyping import Float
 from ident.assess.remedies import Remedy, Verification
 from ident.assess.task import Task
 from ident.assess.vibration import VibrationAssessment
+from ident.identify.fit import CampaignFit
 from ident.identify.sample import CampaignSample
+from ident.identify.validate import Validation, parts_of
+from ident.inference.held_out import HeldOut, held_out
 from ident.inference.posterior_summary import quantiles
 from ident.vibrate.modal.branches import Branches, branches
 from ident.vibrate.modal.excitation import Excitation, excitation
@@ -19,6 +22,10 @@ from ident.vibrate.modal.resonance import ResonanceCrossing, resonance_crossings
 from ident.vibrate.redesign.sensitivity import Sensitivities
 
 Verdict = Literal["accept", "warn", "reject"]
+LEAVE = "posture"
+"""What is left out at a time, to see how well the others predict it."""
+TIMES, NEAR = 500, np.radians(2.0)
+"""Times at which a motion is compared with the measured postures, and what a joint may turn beyond them [rad]."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +73,8 @@ class Diagnosis:
     """A diagnosis as far as it has come.
 
     Attributes:
-        stages: value of each finished stage, in order: stiffness, resonance, vibration, sensitivities; and, where the
-            vibration is not accepted, remedies and verification.
+        stages: value of each finished stage, in order: stiffness, trust, resonance, vibration, sensitivities; and,
+            where the vibration is not accepted, remedies and verification.
     """
 
     stages: Mapping[str, Any] = field(default_factory=dict)
@@ -90,6 +97,22 @@ class Diagnosis:
     def task(self) -> Task:
         """What is asked."""
         return self.identification.task
+
+    @property
+    def validation(self) -> Validation:
+        """How well each posture is predicted by the others; no part where all measurements are of one."""
+        value: tuple[HeldOut, ...] = self.stages["trust"]
+        return Validation(self.identification.sampled.fitted, LEAVE, value)
+
+    @property
+    def beyond(self) -> Mapping[str, float]:
+        """By how much the motion turns joints further than the postures that were measured [rad], by name."""
+        measured = np.array([m.posture for m in self.identification.sampled.fitted.campaign])
+        motion = self.task.basis.motion
+        turned = np.asarray(motion(np.linspace(motion.breaks[0], motion.breaks[-1], TIMES))[0])
+        far = np.maximum(measured.min(0) - turned.min(1), turned.max(1) - measured.max(0))
+        names = (joint.name for joint in self.task.basis.arm.driven)
+        return {name: float(by) for name, by in zip(names, far, strict=True) if by > NEAR}
 
     @property
     def resonance(self) -> ResonanceAssessment:
@@ -135,6 +158,12 @@ class Diagnosis:
         if self.advised is None or self.verified is None:
             return "accept"
         return "warn" if self.advised.meets_limit and self.verified.holds else "reject"
+
+
+def assess_trust(fitted: CampaignFit) -> tuple[HeldOut, ...]:
+    """Leave out each posture in turn, and predict its measurements by a fit to the others."""
+    parts = parts_of(fitted.campaign, LEAVE)
+    return held_out(fitted, parts) if len(parts) > 1 else ()
 
 
 def assess_resonance(task: Task) -> ResonanceAssessment:

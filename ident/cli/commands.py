@@ -158,8 +158,10 @@ offer(
     Both campaigns are fitted again together: what they have in common counts once. Writes FIRST-SECOND.compare.json and
     .png into the folder given by --out.
     """,
-    first=Annotated[Path, typer.Argument(metavar="before", help="earlier result of fit (.json) or sample (.nc)")],
-    second=Annotated[Path, typer.Argument(metavar="after", help="later one")],
+    first=Annotated[
+        Path, typer.Argument(metavar="before", help="earlier result of fit or sample, or a folder of them")
+    ],
+    second=Annotated[Path, typer.Argument(metavar="after", help="later one, or a folder")],
 )
 offer(
     simulate,

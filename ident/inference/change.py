@@ -77,19 +77,14 @@ class Change:
     @property
     def p_value(self) -> float:
         """Chance of a larger T where nothing has changed."""
-        return _chance(self.statistic, self.mean, self.variance)
+        return chance(self.statistic, self.mean, self.variance)
 
     @cached_property
     def p_values(self) -> Float[np.ndarray, "C"]:
         """Chance, for each parameter, of so large a change where nothing has changed; by Holm for their number."""
         from scipy.special import ndtr
 
-        single = 2 * ndtr(-np.abs(self.change) / np.maximum(self.under_none, np.finfo(float).tiny))
-        order = np.argsort(single)
-        stepwise = np.maximum.accumulate(single[order] * np.arange(len(single), 0, -1))
-        adjusted = np.empty_like(single)
-        adjusted[order] = np.minimum(stepwise, 1.0)
-        return adjusted
+        return holm(2 * ndtr(-np.abs(self.change) / np.maximum(self.under_none, np.finfo(float).tiny)))
 
     @property
     def seen(self) -> bool:
@@ -115,7 +110,7 @@ def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
     J, count = joint.jacobian(free)[: -len(names)], len(joint.names)
     seen = _seen(J[:, :count], J[:, count:])
     covariance = np.linalg.inv(seen + np.eye(len(names)) / WIDE**2)
-    mean, variance = _moments(seen)
+    mean, variance = moments(seen)
     return Change(
         joint.changing,
         joint.values(0, free),
@@ -130,6 +125,20 @@ def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
     )
 
 
+def holm(single: Sequence[float] | Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """Return chances that hold for all of several tests together.
+
+    References:
+        Holm, "A simple sequentially rejective multiple test procedure", Scandinavian Journal of Statistics 6, 1979.
+    """
+    single = np.asarray(single, float)
+    order = np.argsort(single)
+    stepwise = np.maximum.accumulate(single[order] * np.arange(len(single), 0, -1))
+    adjusted = np.empty_like(single)
+    adjusted[order] = np.minimum(stepwise, 1.0)
+    return adjusted
+
+
 def _alone(
     joint: "_Joint",
     free: Float[np.ndarray, "joint"],
@@ -142,7 +151,7 @@ def _alone(
     one = [*range(count), count + k]
     others = [i for i in range(count, len(free)) if i != count + k]
     least = min(joint.cost(joint.searched(start, one)) for start in (none, free))
-    return _chance(max(least - joint.cost(free), 0.0), *_moments(_seen(J[:, one], J[:, others])))
+    return chance(max(least - joint.cost(free), 0.0), *moments(_seen(J[:, one], J[:, others])))
 
 
 def _seen(shared: Float[np.ndarray, "R U"], own: Float[np.ndarray, "R C"]) -> Float[np.ndarray, "C C"]:
@@ -152,14 +161,14 @@ def _seen(shared: Float[np.ndarray, "R U"], own: Float[np.ndarray, "R C"]) -> Fl
     return whole
 
 
-def _moments(seen: Float[np.ndarray, "C C"]) -> tuple[float, float]:
+def moments(seen: Float[np.ndarray, "C C"]) -> tuple[float, float]:
     """Return mean and variance of T where nothing has changed."""
     levels = np.maximum(np.linalg.eigvalsh(seen), 0.0) * WIDE**2
     weights = levels / (1 + levels)
     return float(weights.sum()), float(2 * (weights**2).sum())
 
 
-def _chance(statistic: float, mean: float, variance: float) -> float:
+def chance(statistic: float, mean: float, variance: float) -> float:
     """Return the chance of a larger T: that of a gamma distribution of this mean and variance."""
     from scipy.stats import gamma
 

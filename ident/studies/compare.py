@@ -1,20 +1,20 @@
 """Say which joint stiffness has changed between two campaigns, by how much, and how sure that is."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import Options, option
 from ident.studies.result import Result, study_of
-from ident.text import quoted
+from ident.text import one_line, quoted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ident.identify.compare import Comparison
+    from ident.identify.compare import Comparison, Posterior
     from ident.identify.fit import CampaignFit
 
 
@@ -28,6 +28,12 @@ class CompareOptions(Options):
         repeated=True,
         read=reading.names,
     )
+
+
+Compared: TypeAlias = Result | str | Path
+"""What can be compared: a result, its file, or a folder of such files."""
+ENDS = (".fit.json", ".sample.nc", ".diagnose.nc")
+"""Ends of the files in a folder that are compared, the first of them that both folders have of a campaign."""
 
 
 @dataclass(frozen=True)
@@ -45,69 +51,141 @@ class ComparedFile:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class CompareResult(Result):
-    """Which stiffnesses have changed between two campaigns.
+    """Which stiffnesses have changed between two campaigns, or between those of two folders.
 
-    Its table has a row for each: both values [SI], their ratio with its 95 % interval, the chance of so large a change
-    where nothing has changed, and whether it counts as changed. Its figure shows the ratios.
+    Its table has a row for each stiffness: both values [SI], their ratio with its 95 % interval, the chance of so large
+    a change where nothing has changed, and whether it counts as changed. Its figures show the ratios.
 
     Attributes:
-        comparison: both campaigns, fitted together, and the changes.
-        files: of the results that were compared.
+        comparisons: of each pair of campaigns: both, fitted together, and the changes.
+        unpaired: files of two folders that only one of them has.
+        files: of the results that were compared, pair by pair.
         options: what was asked for.
     """
 
-    comparison: "Comparison"
-    files: tuple[ComparedFile, ComparedFile] = (ComparedFile(), ComparedFile())
+    comparisons: "tuple[Comparison, ...]"
+    unpaired: tuple[str, ...] = ()
+    files: tuple[tuple[ComparedFile, ComparedFile], ...] = ((ComparedFile(), ComparedFile()),)
     options: CompareOptions = field(default_factory=CompareOptions)
 
-    form = "ident-compare/1"
-    subject = "comparison.name"
-    shown = ("comparison",)
-    summary = ("comparison.change.p_value", "comparison.change.statistic")
+    form = "ident-compare/2"
+    shown = ("comparisons", "unpaired")
+
+    @property
+    def comparison(self) -> "Comparison":
+        """The first pair, and mostly the only one."""
+        return self.comparisons[0]
+
+    @property
+    def name(self) -> str:
+        """Both campaigns' names, or both folders'."""
+        if len(self.comparisons) == 1 and not self.unpaired:
+            return f"{self.comparison.name}.compare"
+        first, second = (Path(file.path).absolute().parent.name for file in self.files[0])
+        return f"{first}-{second}.compare"
 
     @property
     def changed(self) -> Mapping[str, bool]:
-        """Whether each stiffness has changed."""
+        """Whether each stiffness has changed; of the first pair."""
         change = self.comparison.change
         return dict(zip(change.names, map(bool, change.changed), strict=True))
 
     def figures(self) -> "dict[str, Figure]":
-        """Return one figure: the ratio of each stiffness after to before, with its 95 % interval."""
+        """Return a figure for each pair: the ratio of each stiffness after to before, with its 95 % interval."""
         from ident.present.figures.compare import compare_figure
 
-        return {"": compare_figure(self.comparison)}
+        one = len(self.comparisons) == 1
+        return {"" if one else each.name: compare_figure(each) for each in self.comparisons}
 
     def _inputs(self) -> Mapping[str, Any]:
-        return dict(zip(("first", "second"), self.files, strict=True))
+        one, pairs = len(self.files) == 1, enumerate(self.files, 1)
+        return {f"{word}{'' if one else i}": file for i, pair in pairs for word, file in zip(WORDS, pair, strict=True)}
+
+    def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
+        """Return the files of all pairs, side by side."""
+        files = list(inputs.values())
+        return dict(zip(WORDS, (files[::2], files[1::2]) if len(files) > 2 else files, strict=True))
+
+
+WORDS = ("first", "second")
 
 
 def compare(
-    first: "Result | str | Path", second: "Result | str | Path", options: CompareOptions | None = None
+    first: "Compared | Sequence[Compared]",
+    second: "Compared | Sequence[Compared]",
+    options: CompareOptions | None = None,
 ) -> CompareResult:
     """Say which joint stiffness has changed between two campaigns, by how much, and how sure that is.
 
     Both campaigns are fitted again together, with the changes free: what they have in common, such as the prior and an
-    uncertain mass, counts once.
+    uncertain mass, counts once. Of draws that another program has written the measurements are not at hand: both are
+    taken as independent. Of two folders each result is compared with the one of the same name in the other.
 
     Args:
-        first: the earlier result of `fit`, `sample` or `diagnose`, or its file.
-        second: the later one.
+        first: the earlier result of `fit`, `sample` or `diagnose`, its file, a posterior as netCDF, or a folder; or
+            several of them.
+        second: the later one, or as many.
         options: what is known not to have changed.
 
     Raises:
-        InputError: other results, no stiffness that both have fitted, or a name that is none of them.
+        InputError: other results, folders without a result of one name, no stiffness that both have fitted, or a name
+            that is none of them.
     """
-    from ident.identify.compare import compare_fits
-
     options = CompareOptions.of(options)
-    (one, its_file), (other, other_file) = (
-        _fit_of(each, name) for each, name in ((first, "first"), (second, "second"))
-    )
-    return CompareResult(compare_fits(one, other, options.same), (its_file, other_file), options)
+    pairs, unpaired = _pairs(first, second)
+    found = [tuple(_known(each, word) for each, word in zip(pair, WORDS, strict=True)) for pair in pairs]
+    comparisons = tuple(_compared(one, other, options.same) for (one, _), (other, _) in found)
+    return CompareResult(comparisons, unpaired, tuple((one, other) for (_, one), (_, other) in found), options)
 
 
-def _fit_of(result: "Result | str | Path", name: str) -> "tuple[CampaignFit, ComparedFile]":
-    """Return the fit that a result holds, and its file."""
+def _compared(one: "CampaignFit | Posterior", other: "CampaignFit | Posterior", same: tuple[str, ...]) -> "Comparison":
+    from ident.identify.compare import Posterior, compare_fits, compare_posteriors
+
+    if isinstance(one, Posterior) or isinstance(other, Posterior):
+        return compare_posteriors(one, other, same)
+    return compare_fits(one, other, same)
+
+
+def _pairs(
+    first: "Compared | Sequence[Compared]", second: "Compared | Sequence[Compared]"
+) -> "tuple[list[tuple[Compared, Compared]], tuple[str, ...]]":
+    """Return what is to be compared with what, and the files of two folders that only one of them has."""
+    if isinstance(first, list | tuple) and isinstance(second, list | tuple):
+        if not len(first) == len(second) > 0:
+            raise InputError(Problem("second", f"{len(second)} results", f"{len(first)} of them", "give pairs"))
+        return list(zip(first, second, strict=True)), ()
+    folders = [Path(each) for each in (first, second) if isinstance(each, str | Path) and Path(each).is_dir()]
+    if not folders:
+        return [(cast("Compared", first), cast("Compared", second))], ()
+    if len(folders) == 1:
+        where = one_line(str(folders[0]))
+        raise InputError(Problem(where, "a folder", "two files or two folders", "give what belongs to it"))
+    ours, theirs = map(_results_in, folders)
+    pairs: list[tuple[Any, Any]] = []
+    for campaign in sorted(ours.keys() & theirs.keys()):
+        if end := next((end for end in ENDS if end in ours[campaign] and end in theirs[campaign]), ""):
+            pairs.append((ours[campaign][end], theirs[campaign][end]))
+    paired = {Path(path) for pair in pairs for path in pair}
+    named = {path.name.removesuffix(end) for path in paired for end in ENDS}
+    if not pairs:
+        got, where = "no result of one name in both", " and ".join(one_line(str(folder)) for folder in folders)
+        raise InputError(Problem(where, got, f"files {' or '.join(ENDS)}", "fit both campaigns under one name"))
+    alone = [path for side in (ours, theirs) for c, files in side.items() if c not in named for path in files.values()]
+    return pairs, tuple(map(str, alone))
+
+
+def _results_in(folder: Path) -> dict[str, dict[str, Path]]:
+    """Return the results in a folder that can be compared, by the campaign's name and the end of the file's name."""
+    found: dict[str, dict[str, Path]] = {}
+    for path in sorted(folder.iterdir()):
+        for end in ENDS:
+            if path.name.endswith(end):
+                found.setdefault(path.name.removesuffix(end), {})[end] = path
+    return found
+
+
+def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, ComparedFile]":
+    """Return the fit that a result holds, or the draws of a posterior, and its file."""
     import hashlib
 
     from ident.studies.diagnose import DiagnoseResult
@@ -117,7 +195,12 @@ def _fit_of(result: "Result | str | Path", name: str) -> "tuple[CampaignFit, Com
 
     file = ComparedFile()
     if isinstance(result, str | Path):
-        path, result = Path(result), load(result)
+        path = Path(result)
+        foreign = _foreign(path)
+        file = ComparedFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest() if foreign else "")
+        if foreign is not None:
+            return foreign, file
+        result = load(path)
         file = ComparedFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
     if isinstance(result, FitResult):
         return result.fit, file
@@ -127,3 +210,25 @@ def _fit_of(result: "Result | str | Path", name: str) -> "tuple[CampaignFit, Com
         return result.diagnosis.identification.sampled.fitted, file
     got = quoted(study_of(result.form)) if isinstance(result, Result) else type(result).__name__
     raise InputError(Problem(file.path or name, f"a result of {got}", "one of fit, sample or diagnose", "give that"))
+
+
+def _foreign(path: Path) -> "Posterior | None":
+    """Return the draws of a file that another program has written; None for one of ident, or no such file."""
+    from ident.identify.compare import Posterior
+    from ident.present.files.netcdf import is_of_ident
+    from ident.present.files.sample import read_posterior
+    from ident.studies.sample import SampleResult
+
+    if path.suffix != ".nc" or not path.is_file() or is_of_ident(path):
+        return None
+    draws = read_posterior(SampleResult.form, path).by_paths
+    values = {name: own for (name, *tied), own in draws.items() if name.endswith(STIFFNESSES) and not tied}
+    where = one_line(str(path))
+    if bad := [name for name, own in values.items() if len(own) <= len(values) or not (own > 0).all()]:
+        expected = f"positive numbers, more than {len(values)} draws"
+        raise InputError(Problem(where, "other values", expected, "correct it", bad[0]))
+    return Posterior(path.name.removesuffix(".nc"), values)
+
+
+STIFFNESSES = (".k_bend", ".k_tors")
+"""Ends of the names of what is compared."""

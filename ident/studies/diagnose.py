@@ -53,7 +53,7 @@ class DiagnoseResult(Result):
     diagnosis: "Diagnosis"
     options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
 
-    form, suffix = "ident-diagnose/4", ".nc"
+    form, suffix = "ident-diagnose/5", ".nc"
     shown = ("diagnosis",)
     summary = ("verdict", "advice")
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ident.assess.remedies import Remedy, Verification
     from ident.assess.vibration import VibrationAssessment
     from ident.description.file import ArmFile
+    from ident.inference.held_out import HeldOut
     from ident.measure import Campaign, Log
     from ident.present.text.diagnose import StageReport
     from ident.store import Store
@@ -142,6 +143,12 @@ def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
     return Identification(sampled.sample, Task(basis, options.limit / 1e3, effort))
 
 
+def _trust(job: Job, diagnosis: "Diagnosis") -> "tuple[HeldOut, ...]":
+    from ident.assess.diagnosis import assess_trust
+
+    return assess_trust(diagnosis.identification.sampled.fitted)
+
+
 def _resonance(job: Job, diagnosis: "Diagnosis") -> "ResonanceAssessment":
     from ident.assess.diagnosis import assess_resonance
 
@@ -176,6 +183,7 @@ def _verification(job: Job, diagnosis: "Diagnosis") -> "tuple[Verification, ...]
 
 STAGES: Mapping[str, Callable[[Job, "Diagnosis"], Any]] = {
     "stiffness": _stiffness,
+    "trust": _trust,
     "resonance": _resonance,
     "vibration": _vibration,
     "sensitivities": _sensitivities,

@@ -72,7 +72,7 @@ def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progr
     inputs = found(before, Path(path).absolute().parent)
     more: dict[str, Any] = {"progress": progress, "folder": folder}
     more = {name: value for name, value in more.items() if name in wanted}
-    now = function(**inputs, options=vars(before)["options"], **more)
+    now = function(**before.arguments(inputs), options=vars(before)["options"], **more)
     return Rerun(before, now, tuple(differences(before.table(), now.table(), before.standard_errors())))
 
 

@@ -94,6 +94,10 @@ class Result:
         subject = re.sub(r"[/\\\0]", "_", attrgetter(self.subject)(self))
         return f"{subject}.{study_of(self.form)}"
 
+    def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
+        """Return what its study takes to repeat it: its inputs' files by name."""
+        return dict(inputs)
+
     @property
     def short(self) -> bool:
         """Whether a computation missed its own criterion: chains too short, no optimum."""

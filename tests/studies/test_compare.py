@@ -84,6 +84,70 @@ def test_the_figure_shows_ratios_with_intervals(result):
     assert spans == pytest.approx(np.array([[row["low_95"], row["high_95"]] for row in result.table()]))
 
 
+def written(path, draws):
+    """A posterior as another program writes it: InferenceData in netCDF."""
+    import xarray
+
+    variables = {name: (("chain", "draw"), values[None]) for name, values in draws.items()}
+    xarray.Dataset(variables).to_netcdf(path, group="posterior", engine="h5netcdf")
+    return path
+
+
+def test_posteriors_of_others_are_compared_as_independent_ones(result, before, tmp_path):
+    """Draws about both fits: the same verdict, since the data tell far more than the prior that they share."""
+    paths = []
+    for name, own in (("one", result.comparison.first), ("two", result.comparison.second)):
+        names = own.problem.parameters.names
+        noise = np.random.default_rng(1).multivariate_normal(np.zeros(len(names)), own.information.covariance, 4000)
+        logs = np.log(np.asarray(own.best.values)) + noise
+        paths.append(written(tmp_path / f"{name}.nc", dict(zip(names, np.exp(logs.T), strict=True))))
+    found = compare(*paths)
+    assert "INDEPENDENCE ASSUMED" in found.report()
+    assert "INDEPENDENCE" not in result.report()
+    ours, theirs = (each.comparison.change for each in (found, result))
+    assert ours.names == theirs.names
+    assert np.abs(ours.change - theirs.change).max() < 0.3 * theirs.sd.max()
+    np.testing.assert_allclose(ours.sd, theirs.sd, rtol=0.2)
+    assert ours.statistic == pytest.approx(theirs.statistic, rel=0.2)
+    assert found.changed == result.changed
+    mixed = compare(before, paths[1])
+    assert mixed.comparison.independent
+    assert mixed.name == "campaign-two.compare"
+    assert_comes_back(mixed, tmp_path)
+
+
+def test_a_posterior_of_others_must_have_stiffnesses(before, tmp_path):
+    with pytest.raises(InputError, match="no stiffness that both have"):
+        compare(before, written(tmp_path / "other.nc", {"mass": np.ones(50)}))
+    with pytest.raises(InputError, match=r"joint1.k_tors: got other values, expected positive numbers"):
+        compare(before, written(tmp_path / "negative.nc", {"joint1.k_tors": -np.ones(50)}))
+
+
+def test_folders_are_compared_file_by_file(files, result, before, tmp_path):
+    folders = [tmp_path / name for name in ("before", "after")]
+    for folder, robots in zip(folders, ((0, 0, 0), (0, 1)), strict=True):
+        folder.mkdir()
+        for robot, which in enumerate(robots, 1):
+            (folder / f"robot{robot}.fit.json").write_bytes(files[which].read_bytes())
+    found = compare(*folders)
+    assert [any(each.change.changed) for each in found.comparisons] == [False, True]
+    assert found.name == "before-after.compare"
+    assert found.unpaired == (str(folders[0] / "robot3.fit.json"),)
+    overview, *_ = found.report().split("\n\n")
+    assert overview.startswith("2 pairs of campaigns")
+    assert "CHANGED" in overview
+    assert "robot3.fit.json" in overview
+    assert len(found.table()) == 2 * len(result.table())
+    assert len(found.figures()) == 2
+    assert_comes_back(found, tmp_path)
+    assert ident.rerun(found.save(tmp_path)[0]).same
+    with pytest.raises(InputError, match="two files or two folders"):
+        compare(folders[0], before)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="no result of one name in both"):
+        compare(folders[0], tmp_path / "empty")
+
+
 def test_other_results_are_refused(before, tmp_path):
     with pytest.raises(InputError, match=r"second: got a result of 'predict', expected one of fit, sample or diagnose"):
         compare(before, predict(ARM))

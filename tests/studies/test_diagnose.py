@@ -34,7 +34,7 @@ def accepted(result):
     """The same arm where the limit is far away: no remedy is sought."""
     vibration = replace(result.diagnosis.vibration, limit=1.0, keeps=BinomialEstimate(10, 10))
     stages = {**result.diagnosis.stages, "vibration": vibration}
-    return DiagnoseResult(Diagnosis({stage: stages[stage] for stage in list(STAGES)[:4]}), result.options)
+    return DiagnoseResult(Diagnosis({stage: stages[stage] for stage in list(STAGES)[:5]}), result.options)
 
 
 def test_each_stage_is_a_value(result):
@@ -53,7 +53,7 @@ def test_each_stage_is_a_value(result):
 
 def test_the_report_has_every_stage_and_the_verdict(result):
     report = str(result)
-    assert [line[0] for line in report.splitlines() if not line.startswith(" ")][:6] == list("123456")
+    assert [line[0] for line in report.splitlines() if not line.startswith(" ")][:7] == list("1234567")
     assert " ".join(report.split()).endswith(result.advice)
     assert "before" not in report.splitlines()[0]
 
@@ -102,9 +102,9 @@ def test_its_table_has_a_row_for_each_remedy(result):
 def test_its_page_has_every_stage(result):
     page = result.html()
     assert page.startswith("<!DOCTYPE html>")
-    assert [f'id="stage-{i}"' in page for i in range(1, 9)] == [True] * 7 + [False]
-    assert page.count("<figure>") == len(result.figures()) + 1 == 6
-    assert "<h2>7. The arm with the identified numbers</h2>" in page
+    assert [f'id="stage-{i}"' in page for i in range(1, 10)] == [True] * 8 + [False]
+    assert page.count("<figure>") == len(result.figures()) + 1 == 7
+    assert "<h2>8. The arm with the identified numbers</h2>" in page
     assert "None of its numbers looks odd." in page
     assert "7 bodies, 138.8 kg" in page
     assert result.advice in page
@@ -121,11 +121,36 @@ def test_a_limit_that_is_kept_needs_no_remedy(result):
     assert "verification" not in fine.figures()
 
 
+def test_it_says_how_far_to_trust_postures_that_were_not_measured(result):
+    own = ident.validate(ARM, MEASURED).scopes
+    ours = {scope.kind: scope for scope in result.diagnosis.validation.scopes}
+    assert {kind: scope.half for kind, scope in ours.items()} == pytest.approx(
+        {kind: scope.half for kind, scope in own.items()}, rel=0.05
+    )
+    report = " ".join(result.report().split())
+    assert f"within {100 * ours['frequency'].half:.2g} % in frequency" in report
+    assert "the motion turns joint1 62 deg, joint2 124 deg, joint3 62 deg beyond all postures" in report
+
+
+def test_without_other_postures_nothing_is_predicted_and_a_motion_within_them_is_no_caution(result):
+    untold = with_stage(result, "trust", ())
+    assert "Nothing is left out and predicted" in untold.report()
+    assert "trust" not in untold.figures()
+    assert "Where it was not measured" not in untold.html()
+    assert "where the model is not tested" in untold.html()
+    first, *rest = MEASURED
+    folded = replace(first, posture=tuple(np.radians([142.0, -284.0, 142.0])))
+    identification = result.diagnosis.identification
+    fitted = replace(identification.sampled.fitted, campaign=replace(MEASURED, measurements=(folded, *rest)))
+    narrow = replace(identification, sampled=replace(identification.sampled, fitted=fitted))
+    assert "where the model is not tested" not in with_stage(result, "stiffness", narrow).html()
+
+
 def test_where_nothing_turns_there_is_no_chart_of_resonance(result):
     undriven = with_stage(result, "resonance", ResonanceAssessment())
     assert "resonance" not in undriven.figures()
     assert "no turning mass does" in undriven.report()
-    assert undriven.html().count("<figure>") == 5
+    assert undriven.html().count("<figure>") == 6
 
 
 def test_an_interrupted_one_goes_on_and_comes_to_the_same(result, tmp_path):
@@ -143,7 +168,7 @@ def test_an_interrupted_one_goes_on_and_comes_to_the_same(result, tmp_path):
     assert [(report.number, report.resumed) for report in reports] == [
         *((number, False) for number in (1, 2, 3)),
         *((number, True) for number in (1, 2, 3)),
-        *((number, False) for number in (4, 5, 6)),
+        *((number, False) for number in (4, 5, 6, 7)),
     ]
     assert resumed.report() == result.report()
     np.testing.assert_equal(resumed.table(), result.table())

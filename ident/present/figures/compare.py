@@ -16,7 +16,7 @@ WIDTH, ROW = 8.0, 0.34
 def compare_figure(comparison: Comparison) -> Figure:
     """Draw the ratio of each stiffness after to before, with its 95 % interval; those that have changed are orange."""
     change = comparison.change
-    before, after = (cut(fit.campaign.name, 24) for fit in (comparison.first, comparison.second))
+    before, after = (cut(name, 24) for name in comparison.names)
     figure = titled((WIDTH, ROW * len(change.names) + 1.9), f"Stiffness, {after} over {before}")
     axes = figure.subplots()
     low, high = np.exp(change.interval).T

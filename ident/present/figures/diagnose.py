@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from ident.assess.diagnosis import Diagnosis
 from ident.present.figures.resonance import resonance_figure
 from ident.present.figures.style import BLUE, plain, ratio_axis, rows
+from ident.present.figures.validate import validate_figure
 from ident.present.text.diagnose import change_words
 from ident.present.text.units import MM
 from ident.present.text.words import cut
@@ -39,6 +40,10 @@ def _stiffness_figure(diagnosis: Diagnosis) -> Figure | None:
     ratio_axis(axes, float(left.min()), float(right.max()))
     axes.set_xlabel("value / median", fontsize=9)
     return figure
+
+
+def _trust_figure(diagnosis: Diagnosis) -> Figure | None:
+    return validate_figure(diagnosis.validation) if diagnosis.validation.told else None
 
 
 def _resonance_figure(diagnosis: Diagnosis) -> Figure | None:
@@ -107,6 +112,7 @@ def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
 
 _FIGURES: Mapping[str, Callable[[Diagnosis], Figure | None]] = {
     "stiffness": _stiffness_figure,
+    "trust": _trust_figure,
     "resonance": _resonance_figure,
     "vibration": _vibration_figure,
     "sensitivities": _sensitivities_figure,

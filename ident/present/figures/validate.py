@@ -13,12 +13,15 @@ WIDTH, ROW = 10.0, 0.24
 """Width of the figure and height of a row [inch]."""
 LEAST = 3.6
 """Least height [inch]."""
+MOST = 60
+"""Measurements that are drawn as rows: of more, those that are farthest off."""
 
 
 def validate_figure(validation: Validation) -> Figure:
     """Draw how far each measurement lies from its prediction, and observed against predicted quantiles."""
     told = validation.told
-    height = max(LEAST, ROW * sum(len(part.places) for part in told) + 1.8)
+    count = sum(len(part.places) for part in told)
+    height = max(LEAST, ROW * min(count, MOST) + 1.8)
     figure = titled((WIDTH, height), f"What was left out, by {cut(validation.fit.campaign.name, 30)} without it")
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     _off(left, validation)
@@ -29,12 +32,13 @@ def validate_figure(validation: Validation) -> Figure:
     ]
     if validation.missed:
         handles.append(Line2D([], [], color=ORANGE, marker="o", linestyle="", label="of a part too far off"))
-    key_below(figure, handles, "standard deviations: noise, and what the others leave open")
+    farthest = f"; left: the {MOST} of {count} that are farthest off" if count > MOST else ""
+    key_below(figure, handles, f"standard deviations: noise, and what the others leave open{farthest}")
     return figure
 
 
 def _off(axes: Axes, validation: Validation) -> None:
-    """Draw a row for each measurement, part by part."""
+    """Draw a row for each measurement, part by part; of many, those that are farthest off."""
     campaign, missed = validation.fit.campaign.measurements, {part.name for part in validation.missed}
     z, names, colours = [], [], []
     for part in validation.told:
@@ -43,10 +47,12 @@ def _off(axes: Axes, validation: Validation) -> None:
             z.append(value)
             names.append(f"{cut(part.name, 22)}  {cut(m.mode or m.point or m.kind, 22)}")
             colours.append(ORANGE if part.name in missed else BLUE)
+    shown = np.sort(np.argsort(-np.abs(z))[:MOST])
+    off, names, colours = np.array(z)[shown], [names[i] for i in shown], [colours[i] for i in shown]
     axes.axvspan(-1.96, 1.96, color=PALE_BLUE, alpha=0.5, linewidth=0)
     axes.axvline(0, color=GREY, linewidth=0.8)
-    axes.scatter(z, np.arange(len(z)), c=colours or BLUE, s=26, zorder=3)
-    reach = max(3.0, 1.1 * float(np.abs(z).max(initial=0.0)))
+    axes.scatter(off, np.arange(len(off)), c=colours or BLUE, s=26, zorder=3)
+    reach = max(3.0, 1.1 * float(np.abs(off).max(initial=0.0)))
     axes.set_xlim(-reach, reach)
     axes.set_xlabel("off [standard deviations]", fontsize=9)
     rows(axes, names)

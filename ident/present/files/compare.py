@@ -1,5 +1,6 @@
 """Changes between two campaigns as rows."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,13 @@ from ident.identify.compare import Comparison
 from ident.present.text.units import unit_of
 
 
-def compare_rows(comparison: Comparison) -> list[dict[str, Any]]:
+def compare_rows(comparisons: Sequence[Comparison], unpaired: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Return a row for each stiffness: both values [SI], their ratio with its 95 % interval, p, and the verdict."""
+    several = len(comparisons) > 1
+    return [({"campaigns": each.name} if several else {}) | row for each in comparisons for row in _rows(each)]
+
+
+def _rows(comparison: Comparison) -> list[dict[str, Any]]:
     change = comparison.change
     low, high = np.exp(change.interval).T
     return [

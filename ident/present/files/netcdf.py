@@ -61,6 +61,14 @@ def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndar
         return str(data.attrs["format"]), tree, arrays
 
 
+def is_of_ident(path: str | Path) -> bool:
+    """Tell whether ident has written a netCDF file; what can't be read may well be one."""
+    try:
+        return "format" in read_group(path).attrs
+    except Exception:  # whatever the bytes of a damaged file lead to: who reads it says so
+        return True
+
+
 def read_group(file: "str | Path | BytesIO", group: str | None = None, **how: Any) -> "xarray.Dataset":
     """Return a group of a netCDF file with all its variables; a few bytes may claim more than there is memory for.
 

@@ -11,6 +11,7 @@ from ident.present.html.picture import picture
 from ident.present.text.diagnose import change_words, stage_report
 from ident.present.text.resonance_words import grouped, sources_words
 from ident.present.text.units import MM, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.words import percent
 
 
 def diagnose_sections(diagnosis: Diagnosis) -> Iterator[Section]:
@@ -37,6 +38,19 @@ def _stiffness(diagnosis: Diagnosis) -> Table:
 
 def _in_paper_unit(name: str, value: float) -> str:
     return f"{nmm_per_deg(value):.4g}" if is_stiffness(name) else ""
+
+
+def _trust(diagnosis: Diagnosis) -> Table:
+    validation, head = diagnosis.validation, ("kind", "trusted within", "seen", "expected", "measurements")
+    rows = tuple(
+        (s.kind.replace("_", " "), percent(s.half), percent(s.seen), percent(s.expected), str(s.count))
+        for s in validation.scopes
+    )
+    note = (
+        "Half of the interval that holds 95 % of measurements like these, relative to the value. Seen: by what the "
+        "postures left out are off; expected: by the model's own standard deviations; the larger one counts."
+    )
+    return Table("Where it was not measured, by postures left out", head, rows, note)
 
 
 def _resonance(diagnosis: Diagnosis) -> Table:
@@ -124,6 +138,7 @@ def _change(path: str, before: float, after: float) -> str:
 
 _TABLES: Mapping[str, Callable[[Diagnosis], Table]] = {
     "stiffness": _stiffness,
+    "trust": _trust,
     "resonance": _resonance,
     "vibration": _vibration,
     "sensitivities": _sensitivities,
@@ -140,6 +155,11 @@ def _captions(diagnosis: Diagnosis, stage: str) -> tuple[str, str]:
         "stiffness": (
             "Each identified number with its interval, relative to its median",
             "95 % interval of each number, relative to its median: the narrower, the surer.",
+        ),
+        "trust": (
+            "What each posture is off its prediction by the others, and the quantiles of all of them",
+            "Left: what each posture is off its prediction by the others. Right: all of these, in standard deviations, "
+            "against the normal distribution's quantiles.",
         ),
         "resonance": (
             "Natural frequencies and pulley frequencies over time, intervals of near-resonance shaded",

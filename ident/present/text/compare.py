@@ -1,11 +1,13 @@
 """The printed report of a comparison: what has changed, how sure that is, and what to look at."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 
 from ident.identify.compare import Comparison
-from ident.inference.change import LEVEL
+from ident.identify.fit import CampaignFit
+from ident.inference.change import LEVEL, holm
 from ident.present.text.units import in_paper_unit
 from ident.present.text.words import cut, paragraphs
 
@@ -14,17 +16,39 @@ LISTED = 5
 """Numbers that differ between the arm files that are named."""
 
 
-def compare_report(comparison: Comparison) -> str:
-    """Return the report: a verdict, both values of each stiffness with the change, what to look at and what counts."""
-    return paragraphs([_heading(comparison), _table(comparison), _advice(comparison), _remarks(comparison)])
+def compare_report(comparisons: Sequence[Comparison], unpaired: Sequence[str] = ()) -> str:
+    """Return the report: of many pairs an overview; of each a verdict, its stiffnesses, and what to look at."""
+    parts = ((_heading(each), _table(each), _advice(each), _remarks(each)) for each in comparisons)
+    overview = [_overview(comparisons, unpaired)] if len(comparisons) > 1 or unpaired else []
+    return paragraphs([*overview, *chain.from_iterable(parts)])
+
+
+def _overview(comparisons: Sequence[Comparison], unpaired: Sequence[str]) -> Iterator[str]:
+    together = holm([each.change.p_value for each in comparisons])
+    yield f"{len(comparisons)} pair{'s' * (len(comparisons) > 1)} of campaigns"
+    for each, p in zip(comparisons, together, strict=True):
+        change = each.change
+        names = [stiffness_words(name) for name, is_so in zip(change.names, change.changed, strict=True) if is_so]
+        verdict = f"CHANGED: {', '.join(names) or 'something'}" if p < LEVEL else "no change seen"
+        yield f"  {cut(each.name, 50):50s} p = {p:<8.2g} {verdict}"
+    yield "  p: chance of so much change anywhere where nothing has changed, by Holm for the number of pairs"
+    if unpaired:
+        more = len(unpaired) - LISTED
+        named = ", ".join(cut(path, 60) for path in unpaired[:LISTED]) + (f" and {more} more" if more > 0 else "")
+        yield f"  in one folder only: {named}"
 
 
 def _heading(comparison: Comparison) -> Iterator[str]:
-    first, second, change = comparison.first, comparison.second, comparison.change
-    before, after = cut(first.campaign.name, 30), cut(second.campaign.name, 30)
-    yield f"{cut(first.arm.name, 40)}: {before}, then {after}"
-    counts = f"{len(first.campaign)} and {len(second.campaign)} measurements"
-    yield f"  {counts} fitted together, {len(change.names)} changes free"
+    change = comparison.change
+    before, after = (cut(name, 30) for name in comparison.names)
+    arms = [f"{cut(fit.arm.name, 40)}: " for fit in comparison.fits[:1]]
+    yield f"{''.join(arms)}{before}, then {after}"
+    if comparison.independent:
+        yield "  INDEPENDENCE ASSUMED: the measurements are not at hand, so what both have in common, such as a"
+        yield "  prior, counts twice; logarithms of the stiffnesses are taken as normal"
+    else:
+        counts = " and ".join(str(len(fit.campaign)) for fit in comparison.fits)
+        yield f"  {counts} measurements fitted together, {len(change.names)} changes free"
     test = f"T = {round(change.statistic, 6):.3g} on {change.mean:.1f} degrees of freedom, p = {change.p_value:.2g}"
     if not change.seen:
         yield f"  No change is seen: {test}."
@@ -55,7 +79,8 @@ def _table(comparison: Comparison) -> Iterator[str]:
         row = f"{ratio_words(change.change[i]):>9s}   {f'{low} to {high}':19s}{change.p_values[i]:8.2g}"
         yield f"  {cut(name, 18):18s}{before:>12s}{after:>12s}{row}   {verdict}".rstrip()
     yield "  p: chance of so large a change of one where nothing has changed (Holm); <-- changed for itself;"
-    yield "  open: told by the prior of the change, a factor of e. All values by both campaigns together."
+    together = "" if comparison.independent else " All values by both campaigns together."
+    yield f"  open: told by the prior of the change, a factor of e.{together}"
 
 
 def ratio_words(log: float) -> str:
@@ -81,10 +106,10 @@ def _advice(comparison: Comparison) -> Iterator[str]:
 
 
 def _remarks(comparison: Comparison) -> Iterator[str]:
-    first, second = comparison.first, comparison.second
     remarks = [
-        f"WARNING: {cut(fit.campaign.name, 30)}: {doubt.replace('see below', 'see ident fit')}"
-        for fit in (first, second)
+        f"WARNING: {which}: {doubt.replace('see below', 'see ident fit')}"
+        for which, fit in zip(_told_apart(comparison), (comparison.first, comparison.second), strict=True)
+        if isinstance(fit, CampaignFit)
         for doubt in fit.doubts
     ]
     if comparison.unlike:
@@ -96,6 +121,12 @@ def _remarks(comparison: Comparison) -> Iterator[str]:
     if remarks:
         yield "Remarks"
         yield from (f"  {remark}" for remark in remarks)
+
+
+def _told_apart(comparison: Comparison) -> tuple[str, str]:
+    """Return the campaigns' names; where they have one name, which of the two it is."""
+    before, after = (cut(name, 30) for name in comparison.names)
+    return (before, after) if before != after else (f"{before} (before)", f"{after} (after)")
 
 
 def level_words() -> str:

@@ -8,10 +8,11 @@ import numpy as np
 from ident.assess.diagnosis import Diagnosis
 from ident.assess.remedies import VERIFIED, Remedy, Verification
 from ident.assess.task import CONFIDENT, MOVED, STIFFER
+from ident.identify.validate import Validation
 from ident.present.text.basis import UNDRIVEN
 from ident.present.text.resonance_words import grouped, sources_words
 from ident.present.text.units import MM, is_stiffness
-from ident.present.text.words import cut, folded
+from ident.present.text.words import cut, folded, percent
 from ident.vibrate.modal.resonance import ResonanceCrossing
 from ident.vibrate.redesign.binomial import BinomialEstimate
 
@@ -86,6 +87,11 @@ def cautions(diagnosis: Diagnosis) -> Iterator[str]:
     if rank < count:
         filled = "the rest comes from the prior, and so do the probabilities"
         yield f"Caution: the measurements fix {rank} of {count} directions only; {filled}."
+    if diagnosis.validation.missed:
+        named = ", ".join(part.name for part in diagnosis.validation.missed)
+        yield f"Caution: the other postures do not predict {named}: the model, or a measurement, is wrong."
+    if diagnosis.beyond:
+        yield f"Caution: the motion turns {beyond_words(diagnosis)}, where the model is not tested."
     for doubt in sampled.fitted.doubts:
         yield f"Caution: {doubt}. What follows holds only as far as the identified numbers do."
 
@@ -100,7 +106,36 @@ def _stiffness(diagnosis: Diagnosis) -> tuple[list[str], str]:
     findings += [f"Warning: {doubt}." for doubt in fit.doubts]
     if rank < count:
         findings.append("The other directions are filled by the prior: what follows holds as far as that does.")
-    return findings, "With these numbers and their spread the natural frequencies along the motion follow."
+    return findings, "How far to trust the model in postures that were not measured is asked of those that were."
+
+
+def _trust(diagnosis: Diagnosis) -> tuple[list[str], str]:
+    validation, onward = diagnosis.validation, "With these numbers the natural frequencies along the motion follow."
+    if not validation.told:
+        return [
+            "Nothing is left out and predicted: that takes two postures or more, of which one tells enough."
+        ], onward
+    findings = [
+        f"Each of {len(validation.parts)} postures left out and predicted by the others: {validation.covered} of "
+        f"{len(validation.z)} measurements lie in the 95 % interval of their prediction.",
+        f"Where it was not measured the model may be trusted {scope_words(validation)}.",
+    ]
+    if validation.missed:
+        findings.append(f"Warning: too far from the prediction: {', '.join(part.name for part in validation.missed)}.")
+    if diagnosis.beyond:
+        findings.append(f"Warning: the motion turns {beyond_words(diagnosis)}.")
+    return findings, onward
+
+
+def beyond_words(diagnosis: Diagnosis) -> str:
+    """Say how far a motion leaves the measured postures: `joint1 62 deg beyond all postures that were measured`."""
+    joints = (f"{name} {np.degrees(by):.0f} deg" for name, by in diagnosis.beyond.items())
+    return f"{', '.join(joints)} beyond all postures that were measured"
+
+
+def scope_words(validation: Validation) -> str:
+    """Say how well each kind of measurement is predicted: `within 1.5 % in frequency`."""
+    return ", ".join(f"within {percent(s.half)} in {s.kind.replace('_', ' ')}" for s in validation.scopes)
 
 
 def _resonance(diagnosis: Diagnosis) -> tuple[list[str], str]:
@@ -217,6 +252,7 @@ def _changes(remedy: Remedy) -> Iterator[str]:
 
 _WORDS: Mapping[str, tuple[str, Callable[[Diagnosis], tuple[list[str], str]]]] = {
     "stiffness": ("How stiff are the joints?", _stiffness),
+    "trust": ("How far may the model be trusted?", _trust),
     "resonance": ("Does the drive meet a natural frequency?", _resonance),
     "vibration": ("How far does the arm vibrate?", _vibration),
     "sensitivities": ("What matters most?", _sensitivities),

@@ -39,7 +39,7 @@ def _parts(validation: Validation) -> Iterator[str]:
     for part in validation.parts:
         yield _row(part, part.name in missed)
     yield "  off: measured less predicted, as a share of the measured value; expected: rms by the model's own"
-    yield "  standard deviations, noise and what the others leave open; p: chance of so far off, all rows together"
+    yield "  standard deviations, of noise and what the others leave open; p: chance of so far off, together"
 
 
 def _row(part: HeldOut, missed: bool) -> str:
