@@ -1,8 +1,7 @@
 """One view of an arm to scale: bodies with mass centres, joints, points, drives and belts, frames."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,8 +9,7 @@ from matplotlib.patches import Circle, Polygon
 from scipy.spatial import ConvexHull, QhullError
 
 from ident.assess.arm_view import ArmView, Hinge, Run, Solid
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style
-from ident.present.text.words import cut
+from ident.present.figures.style import BLUE, GREEN, GREY, PINK, Style
 
 COLORS = {"shaft": "#8A96A0", "link": "#A8D0E8", "payload": "#F4C08A"}
 HEAVIEST = 11.0
@@ -20,9 +18,6 @@ BASE = "#5B3A8E"
 """Colour of the base frame."""
 TOWARDS = 0.95
 """Cosine from which a direction counts as pointing at the reader."""
-PITCH = 0.19
-"""Distance of labels from each other [inch]."""
-LEADER: Style = {"color": "#9A9A9A", "linewidth": 0.6}
 KEY: dict[str, Style] = {
     "bushing with pin": {"marker": "o", "color": BLUE, "markersize": 6, "markerfacecolor": "white"},
     "bushing alone": {"marker": "s", "color": BLUE, "markersize": 6, "markerfacecolor": "white"},
@@ -62,26 +57,6 @@ class View:
     def normal(self) -> int:
         """Place of the axis that points at the reader, or away."""
         return 3 - self.across - self.up
-
-
-@dataclass(frozen=True)
-class Mark:
-    """What a label names.
-
-    Attributes:
-        words: the label.
-        place: (2,) [m] as seen.
-        odd: whether it is one of what looks odd.
-    """
-
-    words: str
-    place: np.ndarray
-    odd: bool
-
-    @property
-    def color(self) -> str:
-        """Colour of the label."""
-        return ORANGE if self.odd else "black"
 
 
 def views(view: ArmView) -> tuple[View, View]:
@@ -178,54 +153,3 @@ def _draw_frame(axes: Axes, origin: np.ndarray, frame: np.ndarray, seen: View, s
             axes.annotate(
                 letter, end, off, textcoords="offset points", color=BASE, fontsize=8, ha="center", va="center"
             )
-
-
-def spread(places: Sequence[float], pitch: float) -> np.ndarray:
-    """Return places in the same order, no nearer to each other than a pitch, moved as little as that takes."""
-    order = np.argsort(places, kind="stable")
-    # places less their rank times the pitch must not fall: pool neighbours that do (isotonic regression)
-    pools: list[list[float]] = []
-    for rank, index in enumerate(order):
-        pools.append([places[index] - rank * pitch, 1.0])
-        while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
-            (a, n), (b, m) = pools[-2:]
-            pools[-2:] = [[(a * n + b * m) / (n + m), n + m]]
-    flat = np.concatenate([np.full(int(count), value) for value, count in pools]) if pools else np.zeros(0)
-    found = np.empty(len(places))
-    found[order] = flat + pitch * np.arange(len(places))
-    return found
-
-
-def label_above(axes: Axes, marks: Sequence[Mark], level: float, scale: float, *, up: bool) -> None:
-    """Write slanted labels above or below a drawing, with lines to what they name.
-
-    Args:
-        axes: where.
-        marks: what is named.
-        level: height [m] of the labels' ends.
-        scale: inches a metre.
-        up: whether they stand above.
-    """
-    if not marks:
-        return
-    sign = 1 if up else -1
-    places = spread([float(mark.place[0]) for mark in marks], 1.6 * PITCH / scale)
-    for mark, x in zip(marks, places, strict=True):
-        axes.plot([mark.place[0], x], [mark.place[1], level], zorder=3, **LEADER)
-        style: dict[str, Any] = {
-            "rotation": 32 * sign,
-            "rotation_mode": "anchor",
-            "ha": "left",
-            "va": "center",
-            "parse_math": False,
-        }
-        axes.text(x, level + sign * 0.04 / scale, cut(mark.words, 34), fontsize=8, color=mark.color, **style)
-
-
-def label_beside(axes: Axes, marks: Sequence[Mark], level: float, scale: float, *, left: bool) -> None:
-    """Write labels in a column left or right of a drawing, with lines to what they name; see `label_above`."""
-    sign, ha = (-1, "right") if left else (1, "left")
-    for mark, y in zip(marks, spread([float(mark.place[1]) for mark in marks], PITCH / scale), strict=True):
-        axes.plot([mark.place[0], level], [mark.place[1], y], zorder=3, **LEADER)
-        at = level + sign * 0.05 / scale
-        axes.text(at, y, cut(mark.words, 26), fontsize=8, ha=ha, va="center", color=mark.color, parse_math=False)

@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from ident.assess.arm_view import ArmView
 from ident.identify.modal_analysis import ModalAnalysis
-from ident.present.figures.arm_drawing import KEY, Mark, View, draw_arm, label_above, label_beside, span_of, views
+from ident.present.figures.arm_drawing import KEY, View, draw_arm, span_of, views
+from ident.present.figures.arm_labels import Mark, label_columns, label_rows
 from ident.present.figures.predict import NAME_STYLES, SWING
 from ident.present.figures.style import GREY, ORANGE, Style, plain
 from ident.present.text.show import sums
@@ -24,6 +25,8 @@ EDGE, HEAD = 0.55, 1.0
 """Margin for ticks, and room for the title [inch]."""
 ABOVE, BESIDE = 0.95, 1.75
 """Room for slanted labels above and below, and for columns of labels beside a drawing [inch]."""
+LAST = 0.3
+"""Room behind the last slanted label, for its words [inch]."""
 MODES = 4
 """Modes that are drawn."""
 MOST = 8
@@ -75,7 +78,7 @@ def show_figure(view: ArmView) -> Figure:
     tall = side.inches[1] + above.inches[1] + EDGE if stacked else max(side.inches[1], above.inches[1])
     figure = Figure(figsize=(WIDTH, HEAD + tall + EDGE + modes + below))
     height = float(figure.get_size_inches()[1])
-    title = f"{cut(view.arm.name, 50)} at {degrees(view.posture)}"
+    title = cut(f"{cut(view.arm.name, 40)} at {degrees(view.posture)}", 58)
     figure.text(0.02, 1 - 0.3 / height, title, fontsize=12, fontweight="bold", parse_math=False)
     figure.text(0.02, 1 - 0.55 / height, "\n".join(words), fontsize=9, color=GREY, va="top", parse_math=False)
     top, left = height - HEAD, EDGE + 0.25
@@ -134,11 +137,13 @@ def _draw(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, float]) 
     others = [Mark(hinge.name, panel.seen.of(hinge.centre), hinge.name in odd) for hinge in view.hinges]
     others += [Mark(name, panel.seen.of(place), name in odd) for name, place in view.points.items()]
     if panel.room[0] > 1:
-        label_beside(axes, bodies, panel.high[0], panel.scale, left=False)
-        label_beside(axes, others, panel.low[0], panel.scale, left=True)
+        within = float(panel.low[1]), float(panel.high[1])
+        label_columns(axes, bodies, panel.high[0], panel.scale, within, left=False)
+        label_columns(axes, others, panel.low[0], panel.scale, within, left=True)
     elif panel.room[1] > 0.5:
-        label_above(axes, bodies, panel.high[1], panel.scale, up=True)
-        label_above(axes, others, panel.low[1], panel.scale, up=False)
+        within = float(panel.low[0]), float(panel.high[0]) - LAST / panel.scale
+        label_rows(axes, bodies, panel.high[1], panel.scale, within, up=True)
+        label_rows(axes, others, panel.low[1], panel.scale, within, up=False)
 
 
 def _draw_modes(figure: Figure, analysis: ModalAnalysis, seen: tuple[View, View], top: float, room: float) -> None:

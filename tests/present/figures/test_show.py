@@ -4,13 +4,15 @@ import jax
 import numpy as np
 import pytest
 from arms import DATA
+from chain_files import chain_file
 from figures import HOSTILE
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from ident.arm.arm import Arm
+from ident.arm.parts import Point
 from ident.assess.arm_view import arm_view
-from ident.description.file import ArmFile, read_arm
-from ident.present.figures.arm_drawing import spread
+from ident.description.file import ArmFile, parse_arm, read_arm
+from ident.present.figures.arm_labels import Mark, fitting, spread
 from ident.present.figures.show import show_figure
 from ident.present.text.show import show_report
 
@@ -49,12 +51,28 @@ def test_hostile_names_are_drawn_as_they_are():
     assert max(map(len, show_report(view).splitlines())) <= 100
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_an_arm_of_many_joints_is_named_as_far_as_there_is_room(turned):
+    text = chain_file(24)
+    arm = parse_arm(text.replace("[100, 0, 0]", "[0, 0, 100]").replace("[50, 0, 0]", "[0, 0, 50]") if turned else text)
+    arm = Arm(arm.name, arm.joints, (Point("end", "joint24", (0.1, 0, 0)),))
+    figure = show_figure(arm_view(ArmFile(arm, "", "", {})))
+    assert inside(figure)
+    words = {text.get_text() for axes in figure.axes for text in axes.texts}
+    assert len({word for word in words if word.startswith("link")}) >= 20
+
+
 def test_labels_keep_their_order_and_distance():
-    rng = np.random.default_rng(5)
-    places = rng.uniform(0, 3, 20).tolist()
-    found = spread(places, 0.2)
-    order = np.argsort(places)
-    assert (np.diff(found[order]) >= 0.2 - 1e-12).all()
-    np.testing.assert_allclose(spread([0.0, 1.0, 2.0], 0.5), [0.0, 1.0, 2.0])
-    np.testing.assert_allclose(spread([1.0, 1.0], 0.5), [0.75, 1.25])
-    assert spread([], 0.5).size == 0
+    places = np.random.default_rng(5).uniform(0, 3, 20).tolist()
+    found = spread(places, 0.2, -1.0, 4.0)
+    assert (np.diff(found[np.argsort(places)]) >= 0.2 - 1e-12).all()
+    np.testing.assert_allclose(spread([0.0, 1.0, 2.0], 0.5, -1, 3), [0.0, 1.0, 2.0])
+    np.testing.assert_allclose(spread([1.0, 1.0], 0.5, -1, 3), [0.75, 1.25])
+    np.testing.assert_allclose(spread([3.0, 2.9], 0.5, -1, 3), [3.0, 2.5])
+    np.testing.assert_allclose(spread([0.5] * 5, 0.25, 0.0, 1.0), [0.0, 0.25, 0.5, 0.75, 1.0])
+    assert spread([], 0.5, 0.0, 1.0).size == 0
+
+
+def test_odd_ones_are_named_first():
+    marks = [Mark(str(i), np.zeros(2), odd=i in (3, 7)) for i in range(10)]
+    assert [mark.words for mark in fitting(marks, 1.0, 0.5)] == ["0", "3", "7"]
