@@ -6,6 +6,8 @@ import shutil
 import pytest
 from commands import ARM, files
 
+pytestmark = pytest.mark.slow
+
 CAMPAIGN = ARM.parent / "table1.csv"
 GOOD = """
 starts = 1

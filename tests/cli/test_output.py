@@ -8,6 +8,8 @@ import sys
 import pytest
 from commands import ARM
 
+pytestmark = pytest.mark.slow
+
 CAMPAIGN = ARM.parent / "table1.csv"
 FIT = ("fit", CAMPAIGN, "--starts=1", "--no-figure")
 

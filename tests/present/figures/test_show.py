@@ -18,6 +18,8 @@ from ident.present.text.show import show_report
 
 jax.config.update("jax_enable_x64", True)
 
+pytestmark = pytest.mark.slow
+
 TEMPLATES = DATA.parent / "ident" / "description" / "templates"
 ARMS = [DATA / "lcd_arm" / "arm.toml", TEMPLATES / "scara.toml", TEMPLATES / "six-axis.toml"]
 
