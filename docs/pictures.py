@@ -31,6 +31,7 @@ FIGURES = {
     "spectrum": "arm.extend-10.spectrum.png",
     "sweep": "arm.extend-10.joint1.k_tors+bracket.com.x+speed.sweep.png",
     "design": "arm.extend-10.design.png",
+    "show": "arm.show.png",
 }
 """The figure that a page shows, by command."""
 PAGES = {
@@ -45,7 +46,8 @@ def main(commands: list[str]) -> None:
     """Run each page's examples in a folder of their own, and keep what they show."""
     for page in sorted((HERE / "commands").glob("*.md")):
         command = page.stem
-        if command != "index" and (not commands or command in commands):
+        shows = f"pictures/{command}." in page.read_text(encoding="utf-8")
+        if shows and (not commands or command in commands):
             with tempfile.TemporaryDirectory() as folder:
                 (Path(folder) / "data").symlink_to(HERE.parent / "data")
                 make(command, page, Path(folder))

@@ -8,6 +8,7 @@ In the order of use; every study is one function that returns one frozen result.
     read_campaign   natural frequencies, static deflections and damping ratios from a CSV file
     read_log        a joint path as a robot controller logs it
     read_trace      a measured vibration
+    show            an arm drawn, and what looks odd about its numbers
     predict         natural frequencies, modes and static deflection at postures
     check           what a campaign can tell about each parameter, before any solving
     fit             joint stiffnesses from a campaign, and what the data support
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from ident.studies.rerun import Rerun, rerun
     from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
     from ident.studies.sample import SampleOptions, SampleResult, sample
+    from ident.studies.show import ArmPicture, show
     from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
     from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
     from ident.studies.sweep import SweepOptions, SweepResult, sweep
@@ -71,6 +73,7 @@ _PLACES = {
     "studies.explore": ("ExploreOptions", "ExploreResult", "explore"),
     "studies.load": ("load",),
     "studies.rerun": ("Rerun", "rerun"),
+    "studies.show": ("ArmPicture", "show"),
 }
 _PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in STUDIES}
 _MODULES = {name: module for module, names in _PLACES.items() for name in names}

@@ -33,6 +33,8 @@ REDUCED = {
 }
 """What is added to a command that takes long: the way through it is tested, its numbers are elsewhere. Motions are
 those of `tests/cli/test_sweep.py` and `tests/studies/test_design.py`, which need the same programs."""
+DESCRIBED = ("show",)
+"""Commands whose printed answers are compared, though they are no studies."""
 REDUCED_OPTIONS = {
     "SampleOptions(": "ess=100, steps=500, starts=1, ",
     "SweepOptions(": "speed=200, rate=100, dwell=0.5, ",
@@ -78,7 +80,7 @@ def check(page, words, run):
     assert code == 0, err
     shown = PICTURES / f"{words[1]}.txt"
     first = next(each for example in examples(page) for each in example.commands if each[:2] == words[:2])
-    if page.stem == words[1] and words == first and words[1] in set(STUDIES) - set(REDUCED):
+    if page.stem == words[1] and words == first and words[1] in {*STUDIES, *DESCRIBED} - set(REDUCED):
         assert same_text(out, shown.read_text(encoding="utf-8"))
 
 

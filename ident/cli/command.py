@@ -10,6 +10,8 @@ import typer
 
 from ident.cli import running
 from ident.cli.app import app
+from ident.cli.defaults import with_defaults
+from ident.cli.output import JsonOption, QuietOption, output, speaking
 from ident.cli.times import TIMES
 from ident.errors import InputError
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
@@ -72,14 +74,42 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
             except InputError as error:
                 raise InputError(renamed(kind, problem) for problem in error.problems) from None
 
-        ordered = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (*first, *flags, *after)]
-        call.__signature__ = inspect.Signature(ordered)  # type: ignore[attr-defined]
-        call.__annotations__ = {p.name: p.annotation for p in ordered}
         call.__doc__ = function.__doc__
-        app.command(function.__name__.removesuffix("_command"))(call)
+        register(function.__name__.removesuffix("_command"), call, [*first, *flags, *after])
         return call
 
     return hang
+
+
+def plain(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Hang a function on the program that is no study: its parameters are in typer's words."""
+
+    def hang(function: Callable[..., None]) -> Callable[..., None]:
+        register(name, function, list(inspect.signature(function).parameters.values()))
+        return function
+
+    return hang
+
+
+def register(name: str, function: Callable[..., None], parameters: list[inspect.Parameter]) -> None:
+    """Hang a function on the program, with the flags that all commands have."""
+
+    def call(context: typer.Context, **values: Any) -> None:
+        with speaking(as_json=values.pop("json"), quiet=values.pop("quiet")):
+            function(**with_defaults(context, values, kinds))
+
+    kind = inspect.Parameter.KEYWORD_ONLY
+    first = inspect.Parameter("context", kind, annotation=typer.Context)
+    common = [
+        inspect.Parameter("json", kind, default=False, annotation=JsonOption),
+        inspect.Parameter("quiet", kind, default=False, annotation=QuietOption),
+    ]
+    kinds = {each.name: get_args(each.annotation)[0] for each in parameters}
+    ordered = [first, *(each.replace(kind=kind) for each in parameters), *common]
+    call.__signature__ = inspect.Signature(ordered)  # type: ignore[attr-defined]
+    call.__annotations__ = {each.name: each.annotation for each in ordered}
+    call.__doc__ = function.__doc__
+    app.command(name)(call)
 
 
 def offer(
@@ -116,7 +146,8 @@ def offer(
         if files:
             finish(result, out, no_figure)
         else:
-            typer.echo(result.report(), nl=False)
+            output().say(result.report(), nl=False)
+            output().document = result.document
         then(result)
         leave(result, strict=strict)
 
@@ -136,14 +167,16 @@ def offer(
 
 def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
+    spoken = output()
     with TIMES.on("writing"):
-        typer.echo(result.report())
+        spoken.say(result.report())
+        spoken.document = result.document
         for path in result.save(out):
-            typer.echo(f"wrote {path}")
+            spoken.wrote(path)
     if not no_figure:
         with TIMES.on("drawing"):
             for path in result.save_figures(out):
-                typer.echo(f"wrote {path}")
+                spoken.wrote(path)
 
 
 def leave(result: Result, *, strict: bool) -> None:

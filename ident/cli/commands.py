@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from ident.cli import running
-from ident.cli.app import app
 from ident.cli.command import (
     SHORT,
     ArmOption,
@@ -19,7 +18,9 @@ from ident.cli.command import (
     flag,
     leave,
     offer,
+    plain,
 )
+from ident.cli.output import output
 from ident.errors import InputError, Problem
 from ident.studies.check import check
 from ident.studies.compare import compare
@@ -94,7 +95,7 @@ def sample_command(
     if result.enough:
         Store.discard(folder)
     else:
-        typer.echo(f"kept {folder}: the same command with more --steps goes on from there")
+        output().say(f"kept {folder}: the same command with more --steps goes on from there")
     leave(result, strict=strict)
 
 
@@ -206,16 +207,7 @@ offer(
 ResultArgument = Annotated[Path, typer.Argument(metavar="file", help="a result: .json, or .nc of sample and diagnose")]
 
 
-@app.command("show")
-def show(file: ResultArgument) -> None:
-    """Print a saved result as the command printed it that has written it."""
-    running.start()
-    from ident.studies.load import load
-
-    typer.echo(load(file).report())
-
-
-@app.command("rerun")
+@plain("rerun")
 def rerun(
     file: ResultArgument,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="folder for the new files; default: none")] = None,
@@ -236,9 +228,10 @@ def rerun(
     except KeyboardInterrupt:
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
-    typer.echo(repeated.report())
+    output().say(repeated.report())
+    output().document = repeated.document
     for path in repeated.now.save(out) if out is not None else ():
-        typer.echo(f"wrote {path}")
+        output().wrote(path)
     discard(folder)
     if not repeated.same:
         raise typer.Exit(SHORT)

@@ -8,6 +8,7 @@ import typer
 from ident.cli import running
 from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, StrictOption, command, leave
 from ident.cli.memory import let_go
+from ident.cli.output import output
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
 from ident.studies.diagnose_stages import STAGES
 
@@ -43,7 +44,7 @@ def run_diagnose(
     folder, stages = part_folder(out, measured), list(STAGES)
 
     def finished(report: "StageReport") -> None:
-        typer.echo(report)
+        output().say(str(report))
         let_go(stages[report.number - 1])
 
     try:
@@ -60,8 +61,9 @@ def run_diagnose(
     except KeyboardInterrupt:
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
-    typer.echo(result.closing)
+    output().say(result.closing)
+    output().document = result.document
     for written in result.save(out):
-        typer.echo(f"wrote {written}")
+        output().wrote(written)
     discard(folder)
     return result

@@ -11,6 +11,7 @@ from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 from ident.cli.memory import use_few_heaps
+from ident.cli.output import output
 from ident.cli.times import TIMES, watch_jax
 from ident.errors import InputError, Problem
 from ident.text import one_line
@@ -81,7 +82,7 @@ def check_folder(out: Path) -> None:
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:
     """Return what shows a bar over an iterable on a terminal; it vanishes at the end."""
-    if not sys.stderr.isatty():
+    if output().quiet or not sys.stderr.isatty():
         return iter
     from rich.console import Console
     from rich.progress import track

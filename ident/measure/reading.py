@@ -18,9 +18,18 @@ from ident.measure.campaign import (
 )
 from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
 from ident.measure.load import Load, parse_direction
-from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, read_table, sniff_delimiter
+from ident.measure.table import (
+    Findings,
+    Record,
+    decimal_mark,
+    misfit,
+    read_records,
+    read_table,
+    sniff_delimiter,
+    table_text,
+)
 from ident.measure.text import parse_fraction, parse_number
-from ident.text import decode, nearest, one_line, quoted
+from ident.text import nearest, one_line, quoted
 from ident.units import si_factor
 
 P = ParamSpec("P")
@@ -45,7 +54,7 @@ def read_campaign(path: str | Path) -> Campaign:
 def parse_campaign(data: bytes, path: str | Path) -> Campaign:
     """Read a campaign from the bytes of a CSV file; `path` names it in messages."""
     file, findings = one_line(str(path)), Findings()
-    text = decode(data, file)
+    text = table_text(data, file)
     delimiter = sniff_delimiter(text, is_column)
     records = list(read_records(text, delimiter, file, findings))
     if len(records) < 2:

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem
-from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter
+from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter, table_text
 from ident.measure.text import parse_number
-from ident.text import LONGEST_QUOTE, decode, nearest, one_line
+from ident.text import LONGEST_QUOTE, nearest, one_line
 from ident.units import QUANTITIES, si_factor
 
 TIME = "time"
@@ -90,7 +90,7 @@ def parse_series(
         What could be read.
     """
     file = one_line(str(path))
-    text = decode(data, file)
+    text = table_text(data, file)
     delimiter = sniff_delimiter(text, lambda name: _split(name)[0].lower() == TIME or name.endswith("]"))
     records = list(read_records(text, delimiter, file, findings))
     if len(records) < 2:

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from ident.errors import InputError, Problem
-from ident.text import one_line, read_bytes
+from ident.measure.spreadsheet import is_sheet, sheet_text
+from ident.text import decode, one_line, read_bytes
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -20,7 +21,7 @@ DELIMITERS = ",;\t"
 """Column delimiters that are recognised."""
 
 FOREIGN = {
-    **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), "a spreadsheet"),
+    **dict.fromkeys((".xlsm", ".xls", ".xlsb", ".ods"), "a spreadsheet"),
     **dict.fromkeys((".uff", ".unv", ".uf", ".bunv"), "a universal file (UFF)"),
     **dict.fromkeys((".mat", ".h5", ".hdf5", ".nc", ".tdms", ".wav", ".npz", ".npy"), "a binary file of samples"),
     **dict.fromkeys((".json", ".html", ".pdf", ".png"), "no table"),
@@ -47,17 +48,27 @@ class Findings(list[Problem]):
 
 
 def read_table(path: str | Path) -> bytes:
-    """Return the bytes of a CSV file.
+    """Return the bytes of a CSV file, or of an Excel sheet (`.xlsx`).
 
     Raises:
         InputError: there is no such file, it cannot be read, or its ending says that it is another kind of file.
     """
     if kind := FOREIGN.get(Path(path).suffix.lower()):
-        remedy = "export it as CSV; data/README.md shows the columns"
+        sheet = " or .xlsx" if kind == FOREIGN[".xls"] else ""
+        remedy = f"export it as CSV{sheet}; data/README.md shows the columns"
         if kind == FOREIGN[".toml"]:
             remedy = "name the measurements instead"
         raise InputError(Problem(one_line(str(path)), kind, "a table as CSV", remedy))
     return read_bytes(path, "a readable CSV file")
+
+
+def table_text(data: bytes, file: str) -> str:
+    """Return the bytes of a CSV file as text, or the first sheet of an `.xlsx` file as such text; `file` names it.
+
+    Raises:
+        InputError: the bytes are neither.
+    """
+    return sheet_text(data, file) if is_sheet(file) else decode(data, file)
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:

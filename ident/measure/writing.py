@@ -35,11 +35,16 @@ def write_campaign(
         header_comments: comment lines for the head of the file, such as the origin of the numbers.
         relative_sigma: whether standard deviations are written as fractions of the value, where they are any.
     """
-    comments = [f"# {line}".rstrip() for comment in header_comments for line in comment.splitlines()]
-    text = "\n".join([*comments, format_campaign(campaign, relative_sigma=relative_sigma)])
+    text = campaign_text(campaign, header_comments=header_comments, relative_sigma=relative_sigma)
     data = text.encode("utf-8", errors="backslashreplace")
     parse_campaign(data, path)
     replace_file(Path(path), lambda file: file.write(data))
+
+
+def campaign_text(campaign: Campaign, *, header_comments: Iterable[str] = (), relative_sigma: bool = False) -> str:
+    """Return a campaign as CSV text under comment lines; see `write_campaign`."""
+    comments = [f"# {line}".rstrip() for comment in header_comments for line in comment.splitlines() or [""]]
+    return "\n".join([*comments, format_campaign(campaign, relative_sigma=relative_sigma)])
 
 
 def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:

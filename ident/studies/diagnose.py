@@ -1,7 +1,7 @@
 """Find out whether an arm vibrates too far, and which change meets the limit: from a campaign to advice."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ident.assess.remedies import Remedy
     from ident.description.file import ArmFile
     from ident.measure import Campaign, Log
+    from ident.present.html.page import Page
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,18 +94,23 @@ class DiagnoseResult(Result):
 
     def html(self) -> str:
         """Return the page: verdict, stages with tables and figures, inputs, assumptions; it opens without a network."""
-        from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import render
 
-        return render(diagnose_page(self.diagnosis, self._head()))
+        return render(self._page(self._head()))
+
+    def _page(self, head: Mapping[str, Any]) -> "Page":
+        from ident.assess.arm_view import arm_view
+        from ident.present.html.diagnose import diagnose_page
+
+        basis = self.diagnosis.task.basis
+        return diagnose_page(self.diagnosis, head, arm_view(replace(basis.arm_file, arm=basis.arm)))
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.diagnose import write_posterior
-        from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import write_page
 
         page, document = self._beside(path, ".html"), self._beside(path, ".json")
-        write_page(diagnose_page(self.diagnosis, head), page)
+        write_page(self._page(head), page)
         self._write_json(document, head, self._write_netcdf(path, partial(write_posterior, self.diagnosis, head)))
         return page, document, path
 

@@ -44,6 +44,12 @@ class Rerun:
         rows, sampled = len(self.now.table()), bool(self.before.standard_errors())
         return f"{self.now.report().rstrip()}\n\n{rerun_report(self.differences, rows, sampled=sampled)}"
 
+    def document(self) -> dict[str, Any]:
+        """Return for programs the repeated result, whether it is the same, and where not."""
+        from ident.present.files.document import plain
+
+        return {**self.now.document(), "same": self.same, "differences": plain(list(self.differences))}
+
 
 def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progress = silent) -> Rerun:
     """Repeat what a result file records: its study, on its inputs, by its options; and compare the numbers.

@@ -122,6 +122,10 @@ class Result:
         rows: list[dict[str, Any]] = self._present("files", "rows")
         return rows
 
+    def document(self) -> dict[str, Any]:
+        """Return for programs from what it was made, with what and how, its summary and its table."""
+        return {**self._head(), **self._main()}
+
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, each whole or not at all, and return their paths.
 
@@ -190,11 +194,17 @@ class Result:
 
     def _write_json(self, path: Path, head: Mapping[str, Any], encoded: Any) -> None:
         """Write the head, the main numbers, and the result as `ident.codec` has encoded it."""
-        from ident.present.files.document import plain, write_json
+        from ident.present.files.document import write_json
+
+        write_json({**head, **self._main(), "result": encoded}, path)
+
+    def _main(self) -> dict[str, Any]:
+        """Return the main numbers as JSON knows them."""
+        from ident.present.files.document import plain
 
         summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
-        main = plain({"summary": summary, "table": self.table()})
-        write_json({**head, **main, "result": encoded}, path)
+        main: dict[str, Any] = plain({"summary": summary, "table": self.table()})
+        return main
 
     def _write_netcdf(self, path: Path, write: "Callable[[Path], object]") -> Any:
         """Write the result behind what `write` writes for other tools; return it encoded, large arrays left out."""

@@ -63,7 +63,9 @@ def test_other_numbers_end_with_status_3(run, predicted, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["show", "rerun"])
-def test_no_result_is_one_line_with_status_2(run, command):
-    code, out, err = run(command, ARM)
+def test_no_result_is_one_line_with_status_2(run, command, tmp_path):
+    other = tmp_path / "other.json"
+    other.write_text("{}")
+    code, out, err = run(command, other)
     assert (code, out) == (2, "")
     assert "expected a result file of ident" in err

@@ -192,7 +192,7 @@ def test_a_path_that_cannot_be_read(tmp_path, name):
 
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [("a.UFF", r"a universal file \(UFF\)"), ("a.xlsx", "a spreadsheet"), ("a.toml", "an arm description")],
+    [("a.UFF", r"a universal file \(UFF\)"), ("a.ods", "a spreadsheet"), ("a.toml", "an arm description")],
 )
 @pytest.mark.parametrize("read", [read_campaign, read_trace])
 def test_a_file_of_another_kind_is_named(name, kind, read, tmp_path):

@@ -102,8 +102,11 @@ def test_its_table_has_a_row_for_each_remedy(result):
 def test_its_page_has_every_stage(result):
     page = result.html()
     assert page.startswith("<!DOCTYPE html>")
-    assert [f'id="stage-{i}"' in page for i in range(1, 9)] == [True] * 7 + [False]
-    assert page.count("<figure>") == len(result.figures()) == 6
+    assert [f'id="stage-{i}"' in page for i in range(1, 10)] == [True] * 8 + [False]
+    assert page.count("<figure>") == len(result.figures()) + 1 == 7
+    assert "<h2>8. The arm with the identified numbers</h2>" in page
+    assert "None of its numbers looks odd." in page
+    assert "7 bodies, 138.8 kg" in page
     assert result.advice in page
     assert "ident explore " in page
     assert "--posterior=campaign.diagnose.nc" in page
@@ -149,7 +152,7 @@ def test_where_nothing_turns_there_is_no_chart_of_resonance(result):
     undriven = with_stage(result, "resonance", ResonanceAssessment())
     assert "resonance" not in undriven.figures()
     assert "no turning mass does" in undriven.report()
-    assert undriven.html().count("<figure>") == 5
+    assert undriven.html().count("<figure>") == 6
 
 
 def test_an_interrupted_one_goes_on_and_comes_to_the_same(result, tmp_path):

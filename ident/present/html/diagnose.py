@@ -4,21 +4,24 @@ import shlex
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ident.assess.arm_view import ArmView
 from ident.assess.diagnosis import Diagnosis
 from ident.description.file import ArmFile
 from ident.measure import Campaign, Log
+from ident.present.html.arm_section import arm_section
 from ident.present.html.diagnose_sections import diagnose_sections
 from ident.present.html.page import Page, Table, Verdict
 from ident.present.text.diagnose import cautions, verdict_words
 from ident.present.text.words import cut
 
 
-def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any]) -> Page:
+def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView) -> Page:
     """Return the page of a finished diagnosis.
 
     Args:
         diagnosis: all of its stages.
         head: provenance, as in the result file.
+        view: the arm with the identified numbers, as it is drawn.
     """
     basis, campaign = diagnosis.task.basis, diagnosis.identification.sampled.fitted.campaign
     inputs: dict[str, ArmFile | Campaign | Log] = {"arm": basis.arm_file, "campaign": campaign}
@@ -28,7 +31,7 @@ def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any]) -> Page:
         f"{cut(basis.motion.name, 80)}; measured: {cut(campaign.path, 60)}; {head['created'][:10]}",
         Verdict(diagnosis.verdict, verdict_words(diagnosis)),
         (*cautions(diagnosis), _by_hand(diagnosis, head["options"])),
-        tuple(diagnose_sections(diagnosis)),
+        (*diagnose_sections(diagnosis), arm_section(view)),
         Table("Inputs", ("what", "file", "SHA-256"), tuple((w, file.path, file.sha256) for w, file in inputs.items())),
         tuple(_assumptions(basis.arm_file)),
         tuple(_provenance(head)),

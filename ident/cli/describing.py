@@ -1,0 +1,142 @@
+"""Commands about files: what an arm is or a result says."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli import running
+from ident.cli.command import NoFigureOption, OutOption, plain
+from ident.cli.output import output
+from ident.cli.times import TIMES
+from ident.errors import InputError, Problem
+from ident.studies.new import KINDS
+from ident.text import one_line, read_bytes
+
+NEXT = """Example numbers: every one is marked as assumed, or simulated. Next:
+  ident show {arm}       the arm drawn, and what looks odd
+  ident list {arm}       the names that commands and campaigns take
+  ident check {campaign}  what the measurements can tell
+  ident fit {campaign}    the stiffnesses"""
+RESULTS = (".json", ".nc")
+"""How result files end."""
+STARTS = (b"{", b"\x89HDF")
+"""How result files begin."""
+
+ShownArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="file", help="an arm description (.toml), or a result: .json, or .nc of sample and diagnose"
+    ),
+]
+
+
+@plain("show")
+def show(
+    file: ShownArgument,
+    posture: Annotated[
+        str | None, typer.Option("--posture", "-q", help="joint angles of the drawn arm in degrees, as 30,-60,30")
+    ] = None,
+    out: OutOption = Path("out"),
+    no_figure: NoFigureOption = False,
+) -> None:
+    """Draw an arm and say what looks odd about it, or print a saved result again.
+
+    Of an arm: masses and reach, first modes, every number with its origin, and a warning for each that looks wrong.
+    Writes ARM.show.png into the folder given by --out. Of a result: the report, as the command printed it that has
+    written the file; nothing is written.
+    """
+    if is_result(file):
+        if posture is not None:
+            raise InputError(Problem("--posture", "a posture for a result", "an arm to draw", "leave it out"))
+        _show_result(file)
+        return
+    running.check_folder(out)
+    running.start()
+    from ident.studies import reading
+    from ident.studies.show import show as draw
+
+    try:
+        picture = draw(file, None if posture is None else reading.postures([posture], "--posture")[0])
+    except InputError as error:
+        flags = {"posture": "--posture"}
+        raise InputError(replace(p, where=flags.get(p.where, p.where)) for p in error.problems) from None
+    output().say(picture.report())
+    output().document = picture.document
+    with TIMES.on("drawing"):
+        for path in () if no_figure else picture.save_figures(out):
+            output().wrote(path)
+
+
+def is_result(file: Path) -> bool:
+    """Tell by its end, and else by its beginning, whether a file is a result, and no arm.
+
+    Raises:
+        InputError: there is no such file, or it is a robot description that has no stiffness.
+    """
+    if file.suffix in RESULTS:
+        return True
+    start = read_bytes(file, "an arm description (TOML) or a result file of ident (.json or .nc)")[:200]
+    if file.suffix == ".urdf" or b"<robot" in start:
+        remedy = f"ident new my_robot --urdf {one_line(str(file))}"
+        raise InputError(
+            Problem(one_line(str(file)), "a URDF file, which has no stiffness", "an arm description", remedy)
+        )
+    return start.startswith(STARTS)
+
+
+def _show_result(file: Path) -> None:
+    running.start()
+    from ident.studies.load import load
+
+    result = load(file)
+    output().say(result.report())
+    output().document = result.document
+
+
+@plain("list")
+def list_names(
+    arm: Annotated[Path, typer.Argument(help="arm description, a TOML file (data/README.md)")],
+) -> None:
+    """List every name of an arm that other commands and a campaign take, with value, unit and origin.
+
+    Numbers, joints, points, loads, modes, kinds of measurement, and the words that options choose from.
+    """
+    running.start()
+    from ident.studies.names import names
+
+    found = names(arm)
+    output().say(found.report(), nl=False)
+    output().document = found.document
+
+
+@plain("new")
+def new(
+    kind: Annotated[str, typer.Argument(help=f"{' or '.join(KINDS)}; with --urdf, the folder")],
+    folder: Annotated[Path | None, typer.Argument(help="folder to make")] = None,
+    urdf: Annotated[Path | None, typer.Option("--urdf", help="robot description to take the arm from")] = None,
+) -> None:
+    """Write an arm and a campaign with example numbers into a new folder, ready to run and to be filled in.
+
+    As `ident new scara my_robot`, or `ident new my_robot --urdf robot.urdf`. Writes arm.toml, in which every number has
+    a comment or an origin, and campaign.csv, simulated with stiffnesses that it states.
+    """
+    from ident.studies import new as study
+
+    if urdf is not None and folder is None:
+        folder = Path(kind)
+    elif urdf is not None:
+        remedy = "as ident new my_robot --urdf robot.urdf"
+        raise InputError(Problem("", "a kind and --urdf", "one of them", remedy))
+    if folder is None:
+        raise InputError(Problem("", "no folder", "the folder to make", f"as ident new {KINDS[0]} my_robot"))
+    running.check_folder(folder)
+    if urdf is None:
+        made = study.new(kind, folder)
+    else:
+        running.start()
+        made = study.new_from_urdf(urdf, folder)
+    for path in made.paths:
+        output().wrote(path)
+    output().say(NEXT.format(arm=made.paths[0], campaign=made.paths[1]))

@@ -1,0 +1,111 @@
+"""Draw an arm and say what looks odd: a wrong arm file is the commonest cause of a wrong stiffness."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from math import degrees, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies.shared import FARTHEST, as_file, is_angle
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.assess.arm_view import ArmView
+    from ident.description.file import ArmFile
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ArmPicture:
+    """An arm in words and as a picture: what looks odd, masses and reach, first modes, every number with its origin.
+
+    Attributes:
+        view: the arm in place, with its first modes and what looks odd.
+    """
+
+    view: "ArmView"
+
+    def __str__(self) -> str:
+        return self.report()
+
+    def __repr__(self) -> str:
+        return f"<ident ArmPicture {self.name}: print it for the report>"
+
+    @property
+    def name(self) -> str:
+        """What its picture is called, without the end."""
+        return f"{Path(self.view.arm_file.path).stem or self.view.arm.name}.show"
+
+    @property
+    def oddities(self) -> tuple[str, ...]:
+        """What looks odd, a line for each number."""
+        return tuple(map(str, self.view.oddities))
+
+    def report(self) -> str:
+        """Return the text that `ident show` prints."""
+        from ident.present.text.show import show_report
+
+        return show_report(self.view)
+
+    def document(self) -> dict[str, Any]:
+        """Return for programs what looks odd, masses [kg], reach [m] and natural frequencies [Hz]."""
+        analysis = self.view.analysis
+        return {
+            "format": "ident-show/1",
+            "arm": self.view.arm.name,
+            "path": self.view.arm_file.path,
+            "sha256": self.view.arm_file.sha256,
+            "posture": [round(degrees(angle), 9) for angle in self.view.posture],
+            "mass": self.view.mass,
+            "reach": self.view.reach,
+            "modes": [
+                {"mode": str(label), "frequency": float(frequency)}
+                for label, frequency in zip(analysis.labels, analysis.modes.frequency, strict=True)
+            ]
+            if analysis
+            else [],
+            "failure": self.view.failure,
+            "oddities": [asdict(each) for each in self.view.oddities],
+        }
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the picture: from the side and from above to scale, with the first modes."""
+        from ident.present.figures.show import show_figure
+
+        return {"": show_figure(self.view)}
+
+    def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the picture as PNG into a folder, and return its path.
+
+        Raises:
+            InputError: the folder or the file can't be written.
+        """
+        from ident.present.files.png import save
+
+        path = Path(folder) / f"{self.name}.png"
+        save(self.figures()[""], path)
+        return (path,)
+
+
+def show(arm: "Arm | ArmFile | str | Path", posture: Sequence[float] | None = None) -> ArmPicture:
+    """Draw an arm, and say what looks odd about its numbers.
+
+    Args:
+        arm: the arm, or its file.
+        posture: joint angles [deg]; by default all zero, or as near to that as limits and workspace allow.
+
+    Raises:
+        InputError: the arm's file is wrong, or the posture has another number of angles.
+    """
+    from ident.assess.arm_view import arm_view
+
+    arm_file = as_file(arm)
+    if posture is None:
+        return ArmPicture(arm_view(arm_file))
+    count = len(arm_file.arm.driven)
+    if len(posture) != count or not all(map(is_angle, posture)):
+        expected = f"{count} angles within {FARTHEST:g} deg, one for each driven joint"
+        raise InputError(Problem("posture", f"{tuple(posture)}", expected, "give one angle for each joint"))
+    return ArmPicture(arm_view(arm_file, tuple(map(radians, posture))))

@@ -1,0 +1,47 @@
+"""`ident new`: files, next steps, what is refused."""
+
+import subprocess
+import sys
+
+import pytest
+from commands import files
+
+URDF = "<robot name='one'><link name='base'/><link name='a'/></robot>"
+
+
+def test_files_are_written_and_the_next_steps_said(run, tmp_path):
+    code, out, err = run("new", "scara", "my_robot")
+    assert (code, err) == (0, "")
+    assert files(tmp_path) == ["my_robot/arm.toml", "my_robot/campaign.csv"]
+    assert "ident fit my_robot/campaign.csv" in out
+    assert "EXAMPLE NUMBERS" in (tmp_path / "my_robot" / "arm.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("skara", "robot"), "kind: got 'skara', expected one of scara, six-axis; did you mean scara?"),
+        (("scara",), "got no folder, expected the folder to make"),
+        (("scara", "full"), "full: got a folder that has files in it"),
+        (("scara", "full/file"), "full/file: got a file"),
+        (("scara", "robot", "--urdf=robot.urdf"), "got a kind and --urdf"),
+        (("robot", "--urdf=none.urdf"), "none.urdf: got no such file"),
+        (("robot", "--urdf=robot.urdf"), "root links: a, base"),
+    ],
+)
+def test_what_cannot_be_made_is_one_line_and_nothing_is_written(run, tmp_path, arguments, words):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").write_text("mine")
+    (tmp_path / "robot.urdf").write_text(URDF)
+    before = files(tmp_path)
+    code, out, err = run("new", *arguments)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert files(tmp_path) == before
+
+
+def test_a_template_needs_neither_jax_nor_numpy(tmp_path):
+    program = "import sys; from ident.studies.new import new; new('scara', 'robot'); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert not {"numpy", "jax", "pydantic"} & set(done.stdout.split())
