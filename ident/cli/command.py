@@ -12,6 +12,7 @@ from ident.cli import running
 from ident.cli.app import app
 from ident.cli.times import TIMES
 from ident.errors import InputError
+from ident.studies.aside import set_aside
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result
 
@@ -138,12 +139,19 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
     with TIMES.on("writing"):
         typer.echo(result.report())
+        keep_others(result, out)
         for path in result.save(out):
             typer.echo(f"wrote {path}")
     if not no_figure:
         with TIMES.on("drawing"):
             for path in result.save_figures(out):
                 typer.echo(f"wrote {path}")
+
+
+def keep_others(result: Result, out: Path) -> None:
+    """Keep the files of other inputs or options that the folder holds under the same name, and say so."""
+    if kept := set_aside(result, out):
+        typer.echo(kept, err=True)
 
 
 def leave(result: Result, *, strict: bool) -> None:

@@ -18,6 +18,7 @@ from ident.cli.command import (
     command,
     finish,
     flag,
+    keep_others,
     leave,
     offer,
 )
@@ -243,6 +244,7 @@ def run_diagnose(
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
     typer.echo(result.closing)
+    keep_others(result, out)
     for written in result.save(out):
         typer.echo(f"wrote {written}")
     discard(folder)
@@ -283,6 +285,8 @@ def rerun(
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
     typer.echo(repeated.report())
+    if out is not None:
+        keep_others(repeated.now, out)
     for path in repeated.now.save(out) if out is not None else ():
         typer.echo(f"wrote {path}")
     discard(folder)

@@ -96,7 +96,7 @@ class DiagnoseResult(Result):
         from ident.present.html.diagnose import diagnose_page
         from ident.present.html.page import render
 
-        return render(diagnose_page(self.diagnosis, self._head()))
+        return render(diagnose_page(self.diagnosis, self.head))
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.diagnose import write_posterior
