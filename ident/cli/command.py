@@ -14,6 +14,7 @@ from ident.cli.defaults import with_defaults
 from ident.cli.output import JsonOption, QuietOption, output, speaking
 from ident.cli.times import TIMES
 from ident.errors import InputError
+from ident.studies.aside import set_aside
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result
 
@@ -171,12 +172,19 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
     with TIMES.on("writing"):
         spoken.say(result.report())
         spoken.document = result.document
+        keep_others(result, out)
         for path in result.save(out):
             spoken.wrote(path)
     if not no_figure:
         with TIMES.on("drawing"):
             for path in result.save_figures(out):
                 spoken.wrote(path)
+
+
+def keep_others(result: Result, out: Path) -> None:
+    """Keep the files of other inputs or options that the folder holds under the same name, and say so."""
+    if kept := set_aside(result, out):
+        typer.echo(kept, err=True)
 
 
 def leave(result: Result, *, strict: bool) -> None:

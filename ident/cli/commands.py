@@ -16,6 +16,7 @@ from ident.cli.command import (
     command,
     finish,
     flag,
+    keep_others,
     leave,
     offer,
     plain,
@@ -230,6 +231,8 @@ def rerun(
         raise typer.Exit(130) from None
     output().say(repeated.report())
     output().document = repeated.document
+    if out is not None:
+        keep_others(repeated.now, out)
     for path in repeated.now.save(out) if out is not None else ():
         output().wrote(path)
     discard(folder)

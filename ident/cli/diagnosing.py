@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ident.cli import running
-from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, StrictOption, command, leave
+from ident.cli.command import (
+    ArmOption,
+    CampaignArgument,
+    OutOption,
+    PathOption,
+    StrictOption,
+    command,
+    keep_others,
+    leave,
+)
 from ident.cli.memory import let_go
 from ident.cli.output import output
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
@@ -63,6 +72,7 @@ def run_diagnose(
         raise typer.Exit(130) from None
     output().say(result.closing)
     output().document = result.document
+    keep_others(result, out)
     for written in result.save(out):
         output().wrote(written)
     discard(folder)

@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.hinges import CutArm, cut
-from ident.identify.conditions import bind
+from ident.identify.conditions import Conditions, bind
+from ident.identify.predict import ArmModel
 from ident.identify.slopes import Slopes, slopes
 from ident.inference.fit import Fit
 from ident.inference.score import ScoreTest, asked_for, score_tests
@@ -96,11 +97,7 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     own = set(arm.paths())
     fitted = arm.replace({path: value for path, value in fit.parameters.items() if path in own})
     pieces = cut(fitted)
-    held = fit.choice.held
-    chosen = None if held is None else np.asarray(held.place)
-    conditions, _, places = bind(arm, campaign).padded()
-    whole: Slopes = jax.device_get(slopes(fitted, pieces, conditions, chosen))
-    found = Slopes(*(each[..., places] for each in whole))
+    found = _slopes(fit, fitted, pieces, bind(arm, campaign))
     names, changes = zip(*_each(fitted, pieces, found), strict=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where(found.predicted != 0, fit.predicted / found.predicted, 1.0)
@@ -114,6 +111,22 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     )
     items = tuple(Assumption(kind, joint, test) for (kind, joint), test in zip(names, tests, strict=True))
     return Assumptions(items, pieces.height)
+
+
+def _slopes(fit: Fit, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
+    """Return how the campaign's predictions change; part by part where it is large."""
+    model, held = ArmModel(fitted, conditions), fit.choice.held
+    parts = model.in_parts()
+    if parts is None:
+        padded, _, places = conditions.padded()
+        each = [jax.device_get(slopes(fitted, pieces, padded, None if held is None else np.asarray(held.place)))]
+    else:
+        places, split = parts.places, parts.split(held)
+        chosen = [None if own is None else np.asarray(own.place) for own in split]
+        calls = zip(parts.models, chosen, strict=True)
+        each = [jax.device_get(slopes(fitted, pieces, part.conditions, own)) for part, own in calls]
+    joined = [np.concatenate(columns, -1)[..., places] for columns in zip(*each, strict=True)]
+    return Slopes(*joined)  # type: ignore[arg-type]  # fetched from jax
 
 
 def _each(arm: Arm, pieces: CutArm, found: Slopes) -> "list[tuple[tuple[str, str], Float[np.ndarray, 'D']]]":

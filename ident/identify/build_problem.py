@@ -6,6 +6,7 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.identify.conditions import bind
 from ident.identify.predict import ArmModel
+from ident.identify.repeats import shared_error
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.discrepancy import with_discrepancy
 from ident.inference.parameters import Parameters
@@ -19,10 +20,12 @@ def arm_problem(arm: Arm, campaign: Campaign, parameters: Parameters) -> Inverse
     Raises:
         InputError: the campaign speaks of points, payloads or modes that the arm has not.
     """
+    conditions = bind(arm, campaign)
+    value, sigma, step = np.array([(m.value, m.sigma, m.resolution) for m in campaign], float).T
     return InverseProblem(
-        ArmModel(arm, bind(arm, campaign)),
-        jax.device_put(np.array([m.value for m in campaign], float)),
-        jax.device_put(np.array([m.sigma for m in campaign], float)),
+        ArmModel(arm, conditions),
+        jax.device_put(value),
+        jax.device_put(shared_error(np.asarray(conditions.order), sigma, step)),
         parameters,
         tuple(m.kind for m in campaign),
     )

@@ -21,7 +21,7 @@ from ident.text import did_you_mean
 BY_MODE = ("frequency", "damping_ratio")
 State = tuple[tuple[float, ...], Load]
 MOST = 20000
-"""Different values of a campaign at most: a fit of as many would take more than half an hour, and some 2 GB."""
+"""Different values of a campaign at most: a fit of as many takes minutes, and of more nothing is learned."""
 
 
 class Unnamed(eqx.Module):

@@ -4,6 +4,7 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -100,7 +101,7 @@ def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     """Refuse a value that differs from the prediction by more than a factor, even if its sigma is considered."""
     limit = PLAUSIBLE[m.kind]
     low, high = sorted((expected / limit, expected * limit))
-    if not expected or not (m.value + SUSPICIOUS * m.sigma < low or m.value - SUSPICIOUS * m.sigma > high):
+    if not expected or not (m.value + SUSPICIOUS * m.spread < low or m.value - SUSPICIOUS * m.spread > high):
         return
     ratio = m.value / expected
     radians = m.kind == "frequency" and 0.8 < ratio / (2 * math.pi) < 1.25
@@ -136,12 +137,13 @@ def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
     for row, m in enumerate(campaign):
         if m.kind not in BY_MODE or m.mode:
             angles = tuple(round(angle, 5) for angle in m.posture)
-            same.setdefault(replace(m, posture=angles, value=0.5, sigma=1.0, note=""), []).append(row)
+            blank: dict[str, Any] = {"value": 0.5, "sigma": 1.0, "resolution": 0.0, "repeat": "", "note": ""}
+            same.setdefault(replace(m, posture=angles, **blank), []).append(row)
     pairs = sum(math.comb(len(rows), 2) for rows in same.values())
     limit = farthest(pairs)
     for rows in same.values():
         own = [campaign.measurements[row] for row in rows]
-        apart = _farthest_apart(np.array([m.value for m in own]), np.array([m.sigma for m in own]), limit)
+        apart = _farthest_apart(np.array([m.value for m in own]), np.array([m.spread for m in own]), limit)
         if apart:
             yield rows[apart[0]], rows[apart[1]]
 
@@ -167,7 +169,7 @@ def _farthest_apart(
 
 
 def _apart(a: Measurement, b: Measurement) -> float:
-    return abs(a.value - b.value) / math.hypot(a.sigma, b.sigma)
+    return abs(a.value - b.value) / math.hypot(a.spread, b.spread)
 
 
 def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collection[str]) -> Iterator[Problem]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -24,8 +25,10 @@ from ident.arm.modes import (
 )
 from ident.identify.conditions import Conditions, Readings
 from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
+from ident.identify.parts import Parts as ConditionsInParts
+from ident.identify.parts import in_parts
 from ident.inference.parameters import AnyArray
-from ident.inference.problem import Choice, Choosing, Data, Growing
+from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
 
 
 class Held(eqx.Module):
@@ -73,6 +76,16 @@ class ArmModel(eqx.Module, Choosing, Growing):
         conditions, source, places = self.conditions.padded()
         return ArmModel(self.arm, conditions), source, places
 
+    def in_parts(self) -> Parts | None:
+        """Return a model of many states in parts of one size, None for one that stays whole."""
+        parts = in_parts(self.conditions)
+        if parts is None:
+            return None
+        source = np.asarray(self.conditions.repeats.first)[parts.values]
+        places = parts.places[np.asarray(self.conditions.order)]
+        models = tuple(ArmModel(self.arm, each) for each in parts.conditions)
+        return Parts(models, source, places, partial(_split, parts), partial(_joined, parts))
+
     def unheld(self) -> Held | None:
         """Return what is held before the first step; None where nothing is labelled."""
         count = len(self.conditions.named.states)
@@ -96,6 +109,26 @@ class ArmModel(eqx.Module, Choosing, Growing):
         now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
         return _values(chain, at, self.conditions, modes, chosen, data), jax.lax.stop_gradient(choice)
+
+
+def _split(parts: ConditionsInParts, held: Held | None) -> list[Held | None]:
+    """Give each part its own of what the whole holds."""
+    if held is None:
+        return [None for _ in parts.conditions]
+    own = parts.values[:, : parts.labels]
+    return [Held(held.shape[:, i], held.place[:, i], held.off, held.fresh, held.in_order) for i in own]
+
+
+def _joined(parts: ConditionsInParts, each: list[Held | None]) -> Held | None:
+    """Put together what the parts hold; frequencies are off by the mean square of the parts."""
+    helds = [held for held in each if held is not None]
+    if not helds:
+        return None
+    part, place = np.divmod(parts.places[: parts.labelled], parts.values.shape[1])
+    columns = part * parts.labels + place
+    shape, places = (np.concatenate(x, 1)[:, columns] for x in zip(*((h.shape, h.place) for h in helds), strict=True))
+    off = np.asarray(np.sqrt(np.mean([held.off**2 for held in helds])))
+    return Held(shape, places, off, helds[0].fresh, helds[0].in_order)
 
 
 def predict(

@@ -12,9 +12,10 @@ from jaxtyping import Bool, Float
 
 from ident.inference.convergence import SHORT, step_length, weighed
 from ident.inference.information import RANK_TOLERANCE
-from ident.inference.least_squares import End, evaluate, solve
+from ident.inference.least_squares import End, evaluate
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
+from ident.inference.searcher import Searcher
 from ident.inference.verdicts import rare, standard_deviations
 
 FEW = 6
@@ -248,7 +249,8 @@ def _ended(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> End | None
 
 def _minimum(problem: InverseProblem, starts: Sequence[Float[np.ndarray, "P"]], known: End | None = None) -> End | None:
     """Return the best of several searches, or what is known; None where the model has no answer at any start."""
-    ends = [solve(problem, start) for start in starts]
+    search = Searcher(problem)
+    ends = [search(start, near=not i) for i, start in enumerate(starts)]
     finite = [jax.device_get(end) for end in ends if np.isfinite(end.cost)]
     order = [*finite, known] if known else finite
     return min(order, key=lambda end: (not end.choice.settled, float(end.cost)), default=None)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ident.errors import InputError, Problem
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.problem import Choice, Choosing, Data, Growing, InverseProblem
+from ident.inference.problem import Choice, Choosing, Data, Growing, InverseProblem, Parts
 from ident.text import did_you_mean
 
 PREFIX = "discrepancy."
@@ -60,6 +60,15 @@ class Discrepant(eqx.Module, Choosing, Growing):
             return self, np.arange(len(self.kinds)), np.arange(len(self.kinds))
         model, source, places = self.model.padded()
         return Discrepant(model, tuple(self.kinds[i] for i in source)), source, places
+
+    def in_parts(self) -> Parts | None:
+        """Return a large model in parts of one size, None for one that stays whole."""
+        parts = self.model.in_parts() if isinstance(self.model, Growing) else None
+        if parts is None:
+            return None
+        each = zip(parts.models, parts.source, strict=True)
+        models = tuple(Discrepant(model, tuple(self.kinds[i] for i in source)) for model, source in each)
+        return parts._replace(models=models)
 
     def _split(self, parameters: Mapping[str, Any]) -> tuple[dict[str, Any], Float[Array, "D *batch"]]:
         """Return the model's own parameters, and the factor on each value."""

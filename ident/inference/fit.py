@@ -14,6 +14,7 @@ from ident.inference.information import Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd, rivals, unmet
 from ident.inference.problem import Choice, InverseProblem
+from ident.inference.searcher import Searcher
 from ident.inference.verdicts import IMPROBABLE, farthest, outlying
 
 STARTS = 16
@@ -208,10 +209,10 @@ def fit(
     noise[0] = 0
     reached: list[Ended] = []
     optima: tuple[Optimum, ...] = ()
-    tried = 0
+    search, tried = Searcher(problem), 0
     for tried in progress(range(1, 1 + (starts * PATIENCE if starts > 1 else 1))):
         example = in_order(problem, reached)[0][0] if reached else None
-        end = solve(problem, first + noise[tried - 1], example)
+        end = search(first + noise[tried - 1], example)
         if np.isfinite(end.cost):
             reached.append(ended(problem, end))
             optima = distinct(problem, reached)

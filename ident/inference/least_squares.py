@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ident.inference.gauss_newton import minimum
 from ident.inference.parameters import AnyArray
-from ident.inference.problem import Choice, InverseProblem
+from ident.inference.problem import Choice, InParts, InverseProblem
 from ident.jit import jit
 
 WHOLE, NOTHING = np.array(1.0), np.array(0.0)
@@ -135,12 +136,51 @@ def _searched(
 
     Nothing that is held lets the model choose.
     """
+    large = problem.in_parts()
+    if large is not None:
+        return _searched_in_parts(problem, large, np.asarray(start), held, to_the_end, weight)
     padded, places, scatter = problem.padded()
     held = padded.unheld() if held is None else held
     end, finished = jax.device_get(search(padded, np.asarray(start), held, to_the_end, weight))
     choice = end.choice._replace(cost=end.choice.cost[places])
     own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
     return own._replace(cost=own.cost + weight**2 * scatter) if scatter else own, bool(finished)
+
+
+def _searched_in_parts(
+    problem: InverseProblem,
+    large: InParts,
+    start: Float[np.ndarray, "P"],
+    held: Any,
+    to_the_end: np.ndarray,
+    weight: np.ndarray,
+) -> tuple[End, bool]:
+    """Search among data so many that the model predicts them part by part."""
+
+    def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
+        residuals, slope = problem.weigh(end.predicted, end.jacobian, end.theta)
+        return weight * np.asarray(residuals), weight * np.asarray(slope)
+
+    def look_there(theta: Float[np.ndarray, "P"], held: Any) -> End:
+        predicted, jacobian, choice = _in_parts(large, theta, held)
+        here = End(theta, np.nan, np.full_like(theta, np.nan), predicted, jacobian, choice)
+        residuals, slope = weigh(here)
+        return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+
+    held = problem.unheld() if held is None else held
+    return minimum(look_there, weigh, start, held, bool(to_the_end))
+
+
+def _in_parts(large: InParts, theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
+    """Return predictions, their Jacobian and what they belong to, computed part by part."""
+    places, own = large.parts.places, large.parts.split(held)
+    each = zip(large.problems, own, strict=True)
+    found = [jax.device_get(_with_jacobian(part, theta, held)) for part, held in each]
+    predicted, jacobian = (np.concatenate([each[i] for each in found])[places] for i in (0, 1))
+    choices = [choice for _, _, choice in found]
+    cost = np.concatenate([choice.cost for choice in choices])[places]
+    settled = all(choice.settled for choice in choices)
+    return predicted, jacobian, Choice(large.parts.joined([choice.held for choice in choices]), settled, cost)
 
 
 @jit
@@ -158,7 +198,7 @@ def search(
     The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
     affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
     """
-    from ident.inference.levenberg_marquardt import minimum  # a program that is known needs no solver
+    from ident.inference.levenberg_marquardt import minimum as damped_minimum  # a program that is known needs no solver
 
     def affine(theta: Array, args: tuple[InverseProblem, Any, Array]) -> Any:
         problem, held, weight = args
@@ -168,11 +208,11 @@ def search(
         end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J, choice)
         return residuals + slope @ (theta - here), end
 
-    return minimum(affine, start, (problem, held, weight), {"to_the_end": to_the_end})
+    return damped_minimum(affine, start, (problem, held, weight), {"to_the_end": to_the_end})
 
 
 @jit
-def _with_jacobian(problem: InverseProblem, theta: Array, held: Any) -> tuple[Array, Array, Choice]:
+def _with_jacobian(problem: InverseProblem, theta: AnyArray, held: Any) -> tuple[Array, Array, Choice]:
     """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
 
     def along(direction: Array) -> tuple[Array, Array, Choice]:

@@ -9,9 +9,10 @@ import numpy as np
 from ident.inference.convergence import convergence
 from ident.inference.fit import UNMET
 from ident.inference.information import half_width
-from ident.inference.least_squares import End, solve, without_priors
+from ident.inference.least_squares import End, without_priors
 from ident.inference.optima import SAME, Ended, Optimum, distinct, is_tie, unmet
 from ident.inference.problem import InverseProblem
+from ident.inference.searcher import Searcher
 
 STARTS = 16
 """Starts at least."""
@@ -56,9 +57,9 @@ def other_solutions(problem: InverseProblem, here: End, *, starts: int = STARTS,
     noise = np.random.default_rng(seed).standard_normal((MOST, len(start))) * width
     reached: list[Ended] = []
     optima: tuple[Optimum, ...] = ()
-    tried = 0
+    search, tried = Searcher(exact), 0
     for tried, step in enumerate(noise, 1):
-        end = jax.device_get(solve(exact, start + step))
+        end = jax.device_get(search(start + step))
         how = convergence(exact, end) if np.isfinite(end.cost) else None
         if how and how.converged:
             reached.append((end, how))

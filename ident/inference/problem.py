@@ -62,6 +62,28 @@ class Growing:
         """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
         raise NotImplementedError
 
+    def in_parts(self) -> "Parts | None":
+        """Return a large model in parts of one size, None for one that stays whole."""
+        return None
+
+
+class Parts(NamedTuple):
+    """A large model in parts of one size, so that one program of bounded memory serves all.
+
+    Attributes:
+        models: of each part; the first one is like the whole.
+        source: (K, n) the whole's value that each value of each part is like.
+        places: (D,) where each value of the whole is among all those of the parts, one part after the other.
+        split: gives each part its own of what the whole holds.
+        joined: puts together what the parts hold.
+    """
+
+    models: tuple[Any, ...]
+    source: np.ndarray
+    places: np.ndarray
+    split: Callable[[Any], list[Any]]
+    joined: Callable[[list[Any]], Any]
+
 
 class Padded(NamedTuple):
     """A problem of one of few sizes, whose optima are those of another one.
@@ -74,6 +96,20 @@ class Padded(NamedTuple):
 
     problem: "InverseProblem"
     places: np.ndarray
+    scatter: float
+
+
+class InParts(NamedTuple):
+    """A large problem in parts of one size.
+
+    Attributes:
+        problems: of each part, whose residuals are those of the whole together; the first one is like the whole.
+        parts: of its model.
+        scatter: sum of squares that repeated values add to the cost wherever the parameters are.
+    """
+
+    problems: "tuple[InverseProblem, ...]"
+    parts: Parts
     scatter: float
 
 
@@ -139,6 +175,31 @@ class InverseProblem(eqx.Module):
         if not isinstance(self.model, Growing):
             return Padded(self, np.arange(len(self.kinds)), 0.0)
         model, source, places = self.model.padded()
+        mean, spread, scatter = self.pooled(source, places)
+        kinds = tuple(self.kinds[i] for i in source)
+        return Padded(InverseProblem(model, mean, spread, self.parameters, kinds), places, scatter)
+
+    def in_parts(self) -> "InParts | None":
+        """Return a large problem in parts of one size, repeated values as their mean; None for one that stays whole."""
+        parts = self.model.in_parts() if isinstance(self.model, Growing) else None
+        if parts is None:
+            return None
+        mean, spread, scatter = self.pooled(parts.source.ravel(), parts.places)
+        values = (np.reshape(x, parts.source.shape) for x in (mean, spread))
+        each = zip(parts.models, parts.source, *values, strict=True)
+        problems = tuple(
+            InverseProblem(model, own, sd, self.parameters, tuple(self.kinds[i] for i in source))
+            for model, source, own, sd in each
+        )
+        return InParts(problems, parts, scatter)
+
+    def pooled(self, source: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return mean, standard deviation and scatter of what was measured repeatedly; infinite sd where nothing was.
+
+        Args:
+            source: (n,) which of the problem's values each of the others is like.
+            places: (D,) which of the others each of the problem's is.
+        """
         measured, sigma = np.asarray(self.measured), np.asarray(self.sigma)
         weight = sigma**-2.0
         total = np.bincount(places, weight, len(source))
@@ -149,8 +210,7 @@ class InverseProblem(eqx.Module):
         alone[places] = sigma
         spread = np.where(several, known**-0.5, np.where(total > 0, alone, np.inf))
         scatter = float((((measured - mean[places]) / sigma)[several[places]] ** 2).sum())
-        kinds = tuple(self.kinds[i] for i in source)
-        return Padded(InverseProblem(model, mean, spread, self.parameters, kinds), places, scatter)
+        return mean, spread, scatter
 
     @property
     def data(self) -> Data:

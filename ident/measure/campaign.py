@@ -28,6 +28,9 @@ ROLES = {
 SHARPEST = 1e-9
 """Least standard deviation, as a share of the value: no instrument is as good by far, and sums of squares lose it."""
 
+ROUNDING = 12**-0.5
+"""Standard deviation of what is rounded to steps of one: uniform within half a step (JCGM 100:2008, F.2.2.1)."""
+
 GRAVITY_DIRECTION = AXES["-z"]
 """Direction in which a deflection counts when none is given."""
 
@@ -45,6 +48,8 @@ class Measurement:
         mode: mode label such as `vertical bending 1`, in lower case; None to match modes in ascending order.
         point: point of the arm whose deflection was read.
         direction: (3,) [-] unit vector in the base frame, along which a deflection counts; -z when not given.
+        resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
+        repeat: what tells this reading from others of the same, such as its number.
         load: the load case.
         reference_load: the load case that a deflection difference starts from.
         unit: unit in which the value was written, such as `mm`.
@@ -59,6 +64,8 @@ class Measurement:
     mode: str | None = None
     point: str | None = None
     direction: Vector | None = None
+    resolution: float = 0.0
+    repeat: str = ""
     load: Load = OWN_WEIGHT
     reference_load: Load = OWN_WEIGHT
     unit: str = field(default="", compare=False)
@@ -74,10 +81,16 @@ class Measurement:
             *role_problems(self.kind, given),
             *load_problems(self.kind, self.load, self.reference_load),
             *value_problems(self.kind, self.value, self.sigma),
+            *resolution_problems(self.resolution),
             *_posture_problems(self.posture),
         ]
         if problems:
             raise InputError(replace(problem, where=self.where) for problem in problems)
+
+    @property
+    def spread(self) -> float:
+        """() [as value] standard deviation of this reading alone, that of its rounding included."""
+        return math.hypot(self.sigma, self.resolution * ROUNDING) if self.resolution else self.sigma
 
 
 @dataclass(frozen=True)
@@ -177,11 +190,18 @@ def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
         yield Problem("", f"{sigma:g} {unit}".strip(), expected, remedy, "sigma")
 
 
+def resolution_problems(resolution: float) -> Iterator[Problem]:
+    """Find a resolution [SI] that can't be."""
+    if not 0 <= resolution < math.inf:
+        remedy = "give the step of the display in the value's unit, or leave the cell empty"
+        yield Problem("", f"{resolution:g}", "a resolution above 0", remedy, "resolution")
+
+
 def duplicates(measurements: tuple[Measurement, ...]) -> Iterator[tuple[Measurement, Measurement]]:
     """Yield each measurement that repeats an earlier one to the last digit, after the earlier one."""
     first: dict[Measurement, Measurement] = {}
     for measurement in measurements:
-        key = replace(measurement, sigma=1.0, note="")
+        key = replace(measurement, sigma=1.0, resolution=0.0, note="")
         earlier = first.setdefault(key, measurement)
         if earlier is not measurement:
             yield earlier, measurement
@@ -202,6 +222,8 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "posture": tuple(float(angle) for angle in m.posture),
         "value": float(m.value),
         "sigma": float(m.sigma),
+        "resolution": float(m.resolution),
+        "repeat": " ".join(m.repeat.split()),
         "mode": " ".join((m.mode or "").lower().split()) or None,
         "point": (m.point or "").strip() or None,
         "direction": unit_vector(direction) if direction else None,

@@ -21,11 +21,13 @@ COLUMNS = (
     "unit",
     "sigma",
     "relative_sigma",
+    "resolution",
+    "repeat",
     "note",
 )
 """Names of the columns, beside the joint angles `q1 [deg]`, `q2 [deg]`, ..."""
 
-NUMERIC_COLUMNS = ("value", "sigma", "relative_sigma", "direction", "load", "reference_load")
+NUMERIC_COLUMNS = ("value", "sigma", "relative_sigma", "resolution", "direction", "load", "reference_load")
 """Columns, beside the joint angles, that hold numbers."""
 
 _ANGLE_COLUMN = re.compile(r"(q[1-9][0-9]{0,2})\s*(?:\[([^\]]*)\])?", re.IGNORECASE)

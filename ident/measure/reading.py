@@ -125,10 +125,11 @@ def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
         "posture": tuple(_read_angle(row, name, factor) for name, factor in header.angles.items()),
         "value": value,
         "sigma": sigma,
+        "resolution": _read_resolution(row, kind),
         "direction": row.attempt("direction", parse_direction, axis, row.decimal) if axis else None,
         "load": _read_load(row, "load"),
         "reference_load": _read_load(row, "reference_load"),
-        **{name: row[name] for name in ("mode", "point", "unit", "note")},
+        **{name: row[name] for name in ("mode", "point", "unit", "repeat", "note")},
     }
 
 
@@ -167,6 +168,14 @@ def _read_number(row: _Row, kind: str | None) -> tuple[float | None, float | Non
     return _scaled(value, factor), _scaled(sigma, factor)
 
 
+def _read_resolution(row: _Row, kind: str | None) -> float | None:
+    """Read the resolution in SI units; zero where there is none."""
+    if not row["resolution"]:
+        return 0.0
+    step = row.attempt("resolution", _positive, row["resolution"], row.decimal, "resolution")
+    return _scaled(step, row.attempt("unit", si_factor, row["unit"], KINDS[kind]) if kind else None)
+
+
 def _scaled(number: float | None, factor: float | None) -> float | None:
     return None if number is None or factor is None else number * factor
 
@@ -178,7 +187,7 @@ def _read_sigma(row: _Row, value: float | None) -> float | None:
         row.add(Problem("", got, "either sigma or relative_sigma", "fill one of the two cells", "sigma"))
         return None
     if row["sigma"]:
-        return row.attempt("sigma", _positive, row["sigma"], row.decimal)
+        return row.attempt("sigma", _positive, row["sigma"], row.decimal, "standard deviation")
     fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal)
     if value == 0:
         got, remedy = "a fraction of the value 0", "give sigma instead"
@@ -186,20 +195,21 @@ def _read_sigma(row: _Row, value: float | None) -> float | None:
     return _scaled(fraction, None if value is None else abs(value))
 
 
-def _positive(text: str, decimal: str) -> float:
+def _positive(text: str, decimal: str, what: str) -> float:
     if text.endswith("%"):
-        remedy = "use the column relative_sigma for percent"
-        raise InputError(Problem("", quoted(text), "sigma in the value's unit", remedy))
-    sigma = parse_number(text, decimal)
-    if sigma <= 0:
-        remedy = "state how far the value may be off"
-        raise InputError(Problem("", quoted(text), "a standard deviation above 0", remedy))
-    return sigma
+        remedy = "give it in that unit" if what == "resolution" else "use the column relative_sigma for percent"
+        expected = "resolution in the value's unit" if what == "resolution" else "sigma in the value's unit"
+        raise InputError(Problem("", quoted(text), expected, remedy))
+    number = parse_number(text, decimal)
+    if number <= 0:
+        remedy = "leave the cell empty" if what == "resolution" else "state how far the value may be off"
+        raise InputError(Problem("", quoted(text), f"a {what} above 0", remedy))
+    return number
 
 
 def _duplicate_problems(measurements: tuple[Measurement, ...]) -> Iterator[Problem]:
     for earlier, repeated in duplicates(measurements):
         got = f"a duplicate of row {earlier.where.rpartition(':')[2]}"
         otherwise = "correct one of the labels" if repeated.mode else "label the modes if two modes share a frequency"
-        remedy = f"delete one of them, or {otherwise}"
+        remedy = f"delete one of them, tell readings apart by a column repeat, or {otherwise}"
         yield Problem(repeated.where, got, "each measurement once", remedy)

@@ -79,6 +79,8 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
         yield "relative_sigma", _written(m.sigma, abs(m.value))
     else:
         yield "sigma", _written(m.sigma, factor)
+    yield "resolution", _written(m.resolution, factor) if m.resolution else ""
+    yield "repeat", m.repeat
 
 
 def _written(value: float, unit: float) -> str:

@@ -96,7 +96,7 @@ class DiagnoseResult(Result):
         """Return the page: verdict, stages with tables and figures, inputs, assumptions; it opens without a network."""
         from ident.present.html.page import render
 
-        return render(self._page(self._head()))
+        return render(self._page(self.head))
 
     def _page(self, head: Mapping[str, Any]) -> "Page":
         from ident.assess.arm_view import arm_view

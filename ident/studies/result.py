@@ -124,7 +124,7 @@ class Result:
 
     def document(self) -> dict[str, Any]:
         """Return for programs from what it was made, with what and how, its summary and its table."""
-        return {**self._head(), **self._main()}
+        return {**self.head, **self._main()}
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, each whole or not at all, and return their paths.
@@ -137,11 +137,11 @@ class Result:
         """
         path = Path(path)
         if path.suffix == self.suffix:
-            return self._write(path, self._head())
+            return self._write(path, self.head)
         if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not path.is_dir():
             remedy = "name the file so, or a folder"
             raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
-        return self._write(path / f"{self.name}{self.suffix}", self._head())
+        return self._write(path / f"{self.name}{self.suffix}", self.head)
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the figures as PNG into a folder, under the result's name, and return their paths.
@@ -179,7 +179,9 @@ class Result:
     def _inputs(self) -> Mapping[str, Any]:
         raise NotImplementedError
 
-    def _head(self) -> dict[str, Any]:
+    @property
+    def head(self) -> dict[str, Any]:
+        """What its file says first: format, software, options and inputs, as JSON knows them."""
         from ident.present.files.document import provenance
 
         options: Options = vars(self)["options"]

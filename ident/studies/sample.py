@@ -114,7 +114,7 @@ class SampleResult(Result):
         from ident.present.files.document import plain
         from ident.present.files.sample import inference_data
 
-        return inference_data(self.sample, self._head() | {"trust": plain(self.sample.trust)})
+        return inference_data(self.sample, self.head | {"trust": plain(self.sample.trust)})
 
     def figures(self) -> "dict[str, Figure]":
         """Return figures of the posterior, of pairs of parameters and of the chains: `posterior`, `corner`, `trace`."""

@@ -213,6 +213,7 @@ def measurements(draw):
     kind = draw(st.sampled_from(sorted(KINDS)))
     value = draw(st.floats(1e-6, 0.999) if kind == "damping_ratio" else SIZES)
     fields = {"kind": kind, "value": value, "sigma": value * draw(st.floats(1e-6, 2)), "load": draw(LOADS)}
+    fields |= {"resolution": value * draw(st.just(0.0) | st.floats(1e-6, 2)), "repeat": draw(TEXTS)}
     fields |= {"posture": draw(st.tuples(*[st.floats(-7, 7)] * 2)), "note": draw(TEXTS)}
     if kind in ("frequency", "damping_ratio"):
         return Measurement(mode=draw(st.none() | TEXTS), **fields)
@@ -226,10 +227,11 @@ def test_what_is_written_reads_back_equal(made, relative):
     text = format_campaign(Campaign(measurements=tuple(made)), relative_sigma=relative)
     read = parse(text)
     for one, other in zip(made, read, strict=True):
-        same = {"value": 1.0, "sigma": 1.0, "posture": (0.0,)} | ({"value": 0.5} if one.value < 1 else {})
+        same = {"value": 0.5 if one.value < 1 else 1.0, "sigma": 1.0, "resolution": 0.0, "posture": (0.0,)}
         assert replace(one, **same) == replace(other, **same)
         assert other.value == pytest.approx(one.value, rel=1e-15, abs=0)
         assert other.sigma == pytest.approx(one.sigma, rel=2e-15, abs=0)
+        assert other.resolution == pytest.approx(one.resolution, rel=2e-15, abs=0)
         assert other.posture == pytest.approx(one.posture, rel=1e-15, abs=1e-300)
 
 

@@ -1,0 +1,93 @@
+"""Campaigns of many states: predicted part by part, searched among a part first; the same answers as all at once."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import large
+import numpy as np
+import pytest
+from arms import lcd_arm
+from scipy.optimize import least_squares
+
+from ident.identify.build_problem import build_problem
+from ident.identify.fit import fit_campaign
+from ident.identify.parts import LARGE, SEVERAL
+from ident.identify.unknowns import Unknowns
+from ident.inference.gauss_newton import SHORT
+from ident.inference.least_squares import evaluate
+from ident.measure import Campaign, Load, Measurement
+
+pytestmark = pytest.mark.slow
+
+STATES = LARGE + 88
+KILOGRAMS = Load.parse("5 kg @ tip")
+
+
+def measurement(i):
+    """One in each state; among them few damping ratios, few differences, and some without a label."""
+    alpha = np.deg2rad(80.0 * i / STATES)
+    at = {"posture": (alpha, -2 * alpha, alpha), "value": 0.01}
+    if i % 200 == 7:
+        return Measurement(kind="damping_ratio", mode="lateral torsion 1", sigma=1e-3, **at)
+    if i % 150 == 11:
+        return Measurement(kind="deflection_difference", point="tip", sigma=1e-4, load=KILOGRAMS, **at)
+    if i % 5 == 0:
+        return Measurement(kind="deflection", point="tip", sigma=5e-4, **at)
+    names = {1: "vertical bending 1", 2: "lateral torsion 1", 3: "vertical bending 2"}
+    return Measurement(kind="frequency", sigma=0.02, mode=names.get(i % 5), **at)
+
+
+def whole(problem):
+    """All values and their derivatives by theta, in one program."""
+    return jax.jit(lambda theta: (problem.predict(theta), jax.jacfwd(problem.predict)(theta)))
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return Campaign(measurements=tuple(measurement(i) for i in range(STATES)))
+
+
+def unseen(problem):
+    """The problem in which no value counts, so that labels alone name modes."""
+    return eqx.tree_at(lambda p: p.sigma, problem, np.full(len(problem.kinds), np.inf))
+
+
+def test_parts_predict_what_the_whole_does(campaign):
+    problem = build_problem(lcd_arm(), campaign, Unknowns(discrepancy={"deflection": 0.1}))
+    large, start = problem.in_parts(), problem.parameters.theta(problem.parameters.column("start"))
+    assert len(large.problems) > 3
+    assert len({jax.tree.structure(each) for each in large.problems}) == 1, "one program serves all"
+    predicted, jacobian = whole(unseen(problem))(jnp.asarray(start))
+    found = evaluate(problem)
+    np.testing.assert_allclose(found.predicted, predicted, rtol=1e-10)
+    np.testing.assert_allclose(found.jacobian, jacobian, rtol=1e-8, atol=1e-10)
+
+
+def test_the_first_part_has_some_of_all_that_was_measured(campaign):
+    problem = build_problem(lcd_arm(), campaign)
+    first = problem.in_parts().problems[0]
+    counts = dict(zip(*np.unique(np.array(first.kinds)[np.isfinite(first.sigma)], return_counts=True), strict=True))
+    for kind in set(problem.kinds):
+        assert counts[kind] >= min(SEVERAL, problem.kinds.count(kind)), kind
+
+
+def test_the_fit_of_many_postures_is_that_of_all_rows(campaign):
+    """Beside SciPy, which sees all rows at once."""
+    measured = large.campaign(lcd_arm(), STATES, STATES)
+    found = fit_campaign(lcd_arm().replace({"joint1.k_tors": 3e5, "joint2.k_bend": 4e5}), measured, starts=3)
+    problem = found.problem
+    both = whole(problem)
+
+    def weighed(theta):
+        predicted, jacobian = both(jnp.asarray(theta))
+        return problem.weigh(np.asarray(predicted), np.asarray(jacobian), theta)
+
+    there = least_squares(
+        lambda x: weighed(x)[0], found.best.theta + 0.01, jac=lambda x: weighed(x)[1], x_scale="jac", xtol=1e-14
+    )
+    assert found.best.converged
+    assert found.best.cost == pytest.approx(2 * there.cost, abs=10 * SHORT**2)
+    assert np.abs((found.best.theta - there.x) / found.best.sd).max() < SHORT
+    assert not found.doubts
+    sd = np.sqrt(np.diag(np.linalg.inv(there.jac.T @ there.jac)))
+    np.testing.assert_allclose(found.best.sd, sd, rtol=SHORT)

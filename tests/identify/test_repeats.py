@@ -1,0 +1,62 @@
+"""Repeated readings of a coarse display: what they share, averaging does not reduce."""
+
+import numpy as np
+import pytest
+from arms import lcd_arm
+from scipy.stats import binom
+
+from ident.errors import InputError
+from ident.identify.build_problem import build_problem
+from ident.identify.repeats import shared_error
+from ident.measure import parse_campaign
+
+HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,value,unit,sigma,resolution,repeat\n"
+
+
+def hits(count, resolution="0.01", repeat=str):
+    rows = [f"frequency,0,0,0,lateral torsion 1,4.38,Hz,0.002,{resolution},{repeat(i)}" for i in range(count)]
+    return parse_campaign((HEADER + "\n".join(rows)).encode(), "hits.csv")
+
+
+def sd_of_mean(sigma):
+    return np.sum(np.asarray(sigma) ** -2.0) ** -0.5
+
+
+@pytest.mark.parametrize("count", [1, 5, 500])
+def test_equal_hits_are_no_surer_than_the_display(count):
+    sigma = build_problem(lcd_arm(), hits(count)).sigma
+    assert sd_of_mean(sigma) == pytest.approx(np.hypot(0.002 / np.sqrt(count), 0.01 / np.sqrt(12)), rel=1e-12)
+
+
+def test_without_a_resolution_they_count_as_they_did():
+    sigma = build_problem(lcd_arm(), hits(5, resolution="")).sigma
+    assert np.asarray(sigma).tolist() == [0.002] * 5
+
+
+def test_equal_hits_that_nothing_tells_apart_are_duplicates():
+    with pytest.raises(InputError, match=r"a duplicate of row 2.*tell readings apart by a column repeat"):
+        hits(2, repeat=lambda i: "")
+
+
+@pytest.mark.parametrize(("cell", "words"), [("0", "a resolution above 0"), ("1%", "resolution in the value's unit")])
+def test_a_resolution_that_is_none(cell, words):
+    with pytest.raises(InputError, match=words):
+        hits(1, resolution=cell)
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """Of 4000 truths, each seen in six ways, each way five times on a display that is coarse beside the noise."""
+    rng, truths, step, noise = np.random.default_rng(0), 4000, 1.0, 0.005
+    slope = np.array([1.0, 1.7, 0.9, 1.4, 1.1, 0.8])
+    order, truth = np.repeat(np.arange(6), 5), rng.uniform(50, 100, truths)
+    shown = np.round((truth[:, None] * slope[order] + noise * rng.standard_normal((truths, 30))) / step) * step
+
+    def covered(resolution):
+        weight = shared_error(order, np.full(30, noise), np.full(30, resolution)) ** -2.0
+        information = (weight * slope[order] ** 2).sum()
+        fitted = (shown * weight * slope[order]).sum(1) / information
+        return int((np.abs(fitted - truth) < 1.96 * information**-0.5).sum())
+
+    low, high = binom.ppf([0.0005, 0.9995], truths, 0.95)
+    assert low <= covered(step) <= high
+    assert covered(0.0) < 0.1 * truths, "as if all readings were independent, intervals are far too short"

@@ -1,0 +1,58 @@
+"""The solver of searches among many data: to minima that are known."""
+
+import numpy as np
+import pytest
+
+from ident.inference.gauss_newton import minimum
+from ident.inference.least_squares import End
+from ident.inference.problem import Choice
+
+
+def of(residuals, jacobian, counted=None):
+    """A model without choices, as the solver looks at it."""
+
+    def look(theta, held):
+        if counted is not None:
+            counted.append(theta)
+        r, J = np.asarray(residuals(theta)), np.asarray(jacobian(theta))
+        return End(theta, r @ r, 2 * J.T @ r, r, J, Choice(None, True, np.zeros(len(r))))
+
+    return look, lambda end: (end.predicted, end.jacobian)
+
+
+def rosenbrock(x):
+    return [10 * (x[1] - x[0] ** 2), 1 - x[0]]
+
+
+def slope(x):
+    return [[-20 * x[0], 10.0], [-1.0, 0.0]]
+
+
+def test_a_bent_valley_is_followed_to_its_end():
+    end, ended = minimum(*of(rosenbrock, slope), np.array([-1.2, 1.0]), None, True)
+    assert ended
+    np.testing.assert_allclose(end.theta, [1.0, 1.0], atol=1e-6)
+
+
+def test_steps_that_lead_upwards_are_damped():
+    """Where arctan is flat, whole steps leave for good."""
+    look, weigh = of(lambda x: [np.arctan(x[0])], lambda x: [[1 / (1 + x[0] ** 2)]])
+    end, ended = minimum(look, weigh, np.array([3.0]), None, True)
+    assert ended
+    assert abs(end.theta[0]) < 1e-6
+
+
+def test_a_straight_problem_takes_two_looks():
+    rng, looks = np.random.default_rng(0), []
+    A, b = rng.standard_normal((50, 3)), rng.standard_normal(50)
+    end, ended = minimum(*of(lambda x: A @ x - b, lambda x: A, looks), np.zeros(3), None, True)
+    assert ended
+    assert len(looks) == 2
+    np.testing.assert_allclose(end.theta, np.linalg.lstsq(A, b)[0], atol=1e-10)
+    assert end.cost == pytest.approx(((A @ end.theta - b) ** 2).sum(), rel=1e-12)
+
+
+def test_a_model_without_an_answer_ends_the_search():
+    end, ended = minimum(*of(lambda x: [np.nan], lambda x: [[1.0]]), np.zeros(1), None, True)
+    assert ended
+    assert np.isnan(end.cost)
