@@ -130,6 +130,7 @@ def _in_background(compute: Callable[[], T]) -> Future[T]:
 def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
     from ident.assess.diagnosis import Identification
     from ident.assess.task import Task
+    from ident.assess.vibration import at_confidence
     from ident.identify.values import Draws
 
     options, effort = job.options, job.options.effort
@@ -139,7 +140,7 @@ def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
     sampled = sample(job.arm, job.campaign, sampling, folder=folder, progress=job.progress)
     draws = Draws.of_sample(sampled.sample.sample).some(job.arm.arm, effort.draws, options.seed)
     basis = basis_of(job.arm, options, path=job.log, posterior=draws.shuffled(options.seed))
-    return Identification(sampled.sample, Task(basis, options.limit / 1e3, effort))
+    return Identification(sampled.sample, at_confidence(Task(basis, options.limit / 1e3, effort)))
 
 
 def _resonance(job: Job, diagnosis: "Diagnosis") -> "ResonanceAssessment":
