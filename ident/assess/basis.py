@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
+from ident.assess.phases import Unknowns
 from ident.description.file import ArmFile
 from ident.identify.conditions import loads_of
 from ident.identify.values import Values
@@ -32,6 +33,7 @@ class Basis:
         posterior: draws of a posterior.
         changed: numbers that were set, by path [SI].
         name: what files are called: arm, motion, percent.
+        unknown: what nobody knows of the excitation, which is drawn with the posterior.
     """
 
     arm_file: ArmFile
@@ -44,6 +46,7 @@ class Basis:
     posterior: Values | None = None
     changed: Mapping[str, float] = field(default_factory=dict)
     name: str = ""
+    unknown: Unknowns = field(default_factory=Unknowns)
 
     @cached_property
     def loads(self) -> Loads:
@@ -52,8 +55,14 @@ class Basis:
 
     @cached_property
     def draws(self) -> Mapping[str, Float[np.ndarray, "D"]]:
-        """Draws [SI] of the numbers that were not set, by path; none without a posterior."""
-        return self.posterior.without(self.changed) if self.posterior else {}
+        """Draws [SI] of the numbers that were not set and the unknown excitation, by path; none without a posterior."""
+        return self.drawn(self.posterior)
+
+    def drawn(self, posterior: Values | None, seed: int = 0) -> Mapping[str, Float[np.ndarray, "D"]]:
+        """Return draws of a posterior for the numbers that were not set, and as many of the unknown excitation."""
+        values = posterior.without(self.changed) if posterior else {}
+        count = len(next(iter(values.values()))) if values else 0
+        return values | self.unknown.draws(count, seed) if values else {}
 
     @property
     def sources(self) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from ident.identify.validate import Validation, parts_of
 from ident.inference.held_out import HeldOut, held_out
 from ident.inference.posterior_summary import quantiles
 from ident.vibrate.modal.branches import Branches, branches
+from ident.vibrate.modal.caused_vibration import with_amplitudes
 from ident.vibrate.modal.excitation import Excitation, excitation
 from ident.vibrate.modal.resonance import ResonanceCrossing, resonance_crossings
 from ident.vibrate.redesign.sensitivity import Sensitivities
@@ -60,7 +61,7 @@ class ResonanceAssessment:
     Attributes:
         branches: with the draws as sets; None where nothing turns.
         excitation: by the pulleys; None where nothing turns.
-        crossings: where one is near the other, the most severe first.
+        crossings: where one is near the other, what causes most vibration first.
     """
 
     branches: Branches | None = None
@@ -172,7 +173,10 @@ def assess_resonance(task: Task) -> ResonanceAssessment:
         return ResonanceAssessment()
     followed = branches(task.basis.arm.replace(dict(task.band_draws)), task.basis.motion, loads=task.basis.loads)
     excited = excitation(task.basis.arm, task.basis.motion)
-    return ResonanceAssessment(followed, excited, resonance_crossings(followed, excited))
+    near = resonance_crossings(followed, excited)
+    return ResonanceAssessment(
+        followed, excited, with_amplitudes(near, task.basis.arm, task.basis.motion, task.basis.loads)
+    )
 
 
 def chosen(verifications: Sequence[Verification]) -> int:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ident.assess.keeping import keeping
 from ident.assess.task import CONFIDENT, RATE, Task
-from ident.assess.vibration import exact_response
+from ident.assess.vibration import exact_response, likely_excitation
 from ident.vibrate.redesign.binomial import BinomialEstimate
 from ident.vibrate.redesign.constraints import Requirements
 from ident.vibrate.redesign.evaluator import Evaluator
@@ -17,6 +17,7 @@ from ident.vibrate.redesign.objective import Point
 from ident.vibrate.redesign.search import Effort, Search
 from ident.vibrate.redesign.side_by_side import side_by_side
 from ident.vibrate.redesign.variable import Variable
+from ident.vibrate.redesign.worst_case import settled, with_cut
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.response import peak
 
@@ -40,7 +41,7 @@ class Remedy:
         before: the same numbers as they are.
         percent: [%] speed after the change.
         percent_before: [%] speed as it is.
-        amplitude: (3,) [m] expected: of the arm itself.
+        amplitude: (3,) [m] expected: of the arm itself, with the excitation of the task.
         keeps: probability that the limit is kept.
         frequency: [Hz] first natural frequency, the lower of both ends of the motion.
         deflection: [m] static deflection, the larger of both ends.
@@ -74,7 +75,7 @@ class Verification:
     """A remedy by the exact equations, and by draws that it was not chosen by.
 
     Attributes:
-        amplitude: (3,) [m] by the exact equations.
+        amplitude: (3,) [m] by the exact equations, with an excitation as of `at_confidence`.
         keeps: probability of keeping the limit by fresh draws.
         limit: [m]
     """
@@ -157,14 +158,20 @@ def _least(
 def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:
     """Take the least change of several numbers that reaches the aim, or the least amplitude; from two starts."""
     effort = Effort(task.effort.screened, task.effort.iterations)
-    search = Search(task.evaluator(*variables), Requirements(), effort)
+    oracle = partial(_likely, task)
+    search, _ = oracle(Search(task.evaluator(*variables), Requirements(), effort), np.zeros(len(variables)))
     starts, objective = search.starts(2, seed=0), search.objective
     quiet: list[Point] = []
     near = starts
     if min(map(objective.largest, starts)) > aim:  # out of reach, it seems: the least amplitude tells
         quiet = [u for start in starts if (u := search.minimum_amplitude(start)) is not None]
         near = [u for u in quiet if objective.largest(u) <= aim]
-    reached = [u for start in near if (u := search.minimum_change(start, aim)) is not None]
+
+    def change(search: Search, start: Point) -> Point | None:
+        return search.minimum_change(start, aim)
+
+    ends = [settled(search, change, change(search, start), oracle) for start in near]
+    reached = [u for _, u, _ in ends if u is not None]
     if reached:
         best = min(reached, key=objective.change_norm)
     else:
@@ -172,6 +179,16 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
         best = min([0 * objective.scale, *starts, *quiet], key=objective.largest)
     evaluator = task.evaluator(*variables, draws=task.assessment_draws)
     return _remedy(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))
+
+
+def _likely(task: Task, search: Search, u: Point) -> tuple[Search, float]:
+    """Return a search that sees the excitation that is likely at a place as well, and the amplitude with it [m]."""
+    evaluator, change = search.objective.evaluator, u * search.objective.scale
+    excitation = likely_excitation(task.over_phases(evaluator), task.basis.unknown, change)
+    if not excitation:
+        return search, 0.0
+    excited = replace(evaluator, arm=evaluator.arm.replace(excitation))
+    return with_cut(search, excitation), float(excited.amplitudes(change[None]).max())
 
 
 def _slower_or_faster(task: Task) -> Remedy:
@@ -245,10 +262,11 @@ def verify_remedy(task: Task, remedy: Remedy, progress: Progress = iter) -> Veri
     """Simulate a remedy exactly, and with draws that it was not chosen by."""
     ratio = remedy.percent / task.basis.percent
     motion = task.basis.motion.at_speed(100 * ratio)
-    response = exact_response(task.basis.arm.replace(remedy.values), motion, task.basis.loads)
     variables = tuple(Variable((path,), value, value) for path, value in remedy.values.items())
     evaluator = task.evaluator(*variables, draws=task.fresh_draws)
     evaluator = replace(evaluator, motion=motion, step=task.step / max(ratio, 1.0))
     changes = np.array([float(variable.change(task.basis.arm, variable.low)) for variable in variables])
+    excitation = likely_excitation(task.over_phases(evaluator), task.basis.unknown, changes)
+    response = exact_response(replace(evaluator, arm=evaluator.changed_arm(changes).replace(excitation)))
     _, keeps = keeping(evaluator, changes, task.limit, progress)
     return Verification(np.asarray(peak(response.vibration)), keeps, task.limit)

@@ -9,10 +9,12 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.assess.basis import Basis
+from ident.assess.phases import OverPhases, over_phases
 from ident.measure import Trace
 from ident.vibrate.response.belt_tension import belt_tension, slack
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.study import Draws, SimulatedMotion, Sizes, measures
+from ident.vibrate.response.superposition import superposition
 from ident.vibrate.signal.compare import Comparison
 
 
@@ -29,6 +31,7 @@ class Simulation:
         draws: the vibration by draws of the basis' posterior.
         trace: a measured trace.
         comparisons: the simulation against it, by direction.
+        phases: the vibration over the phases that are not known; None where all are known.
     """
 
     basis: Basis
@@ -39,6 +42,7 @@ class Simulation:
     draws: Draws | None = None
     trace: Trace | None = None
     comparisons: Mapping[str, Comparison] | None = None
+    phases: OverPhases | None = None
 
     @property
     def response(self) -> Response:
@@ -64,6 +68,16 @@ class Simulation:
     def vibration(self) -> Float[np.ndarray, "3 T"]:
         """Displacement of the end point from its quasi-static position [m]."""
         return np.asarray(self.response.vibration)
+
+    @cached_property
+    def posture(self) -> Float[np.ndarray, "driven T"]:
+        """Commanded joint angles [rad]."""
+        return np.asarray(self.response.posture)
+
+    @cached_property
+    def path(self) -> Float[np.ndarray, "3 T"]:
+        """Where the end point would be, were the joints rigid, in the base frame [m]."""
+        return np.asarray(self.response.path)
 
     @cached_property
     def sizes(self) -> Sizes:
@@ -100,6 +114,25 @@ class Simulation:
         moment, axis = np.asarray(self.response.moment), np.asarray(self.response.model.axis).reshape(3, -1, 1)
         torsion = (moment * axis).sum(0)
         return np.linalg.norm(moment - axis * torsion, axis=0), torsion
+
+
+def simulated_over_phases(
+    basis: Basis, study: SimulatedMotion, elastic_belts: bool, rate: float, step: float | None
+) -> OverPhases | None:
+    """Return the vibration over the phases that are not known, by the fast method; None without, or if interrupted."""
+    unknown = basis.unknown
+    if not unknown.phases or study.interrupted is not None:
+        return None
+    whole = superposition(
+        basis.arm,
+        basis.motion,
+        unknown.phases,
+        loads=basis.loads,
+        elastic_belts=elastic_belts,
+        rate=rate,
+        step=step,
+    )
+    return over_phases(whole, unknown)
 
 
 def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -1,6 +1,6 @@
 """What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -85,6 +85,11 @@ class Task:
             rate=RATE,
             step=self.step,
         )
+
+    def over_phases(self, evaluator: Evaluator) -> Evaluator:
+        """Return the same over all phases that are not known, with the highest kinematic errors that may be."""
+        unknown = self.basis.unknown
+        return replace(evaluator, arm=evaluator.arm.replace(unknown.highest), unknown=unknown.phases)
 
     def _first(self, count: int) -> Draws:
         return {path: values[:count] for path, values in self.basis.draws.items()}

@@ -213,7 +213,7 @@ def design(
         progress=progress("starts"),
     )
     each = sensitivities(evaluator, progress=progress("sensitivities"))
-    unseen = fresh.without(options.set) if fresh else None
+    unseen = basis.drawn(fresh, seed=1) if fresh else None
     checks = verify(evaluator, best.best, best.limit, unseen, progress("verification"))
     study = DesignStudy(basis, evaluator, each, best, checks, options.starts)
     return DesignResult(study, _updated(text, basis, best.best.values) if text else "", options)

@@ -100,6 +100,7 @@ def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
 def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
     from ident.assess.diagnosis import Identification
     from ident.assess.task import Task
+    from ident.assess.vibration import at_confidence
     from ident.identify.values import Draws
 
     options, effort = job.options, job.options.effort
@@ -109,7 +110,7 @@ def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
     sampled = sample(job.arm, job.campaign, sampling, folder=folder, progress=job.progress)
     draws = Draws.of_sample(sampled.sample.sample).some(job.arm.arm, effort.draws, options.seed)
     basis = basis_of(job.arm, options, path=job.log, posterior=draws.shuffled(options.seed))
-    return Identification(sampled.sample, Task(basis, options.limit / 1e3, effort))
+    return Identification(sampled.sample, at_confidence(Task(basis, options.limit / 1e3, effort)))
 
 
 def _trust(job: Job, diagnosis: "Diagnosis") -> "tuple[HeldOut, ...]":

@@ -1,17 +1,19 @@
 """What the studies share that move an arm: options of the motion, and the basis that a simulation rests on."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
+from ident.studies import reading
 from ident.studies.options import option
 from ident.studies.shared import ArmOptions, as_file, with_numbers
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.assess.basis import Basis
+    from ident.assess.phases import Unknowns
     from ident.description.file import ArmFile
     from ident.identify.values import Draws, Values
     from ident.measure import Log
@@ -28,6 +30,8 @@ STROKE = (
 
 SLOWEST = 1e-3
 """Lowest speed [%]."""
+PHASES = ("unknown", "file")
+"""What is taken for the phases of the turning masses."""
 MEASURES = ("peak", "rms", "residual")
 """How large a vibration is; see `ident.vibrate.response.amplitude`."""
 
@@ -56,17 +60,40 @@ class MotionOptions(ArmOptions):
         problem = Problem("speed", f"{self.speed}", f"at least {SLOWEST:g}", "100 is full speed, 10 a tenth")
         return [*super().problems(), *([problem] if slow else [])]
 
+    def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
+        """Return the arm, and what nobody knows of its excitation, as far as it matters."""
+        from ident.assess.phases import Unknowns
+
+        return arm, Unknowns()
+
 
 @dataclass(frozen=True, kw_only=True)
 class HeldMotionOptions(MotionOptions):
     """The same, and how long the arm is held at the end."""
 
     dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
+    phases: str = option(
+        "unknown",
+        "phases of the turning masses: unknown, but for those set, measured, or of a datasheet or paper; or the file's",
+        choices=PHASES,
+    )
+    errors: tuple[float, float] | None = option(
+        None,
+        "kinematic error of each drive at twice a turn, LOW:HIGH [arc seconds, peak to peak], as 30:60; "
+        "default: the arm file's",
+        read=reading.peak_to_peak,
+    )
 
     @property
     def hold(self) -> float:
         """Time that the arm is held at the end [s]."""
         return self.dwell
+
+    def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
+        """Return the arm with the largest kinematic errors, and what nobody knows of its excitation."""
+        from ident.assess.phases import unknowns
+
+        return unknowns(arm, origins, self.set, errors=self.errors, phases=self.phases == "unknown")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +124,7 @@ class AmplitudeOptions(HeldMotionOptions):
             as_is = simulate(basis.arm, basis.motion, loads=basis.loads, elastic_belts=True, rate=self.rate)
             refuse_slack(as_is, [belt.name for belt in basis.arm.belts])
         own = (self.measure, basis.draws, basis.loads, self.elastic_belts, self.rate)
-        return Evaluator(basis.arm, basis.motion, tuple(variables), *own)
+        return Evaluator(basis.arm, basis.motion, tuple(variables), *own, unknown=basis.unknown.phases)
 
 
 def basis_of(
@@ -129,7 +156,8 @@ def basis_of(
     motion, percent = _motion(described, options, log)
     name = f"{Path(arm_file.path).stem or arm_file.arm.name}.{_name(described, options, log, percent)}"
     load = Load.parse(options.load)
-    basis = Basis(arm_file, described, motion, percent, load, log, fitted, posterior, options.set, name)
+    described, unknown = options.unknown(described, arm_file.origins)
+    basis = Basis(arm_file, described, motion, percent, load, log, fitted, posterior, options.set, name, unknown)
     if posterior and not basis.draws:
         raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
     return basis

@@ -77,6 +77,15 @@ def band(text: str, flag: str) -> tuple[float, float]:
     return parts[0], parts[1]
 
 
+def peak_to_peak(text: str, flag: str) -> tuple[float, float]:
+    """Read kinematic errors LOW:HIGH [arc seconds, peak to peak]; one number stands for both."""
+    parts = [number(part, f"{flag} {text}") for part in text.split(":")]
+    if len(parts) not in (1, 2) or not 0 <= parts[0] <= parts[-1]:
+        expected = "LOW:HIGH in arc seconds peak to peak, 0 <= LOW <= HIGH"
+        raise InputError(Problem(f"{flag} {text}", "no kinematic errors", expected, "as 30:60"))
+    return parts[0], parts[-1]
+
+
 def whole_numbers(text: str, flag: str) -> tuple[int, ...]:
     """Read whole numbers from 1 with commas between."""
     values = several(text, flag)

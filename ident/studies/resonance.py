@@ -57,7 +57,7 @@ class ResonanceResult(Result):
         basis: arm and motion, and where their numbers come from.
         branches: natural frequencies of the arm held along the motion.
         excitation: frequencies of the pulleys at the same times.
-        crossings: where both are near, the most severe first.
+        crossings: where both are near, what causes most vibration first.
         options: what was asked for.
     """
 
@@ -89,7 +89,7 @@ class ResonanceResult(Result):
         return {"": resonance_figure(self.branches, self.excitation, self.crossings, title=self.title)}
 
     def table(self) -> list[dict[str, Any]]:
-        """Return a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], how far it builds up."""
+        """Return a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], vibration [m]."""
         from ident.present.files.resonance import resonance_rows
 
         return resonance_rows(self.crossings)
@@ -121,6 +121,7 @@ def resonance(
         ModelError: the arm has no stable equilibrium at some posture.
     """
     from ident.vibrate.modal.branches import branches
+    from ident.vibrate.modal.caused_vibration import with_amplitudes
     from ident.vibrate.modal.excitation import excitation
     from ident.vibrate.modal.resonance import resonance_crossings
 
@@ -130,5 +131,6 @@ def resonance(
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     followed = branches(basis.arm.replace(basis.draws), basis.motion, count=options.count, loads=basis.loads)
     turning = excitation(basis.arm, basis.motion, orders=options.orders)
-    crossings = resonance_crossings(followed, turning, margin=options.margin / 100)
+    near = resonance_crossings(followed, turning, margin=options.margin / 100)
+    crossings = with_amplitudes(near, basis.arm, basis.motion, basis.loads)
     return ResonanceResult(basis, followed, turning, crossings, options)

@@ -105,16 +105,12 @@ class SimulateResult(Result):
     @property
     def posture(self) -> 'Float[np.ndarray, "driven T"]':
         """Commanded joint angles [rad]."""
-        import numpy as np
-
-        return np.asarray(self.simulation.response.posture)
+        return self.simulation.posture
 
     @property
     def path(self) -> 'Float[np.ndarray, "3 T"]':
         """Where the end point would be, were the joints rigid, in the base frame [m]."""
-        import numpy as np
-
-        return np.asarray(self.simulation.response.path)
+        return self.simulation.path
 
     @property
     def pulleys(self) -> "Mapping[str, Float[np.ndarray, 'T']]":
@@ -211,7 +207,7 @@ def simulate(
         InputError: options that do not go together, a file that does not fit the arm, a motion that it can't make.
         ModelError: the arm collapses.
     """
-    from ident.assess.simulation import Simulation
+    from ident.assess.simulation import Simulation, simulated_over_phases
 
     options = SimulateOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
@@ -221,6 +217,7 @@ def simulate(
     _check_time(options.at, basis)
     study = _simulated(basis, options, "fast" if drawn else "both", progress)
     _check_belts(basis, study)
+    phases = simulated_over_phases(basis, study, options.elastic_belts, options.rate, options.step)
     simulation = Simulation(
         basis,
         study,
@@ -230,6 +227,7 @@ def simulate(
         _draws(basis, options, progress) if study.interrupted is None else None,
         measured,
         _compared(study, measured, options.band) if measured else None,
+        phases,
     )
     return SimulateResult(simulation, options)
 
@@ -262,6 +260,7 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
 
     if not basis.draws:
         return None
+    how = partial(measures, tolerance=options.tolerance / 1e3, at=options.at)
     return draw(
         basis.arm,
         basis.motion,
@@ -269,7 +268,7 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
         loads=basis.loads,
         elastic_belts=options.elastic_belts,
         rate=options.rate,
-        measure=partial(measures, tolerance=options.tolerance / 1e3, at=options.at),
+        measure=how,
         progress=progress("draws"),
     )
 

@@ -73,7 +73,7 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
     assert (code, err) == (0, "")
     (again,) = (name for name in files(tmp_path) if name.startswith("again") and name.endswith("json"))
     peaks = json.loads((tmp_path / again).read_text())["table"]
-    assert [row["peak"] for row in peaks] == pytest.approx(best.amplitude, rel=0.02)
+    assert [row["peak_worst_phases"] for row in peaks] == pytest.approx(best.amplitude, rel=0.02)
 
     for words in (
         "Sensitivities: percent of amplitude per percent",

@@ -172,7 +172,9 @@ def test_draws_of_a_posterior_give_bands(run, tmp_path):
         for name, column in picked.items():
             np.testing.assert_allclose(data["parameter_draws"].sel(parameter=name), column)
         motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
-        arm = lcd_arm().replace({name: column[2] for name, column in picked.items()})
+        numbers = {str(name): float(data["parameter_draws"].sel(parameter=name)[2]) for name in data.parameter.values}
+        assert numbers.keys() - picked.keys() == {f"{drive.name}.phase" for drive in lcd_arm().drives}
+        arm = lcd_arm().replace(numbers)
         one = simulate(arm, motion, rate=100).vibration
         np.testing.assert_allclose(drawn[2], one, atol=1e-9)
         sizes = np.abs(drawn.values).max(2)

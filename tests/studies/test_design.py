@@ -19,7 +19,7 @@ from ident.vibrate.redesign.sensitivity import sensitivities
 pytestmark = pytest.mark.slow
 
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
-SHORT = {"dwell": 0.2, "rate": 100.0}
+SHORT = {"dwell": 0.2, "rate": 100.0, "phases": "file"}
 K1, K2 = "joint1.k_tors", "joint2.k_tors"
 CHANGE = {K1: ("0.5x", "2x"), K2: (2e5, 4e5, 2.0)}
 

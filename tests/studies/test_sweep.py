@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 FIRST = read_arm(DATA / "lcd_arm" / "first_guess.toml")
-SHORT = {"speed": 200.0, "dwell": 0.5, "rate": 100.0}
+SHORT = {"speed": 200.0, "dwell": 0.5, "rate": 100.0, "phases": "file"}
 K = "joint1.k_tors"
 BOTH = SweepOptions(vary={K: ("0.5x", "2x", 3), "fingers.com.x": (1.2, 1.9, 2)}, limit=10.0, **SHORT)
 

@@ -89,6 +89,11 @@ def about(arm: Arm, motion: Motion) -> Linearized:
     return linearize(at_posture(arm, motion(jnp.zeros(()))[0]))
 
 
+def off(mine: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference in any direction, as a part of the largest of the other."""
+    return float(np.abs(mine - np.asarray(other)).max() / np.abs(np.asarray(other)).max())
+
+
 def apart(a, b, axis: int = 1) -> np.ndarray:
     """Largest difference in each direction, as a part of b's largest value there."""
     a, b = np.asarray(a), np.asarray(b)

@@ -15,6 +15,7 @@ from ident.present.figures.style import (
     GREY,
     NEAR,
     ORANGE,
+    PALE,
     PALE_BLUE,
     PINK,
     Style,
@@ -94,6 +95,9 @@ def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
         axes.plot(trace.time, trace.values, zorder=3, **OURS)
         axes.set_ylabel(f"{direction.upper()}: acceleration\n[m/s$^2$]", fontsize=9)
         return
+    if simulation.phases is not None:
+        high = MM * simulation.phases.envelope[i]
+        axes.fill_between(simulation.time, -high, high, color=PALE, linewidth=0, zorder=0.5)
     if simulation.draws is not None:
         low, high = MM * simulation.draws.band[:, i]
         axes.fill_between(simulation.time, low, high, color=PALE_BLUE, linewidth=0, zorder=1)
@@ -107,6 +111,7 @@ def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
 def _near_limit(simulation: Simulation, i: int) -> bool:
     """Tell whether a direction comes so near to the limit that it is drawn; elsewhere it would flatten the curve."""
     sizes = [simulation.sizes.peak[i], *([] if simulation.draws is None else simulation.draws.sizes.peak[i])]
+    sizes += [] if simulation.phases is None else [simulation.phases.worst[i]]
     return simulation.limit is not None and bool(max(sizes) > NEAR * simulation.limit)
 
 
@@ -137,6 +142,8 @@ def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:
     yield Line2D([], [], label=name, **OURS)
     if simulation.draws is not None:
         yield Patch(color=PALE_BLUE, label=f"5 to 95 % of {simulation.draws.vibration.shape[2]} draws")
+    if simulation.phases is not None:
+        yield Patch(color=PALE, label="worst over all phases of the turning masses")
     if simulation.comparisons:
         yield Line2D([], [], label="measured", **THEIRS)
     if any(_near_limit(simulation, i) for i in range(len(DIRECTIONS))):

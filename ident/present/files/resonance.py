@@ -8,12 +8,12 @@ from ident.vibrate.modal.resonance import ResonanceCrossing
 
 COLUMNS = (
     *("start", "end", "time", "natural", "excitation", "distance", "relative_distance"),
-    *("cycles", "sweep_number", "magnification", "built_up", "probability", "crossing_probability"),
+    *("amplitude", "cycles", "sweep_number", "magnification", "built_up", "probability", "crossing_probability"),
 )
 
 
 def resonance_rows(crossings: Sequence[ResonanceCrossing]) -> list[dict[str, Any]]:
-    """Return resonance crossings as rows, numbered as in the report: times [s], frequencies [Hz], ratios."""
+    """Return resonance crossings as rows, numbered as in the report: times [s], frequencies [Hz], amplitude [m]."""
     return [
         _head(crossing, number) | {name: getattr(crossing, name) for name in COLUMNS}
         for number, group in enumerate(grouped(crossings), start=1)

@@ -101,6 +101,9 @@ def simulate_rows(simulation: Simulation) -> list[dict[str, Any]]:
         "settling_time": sizes.settling,
         "late_peak": sizes.late,
     }
+    if simulation.phases:
+        low, high = simulation.phases.band
+        columns |= {"peak_phases_q05": low, "peak_phases_q95": high, "peak_worst_phases": simulation.phases.worst}
     if simulation.draws:
         low, high = np.quantile(simulation.draws.sizes.peak, (0.05, 0.95), axis=1)
         columns |= {"peak_q05": low, "peak_q95": high}
@@ -121,6 +124,9 @@ def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
         values = np.full_like(simulation.vibration, np.nan)
         values[:, : len(other.time)] = np.asarray(other.vibration)[:, : values.shape[1]]
         yield f"vibration_{other.method}", _variable(moved, values, "m", f"the same by the {other.method} method")
+    if simulation.phases is not None:
+        words = "largest magnitude of the vibration over the phases that are not known"
+        yield "vibration_worst_phases", _variable(moved, simulation.phases.envelope, "m", words)
     yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
     yield (
         "quasi_static_deflection",

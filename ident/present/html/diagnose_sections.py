@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from ident.assess.diagnosis import Diagnosis
+from ident.assess.task import CONFIDENT
 from ident.present.figures.diagnose import SENSITIVITIES, diagnose_figures
 from ident.present.html.page import Section, Table
 from ident.present.html.picture import picture
 from ident.present.text.diagnose import change_words, stage_report
-from ident.present.text.resonance_words import grouped, sources_words
+from ident.present.text.resonance_words import caused_words, grouped, sources_words
 from ident.present.text.units import MM, is_stiffness, nmm_per_deg, unit_of
 from ident.present.text.words import percent
 
@@ -62,14 +63,28 @@ def _resonance(diagnosis: Diagnosis) -> Table:
             f"{group[0].start:.2f} to {group[0].end:.2f}",
             f"{group[0].natural:.2f}",
             "crosses" if group[0].crossings else f"{100 * group[0].relative_distance:.1f} % off",
+            caused_words(group),
             f"{group[0].magnification:.1f}",
             f"{100 * group[0].probability:.0f} %",
         )
         for number, group in enumerate(grouped(diagnosis.resonance.crossings), 1)
     )
-    head = ("no.", "excited by", "mode", "time [s]", "at [Hz]", "closest", "build-up [-]", "probability")
-    note = "Build-up: amplitude of the mode over its static response to the same force, estimated."
-    return Table("Near-resonance, the most severe first", head, rows, note)
+    head = (
+        "no.",
+        "excited by",
+        "mode",
+        "time [s]",
+        "at [Hz]",
+        "closest",
+        "vibration caused",
+        "build-up [-]",
+        "probability",
+    )
+    note = (
+        "Vibration caused: of the end point along the mode's motion, by these pulleys alone with the worst phases. "
+        "Build-up: amplitude of the mode over its static response to the same force, estimated."
+    )
+    return Table("Near-resonance, by the vibration caused", head, rows, note)
 
 
 def _vibration(diagnosis: Diagnosis) -> Table:
@@ -79,6 +94,11 @@ def _vibration(diagnosis: Diagnosis) -> Table:
         for direction, peak, low, high in zip("xyz", vibration.peak, *vibration.band, strict=True)
     )
     note = "Vibration: displacement of the end point from its quasi-static position. Draws by the fast method."
+    if vibration.phases is not None:
+        note += (
+            " Phases of the turning masses are not known: each draw has its own, and the exact ones have phases whose"
+            f" vibration {100 * CONFIDENT:g} % of all phases do not exceed."
+        )
     return Table("Largest vibration [mm]", ("direction", "exact", "5 to 95 % of the draws"), rows, note)
 
 

@@ -43,6 +43,13 @@ def basis_in_words(basis: Basis, *, changed_draws: bool = False) -> Iterator[str
         yield f"  {UNDRIVEN}"
     yield from (f"  WARNING: {mismatch}" for mismatch in belt_mismatches(basis.arm))
     yield from values_in_words(basis.fit, basis.posterior)
+    for low, high in sorted(set(basis.unknown.errors.values())):
+        ends = " to ".join(f"{2 * np.rad2deg(end) * 3600:g}" for end in (low, high))
+        yield f"  kinematic error: {ends} arc seconds peak to peak, twice a turn; the arm itself has the largest"
+    if basis.unknown.phases and changed_draws:
+        yield "  amplitudes: largest over all phases of the turning masses, which nobody knows (rms: in the mean)"
+    if basis.unknown.phases and basis.posterior:
+        yield "  each draw has phases of its own"
     if basis.posterior and changed_draws:
         yield "  every draw is changed by the factor, or the difference, by which the arm itself is"
     yield from changes_in_words(basis.changed)

@@ -71,6 +71,8 @@ def _changes(study: DesignStudy, design: Design) -> Iterator[str]:
     masses = [path for variable in design.evaluator.variables for path in variable.paths if path.endswith(".mass")]
     if masses:
         yield f"  {', '.join(masses)}: inertia was kept; in the arm file it follows the mass where there is a shape"
+    if not design.settled:
+        yield "  The search over the phases did NOT settle: amplitudes hold for the worst, but less might do"
     if words := verdict(design):
         yield f"  {words}" + (" (the arm itself; for the draws, see below)" if study.draws else "")
 

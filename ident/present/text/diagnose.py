@@ -1,5 +1,6 @@
 """A diagnosis in words: what each stage says and why it goes on, and the verdict."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -9,8 +10,8 @@ from ident.assess.diagnosis import Diagnosis
 from ident.assess.remedies import VERIFIED, Remedy, Verification
 from ident.assess.task import CONFIDENT, MOVED, STIFFER
 from ident.identify.validate import Validation
-from ident.present.text.basis import UNDRIVEN
-from ident.present.text.resonance_words import grouped, sources_words
+from ident.present.text.basis import UNDRIVEN, assumed
+from ident.present.text.resonance_words import caused_words, grouped, sources_words
 from ident.present.text.units import MM, is_stiffness
 from ident.present.text.words import cut, folded, percent
 from ident.vibrate.modal.resonance import ResonanceCrossing
@@ -63,15 +64,41 @@ def verdict_words(diagnosis: Diagnosis) -> str:
     """Say what a finished diagnosis comes to."""
     vibration, best, verified = diagnosis.vibration, diagnosis.advised, diagnosis.verified
     limit, peak = f"{MM * vibration.limit:g} mm", float(vibration.peak.max())
-    now = f"The end vibrates by up to {MM * peak:.3g} mm"
+    now, made = f"The end vibrates by up to {MM * peak:.3g} mm", division_words(diagnosis)
     if best is None or verified is None:
-        return f"{now}; the limit of {limit} is kept by {binomial_words(vibration.keeps)}."
+        return f"{now}; the limit of {limit} is kept by {_share(diagnosis, vibration.keeps)}.{made}"
     beyond = f"more than {limit}" if peak > vibration.limit else f"within {limit}, but not surely"
-    change = f"{change_words(best)} brings it to {MM * verified.largest:.3g} mm"
+    words = change_words(best)
+    change = f"{words[0].upper()}{words[1:]}: that brings it to {MM * verified.largest:.3g} mm"
+    share = _share(diagnosis, verified.keeps)
     if diagnosis.verdict == "warn":
-        return f"{now}, {beyond}. {change}; the limit is then kept by {binomial_words(verified.keeps)}."
+        return f"{now}, {beyond}.{made} {change}; the limit is then kept by {share}."
     why = _failure(best, len(diagnosis.verifications))
-    return f"{now}, {beyond}, and {why}. {change}, within the limit for {binomial_words(verified.keeps)}."
+    return f"{now}, {beyond}, and {why}.{made} {change}, within the limit for {share}."
+
+
+def _share(diagnosis: Diagnosis, estimate: BinomialEstimate) -> str:
+    """Say a probability, and what it leaves out: numbers of the drives that nobody has measured."""
+    basis = diagnosis.task.basis
+    drawn = {*basis.unknown.phases, *basis.unknown.errors}
+    taken = [path for path in assumed(basis)[0] if path not in drawn]
+    without = f", with {len(taken)} assumed numbers of drives, belts and stroke taken as they are" if taken else ""
+    return binomial_words(estimate, bool(basis.unknown.phases)) + without
+
+
+def division_words(diagnosis: Diagnosis) -> str:
+    """Say what makes the vibration at the worst phases; nothing where all phases are known."""
+    over = diagnosis.vibration.phases
+    if over is None:
+        return ""
+    way = int(over.worst.argmax())
+    motion, imbalance, error = (f"{MM * part:.3g}" for part in over.division[:, way])
+    none = all(float(drive.error) == 0 for drive in diagnosis.task.basis.arm.drives)
+    errors = "kinematic error nothing, as none is assumed" if none else f"kinematic error {error} mm"
+    return (
+        f" Of {MM * over.worst[way]:.3g} mm with the worst phases of the turning masses the motion itself makes "
+        f"{motion} mm, imbalance {imbalance} mm and {errors}."
+    )
 
 
 def _failure(best: Remedy, verified: int) -> str:
@@ -145,7 +172,7 @@ def _resonance(diagnosis: Diagnosis) -> tuple[list[str], str]:
         return [*changes, UNDRIVEN], "How far the arm vibrates by its motion alone is simulated."
     near = [_near(group) for group in grouped(resonance.crossings)[:4]]
     near = near or ["No pulley comes near a natural frequency along this motion."]
-    onward = "How far the arm really vibrates there depends on how long a pulley stays: simulate it."
+    onward = "How far all of it together moves the end point is simulated."
     return [*changes, *near], onward
 
 
@@ -155,7 +182,8 @@ def _near(group: Sequence[ResonanceCrossing]) -> str:
     how = f"cross{plural and 'es'}" if first.crossings else f"come{plural} near"
     who = sources_words([crossing.source for crossing in group])
     return (
-        f"{cut(who, 40)} {how} {first.label} ({first.natural:.2f} Hz) between {first.start:.2f} and {first.end:.2f} s."
+        f"{cut(who, 40)} {how} {first.label} ({first.natural:.2f} Hz) between {first.start:.2f} and {first.end:.2f} s, "
+        f"which by itself makes {caused_words(group)}."
     )
 
 
@@ -165,7 +193,8 @@ def _vibration(diagnosis: Diagnosis) -> tuple[list[str], str]:
     findings = [
         f"By the exact equations the end point vibrates by up to {MM * peak.max():.3g} mm "
         f"({'xyz'[int(peak.argmax())]}); the limit is {MM * vibration.limit:g} mm.",
-        f"The limit is kept by {binomial_words(vibration.keeps)}.",
+        *_over_phases(diagnosis),
+        f"The limit is kept by {binomial_words(vibration.keeps, vibration.phases is not None)}.",
     ]
     if vibration.accepted:
         return (
@@ -173,6 +202,19 @@ def _vibration(diagnosis: Diagnosis) -> tuple[list[str], str]:
             "The vibration is small: nothing needs to be changed. What it depends on follows, to keep it so.",
         )
     return findings, "That is too much, or too likely to be. Which numbers of the arm matter most?"
+
+
+def _over_phases(diagnosis: Diagnosis) -> Iterator[str]:
+    """Say how far the vibration depends on phases that nobody knows, and what makes it."""
+    vibration = diagnosis.vibration
+    if vibration.phases is None:
+        return
+    over, way = vibration.phases, int(vibration.phases.worst.argmax())
+    low, high = (MM * size for size in (over.peaks[way].min(), over.peaks[way].max()))
+    yield (
+        f"Nobody knows the phases of the turning masses: over draws of them it is {low:.3g} to {high:.3g} mm, and with "
+        f"{100 * CONFIDENT:g} % of them no more than was said.{division_words(diagnosis)}"
+    )
 
 
 def _sensitivities(diagnosis: Diagnosis) -> tuple[list[str], str]:
@@ -211,43 +253,64 @@ def _remedies(diagnosis: Diagnosis) -> tuple[list[str], str]:
 
 def _verification(diagnosis: Diagnosis) -> tuple[list[str], str]:
     pairs = zip(diagnosis.remedies, diagnosis.verifications, strict=False)
-    findings = [line for remedy, verified in pairs for line in _verified(remedy, verified)]
+    phases = diagnosis.vibration.phases is not None
+    findings = [line for remedy, verified in pairs for line in _verified(remedy, verified, phases)]
     if len(diagnosis.verifications) > 1:
         findings.append("All were tried with the same draws, which thereby chose among them.")
     return findings, ""
 
 
-def _verified(remedy: Remedy, verified: Verification) -> Iterator[str]:
+def _verified(remedy: Remedy, verified: Verification, phases: bool) -> Iterator[str]:
     keeps = "keeps" if verified.largest <= verified.limit else "does NOT keep"
     yield f"{change_words(remedy)}: {MM * verified.largest:.3g} mm by the exact equations, which {keeps} the limit."
     wanted = "" if verified.keeps.share >= CONFIDENT else f"; {100 * CONFIDENT:g} % are asked for"
-    yield f"With draws that it was not chosen by, the limit is kept by {binomial_words(verified.keeps)}{wanted}."
+    share = binomial_words(verified.keeps, phases)
+    yield f"With draws that it was not chosen by, the limit is kept by {share}{wanted}."
 
 
-def binomial_words(estimate: BinomialEstimate) -> str:
-    """Say a probability with its interval."""
+def binomial_words(estimate: BinomialEstimate, phases: bool = False) -> str:
+    """Say a probability with its interval, and whether the draws are of phases as well."""
     low, high = estimate.interval
     return (
-        f"{100 * estimate.share:.3g} % of {estimate.draws} draws of the posterior "
+        f"{100 * estimate.share:.3g} % of {estimate.draws} draws of the posterior{' and of the phases' * phases} "
         f"(95 % interval {100 * low:.3g} to {100 * high:.3g} %)"
     )
 
 
 def change_words(remedy: Remedy) -> str:
-    """Name a remedy by what it changes."""
+    """Say what a remedy changes, as something to do."""
     if remedy.kind == "speed":
-        return f"speed {remedy.percent:.3g} % instead of {remedy.percent_before:.3g} %"
-    return ", ".join(_changes(remedy)) or "nothing"
+        return f"run at {remedy.percent:.3g} % of full speed instead of {remedy.percent_before:.3g} %"
+    stiffer, moved = list(_stiffer(remedy)), list(_moved(remedy))
+    words = [f"make {joined(stiffer)} in torsion"] if stiffer else []
+    words += [f"move {joined(moved)}"] if moved else []
+    return joined(words) or "change nothing"
 
 
-def _changes(remedy: Remedy) -> Iterator[str]:
-    """Name each number that changes by more than is worth a word."""
+def _stiffer(remedy: Remedy) -> Iterator[str]:
+    """Say how each stiffness changes, by more than is worth a word."""
     for path, value in remedy.values.items():
-        before = remedy.before[path]
-        if is_stiffness(path) and abs(value / before - 1) > SMALL:
-            yield f"{path} x {value / before:.2f}"
-        elif not is_stiffness(path) and abs(value - before) > SMALL_MOVE:
-            yield f"{path} {MM * (value - before):+.0f} mm"
+        more = value / remedy.before[path] - 1
+        if is_stiffness(path) and abs(more) > SMALL:
+            yield f"{spaced(path)} {100 * abs(more):.0f} % {'stiffer' if more > 0 else 'softer'}"
+
+
+def _moved(remedy: Remedy) -> Iterator[str]:
+    """Say how far each mass centre moves, if that is worth a word."""
+    for path, value in remedy.values.items():
+        further = value - remedy.before[path]
+        if not is_stiffness(path) and abs(further) > SMALL_MOVE:
+            yield f"the mass centre of {spaced(path)} by {MM * further:+.0f} mm in {path[-1]}"
+
+
+def spaced(path: str) -> str:
+    """Return the name of a part, by a path, as one says it: joint 1."""
+    return re.sub(r"(?<=[a-z])(?=\d+$)", " ", path.split(".")[0])
+
+
+def joined(words: Sequence[str]) -> str:
+    """Return words as a list: a, b and c."""
+    return " and ".join([*([", ".join(words[:-1])] if words[1:] else []), *words[-1:]])
 
 
 _WORDS: Mapping[str, tuple[str, Callable[[Diagnosis], tuple[list[str], str]]]] = {

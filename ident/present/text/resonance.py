@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from ident.present.text.resonance_words import band_words, grouped, sources_words
+from ident.present.text.resonance_words import band_words, caused_words, grouped, sources_words
 from ident.present.text.words import cut, degrees, paragraphs
 from ident.vibrate.modal.branches import Branches
 from ident.vibrate.modal.excitation import Excitation
@@ -23,7 +23,7 @@ def resonance_report(
     title: str = "a motion",
     margin: float = MARGIN,
 ) -> str:
-    """Return the report: a verdict, resonance crossings by severity, the mode branches and what was assumed."""
+    """Return the report: a verdict, crossings by the vibration they cause, the mode branches, what was assumed."""
     groups = grouped(crossings)
     sections = [
         _heading(branches, excitation, groups, title),
@@ -47,7 +47,7 @@ def verdict(branches: Branches, group: Sequence[ResonanceCrossing]) -> str:
     else:
         does = f"come{many} within {e.relative_distance:.1%} ({e.distance:.2g} Hz) of {e.label} {place}"
     chance = f"; near in {e.probability:.0%} of {branches.batch_size} draws" if branches.batch_size else ""
-    return f"{who} ({drives}) {does}: {passage_words(e)}{chance}"
+    return f"{who} ({drives}) {does}: {caused_words(group)}; {passage_words(e)}{chance}"
 
 
 def passage_words(crossing: ResonanceCrossing) -> str:
@@ -75,7 +75,7 @@ def _heading(
     near = len(groups) - met
     counts = f"{met} meet{'s' * (met == 1)}, {near} come{'s' * (near == 1)} near"
     many = f"{len(groups)} resonance crossing{'s' * (len(groups) > 1)}"
-    yield f"  {many}: {counts}. The most magnified (no amplitude, see below):"
+    yield f"  {many}: {counts}. What causes most vibration:"
     yield f"  {verdict(branches, groups[0])}."
 
 
@@ -85,7 +85,7 @@ def _table(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]]) ->
     end = "  near cross" if branches.batch_size else f"{'number':>9s}"
     yield (
         f"{'':3s}{'excitation':15s} {'mode':18s}{'from':>6s}{'to':>6s}{'at':>6s}{'f':>6s}{'apart':>8s}"
-        f"{'cycles':>7s}{'times':>6s}{'built':>6s}{end}"
+        f"{'caused':>9s}{'times':>6s}{'built':>6s}{end}"
     )
     yield f"{'':37s}{'[s]':>6s}{'[s]':>6s}{'[s]':>6s}{'[Hz]':>6s}"
     for number, group in enumerate(groups, start=1):
@@ -99,7 +99,7 @@ def _row(branches: Branches, number: int, group: Sequence[ResonanceCrossing]) ->
     share = f"{e.probability:6.0%}{e.crossing_probability:6.0%}" if branches.batch_size else f"{e.sweep_number:9.3g}"
     return (
         f"{number:2d} {who:15s} {e.label!s:18s}{e.start:6.2f}{e.end:6.2f}{e.time:6.2f}{e.natural:6.2f}{apart:>8s}"
-        f"{e.cycles:7.1f}{e.magnification:6.3g}{e.built_up:6.0%}{share}"
+        f"{caused_words(group):>9s}{e.magnification:6.3g}{e.built_up:6.0%}{share}"
     )
 
 
@@ -131,10 +131,11 @@ def _assumed(branches: Branches, groups: Sequence[Sequence[ResonanceCrossing]], 
     yield "  Ratios and speeds are the arm file's, which says which are assumed or calibrated."
     if groups:
         yield f"  Near: within {100 * margin:.3g} % of the natural frequency, or its half-power bandwidth if wider."
+        yield "  caused: largest vibration of the end point along the mode's motion, by these pulleys alone"
+        yield "  and with the worst phases, while they are near and the mode swells; by the fast method. A mode"
+        yield "  near by in frequency that moves the end point the same way is in it as well."
         yield "  times: largest amplitude over the static response to the same force, of one mode at constant"
         yield "  force, passed at the true rate from rest; built: the same over steady resonance, 1/(2 zeta)."
-        yield "  They rank resonance crossings and are no amplitudes of vibration, for which there is the"
-        yield "  simulation; least of all where a pulley passes in less than a cycle."
     if groups and not branches.batch_size:
         yield "  number: rate of the pulley relative to the mode [Hz/s] / (zeta f)^2; up to"
         yield f"  {QUASI_STEADY:g} the response is nearly steady (ISO 7626-2), far above the pulley passes too fast for"

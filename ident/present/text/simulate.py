@@ -25,6 +25,7 @@ def simulate_report(simulation: Simulation) -> str:
     sections = [
         _heading(simulation),
         _vibration(simulation),
+        _phases(simulation),
         _bands(simulation),
         _trace(simulation),
         _methods(simulation),
@@ -81,6 +82,25 @@ def _peak(simulation: Simulation) -> Iterator[str]:
         yield f"  limit of {MM * simulation.limit:g} mm: {words}"
 
 
+def _phases(simulation: Simulation) -> Iterator[str]:
+    if simulation.phases is None:
+        return
+    over = simulation.phases
+    what = "phases and kinematic errors" if simulation.basis.unknown.errors else "phases of the turning masses"
+    yield f"Peak over all {what}, which nobody knows; above, those of the arm file [mm]"
+    yield "                 5 to 95 %           worst    of it: motion   imbalance   kinematic error"
+    for direction, low, high, worst, parts in zip(DIRECTIONS, *over.band, over.worst, over.division.T, strict=True):
+        band, (motion, imbalance, error) = f"{_mm(low)} to {_mm(high)}", map(_mm, parts)
+        yield f"  {direction} {band:>27s}  {_mm(worst):>10s}  {motion:>16s}  {imbalance:>10s}  {error:>16s}"
+    if simulation.limit is not None:
+        yield _exceeding(simulation.limit, "them", *over.exceeds(simulation.limit))
+
+
+def _exceeding(limit: float, of: str, each: np.ndarray, any_of: float) -> str:
+    ways = ", ".join(f"{share:.0%} in {direction}" for direction, share in zip(DIRECTIONS, each, strict=True))
+    return f"  share of {of} whose peak exceeds {MM * limit:g} mm: {ways}, {any_of:.0%} in any direction"
+
+
 def _bands(simulation: Simulation) -> Iterator[str]:
     if simulation.draws is None:
         return
@@ -92,7 +112,8 @@ def _bands(simulation: Simulation) -> Iterator[str]:
         "settled [s]",
         *([] if simulation.at is None else [f"from {simulation.at:g} s on"]),
     ]
-    yield f"5 to 95 % of {count} draws [mm]"
+    drawn = ", each with phases of its own" if simulation.basis.unknown.phases else ""
+    yield f"5 to 95 % of {count} draws{drawn} [mm]"
     yield "   " + "".join(f"{name:>20s}" for name in names)
     for i, direction in enumerate(DIRECTIONS):
         columns = [_interval(part[i]) for part in (sizes.peak, sizes.rms, sizes.residual)]

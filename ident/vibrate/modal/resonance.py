@@ -46,6 +46,8 @@ class ResonanceCrossing:
         magnification: () [-] largest estimated amplitude of the mode, over its static response to the same force.
         probability: () [-] share of the batch that the excitation comes near within the interval; 1 without a batch.
         crossing_probability: () [-] share of the batch whose frequency it crosses there; 1 or 0 without a batch.
+        swells_until: () [s] until when the mode may swell, behind the end where it was crossed.
+        amplitude: () [m] of the end point by this source alone meanwhile, see `caused_vibration`; NaN if not computed.
     """
 
     source: Source
@@ -66,6 +68,8 @@ class ResonanceCrossing:
     magnification: float
     probability: float
     crossing_probability: float
+    swells_until: float
+    amplitude: float = np.nan
 
     @property
     def distance(self) -> float:
@@ -84,7 +88,7 @@ class ResonanceCrossing:
 
     @property
     def severity(self) -> float:
-        """Magnification times probability [-], by which crossings are ordered."""
+        """Magnification times probability [-], by which crossings are ordered without amplitudes."""
         return self.magnification * self.probability
 
 
@@ -202,7 +206,8 @@ def _crossing(
     rate, natural = float(pair.rate[k]), float(pair.natural[k])
     crossed = pair.batch_crosses[max(first - 1, 0) : last + 1].any(0)
     tail = 1 / np.sqrt(max(abs(rate), TINY)) if len(crossings) else 0.0
-    swells = (pair.time >= pair.time[first]) & (pair.time <= max(end, min(end + tail, until)))
+    swells_until = max(end, min(end + tail, until))
+    swells = (pair.time >= pair.time[first]) & (pair.time <= swells_until)
     return ResonanceCrossing(
         source=source,
         branch=b,
@@ -222,6 +227,7 @@ def _crossing(
         magnification=float(amplitude[swells].max()),
         probability=float((pair.batch_near[inside].any(0) | crossed).mean()),
         crossing_probability=float(crossed.mean()),
+        swells_until=swells_until,
     )
 
 

@@ -10,15 +10,19 @@ from jaxtyping import Float
 from ident.errors import InputError, ModelError, Problem
 from ident.vibrate.redesign.constraints import Requirements
 from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.objective import Point
 from ident.vibrate.redesign.search import Search
 from ident.vibrate.redesign.side_by_side import side_by_side
 from ident.vibrate.redesign.variable import Extents, check
+from ident.vibrate.redesign.worst_case import minimum_change, settled, worst
 from ident.vibrate.response.exact import Progress
 
 STARTS = 3
 """Starts, the arm as it is among them."""
 SAME = 1e-4
 """Difference of amplitudes, as a share, that is none."""
+ALIKE = 0.01
+"""Difference of amplitudes, as a share, up to which optima are one before the worst phases are searched for."""
 SHARES = (0.125, 0.25, 0.5, 0.75)
 """Change norms on the trade-off curve, of that of the minimum amplitude."""
 
@@ -66,6 +70,8 @@ class Design:
         curve: least amplitude at several change norms, ascending, each amplitude less than the one before; the present
             and the least amplitude are its ends.
         minimum_change: least change norm that meets the limit; None without limit, or where it can't be met.
+        settled: whether the searches over phases that are not known have come to an end; amplitudes are the worst over
+            them in any case, but less change, or less amplitude, might do.
     """
 
     evaluator: Evaluator
@@ -76,6 +82,7 @@ class Design:
     optima: tuple[Place, ...]
     curve: tuple[Place, ...]
     minimum_change: Place | None
+    settled: bool = True
 
 
 def design(
@@ -95,6 +102,8 @@ def design(
     by sequential quadratic programming with exact slopes, from the arm as it is and from the best of a scrambled Sobol
     sequence. With draws and a limit, the probability of exceeding it is minimised from there on: its log-odds, each
     draw counted by a normal distribution function about the limit.
+
+    Where phases are not known, amplitudes are the largest over them, see `worst_case`.
 
     Args:
         evaluator: with the variables, within whose bounds the design stays.
@@ -116,22 +125,23 @@ def design(
     required = required or Requirements()
     _check(evaluator, limit, required, extents)
     search = Search(evaluator, required)
+    search, _ = worst(search, 0 * search.objective.scale)
     begins = search.starts(starts, seed)
     ends = side_by_side([partial(search.minimum_amplitude, begin) for begin in begins], progress)
     optima = [(_place(search, u, limit), u) for u in ends if u is not None]
     if not optima:
         raise ModelError(_why_not(search, seed))
     optima.sort(key=lambda pair: pair[0].largest)
-    places, least = [place for place, _ in optima], optima[0][1]
+    places, least, search, is_settled = _settled(search, optima, limit)
     likely = search.minimum_exceedance(least, limit) if evaluator.draws and limit else None
     norm = places[0].change_norm if curve else 0.0
     further = [partial(search.minimum_amplitude, share * least, share * norm) for share in SHARES if norm > 0]
-    between = side_by_side([*further, partial(search.minimum_change, least, limit)] if limit else further)
-    minimum_change = between.pop() if limit else None
+    between = side_by_side(further)
+    _, least_change, change_settled = minimum_change(search, least, limit) if limit else (search, None, True)
 
     present = _place(search, 0 * least, limit)
     middle = [_place(search, u, limit) for u in between if u is not None]
-    changes = [] if minimum_change is None else [_place(search, minimum_change, limit)]
+    changes = [] if least_change is None else [_place(search, least_change, limit)]
     return Design(
         evaluator,
         required,
@@ -141,6 +151,26 @@ def design(
         tuple(places),
         _efficient(present, [*middle, *places[1:], *changes] if curve else [], places[0]),
         changes[0] if changes else None,
+        is_settled and change_settled,
+    )
+
+
+def _settled(
+    search: Search, optima: Sequence[tuple[Place, Point]], limit: float | None
+) -> tuple[list[Place], Point, Search, bool]:
+    """Return the optima, the first and its like after the search for the worst phases, and that search."""
+    places, (first, least) = [place for place, _ in optima], optima[0]
+    further, u, is_settled = settled(search, Search.minimum_amplitude, least)
+    if u is None or further is search:
+        return places, least, further, is_settled
+    better = _place(further, u, limit)
+    if better.largest > first.largest:
+        return places, least, further, is_settled
+    return (
+        [better if place.largest < first.largest * (1 + ALIKE) else place for place in places],
+        u,
+        further,
+        is_settled,
     )
 
 

@@ -1,12 +1,12 @@
 """An arm is changed and simulated over and over, whichever of its numbers change by one compiled program."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
@@ -20,6 +20,15 @@ from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.fast import step_for
 from ident.vibrate.response.fast_method import FastMethod, vibration_of
 from ident.vibrate.response.simulate import RATE, by_chunk, fast_method, refuse_collapse, vibrations
+from ident.vibrate.response.superposition import (
+    Superposition,
+    largest_over_phases,
+    members_of,
+    numbers_of,
+    parts_of,
+    rms_over_phases,
+    superposition,
+)
 
 BATCH = 64
 """Arms between two steps of progress."""
@@ -46,6 +55,8 @@ class Evaluator:
         elastic_belts: whether belts stretch.
         rate: samples a second.
         step: longest time step [s]; that of the stiffest arm when None.
+        unknown: phases over which the amplitude of the arm itself is the largest (an RMS is in the mean); each draw has
+            its own, and slopes are with those of the arm.
     """
 
     arm: Arm
@@ -57,6 +68,7 @@ class Evaluator:
     elastic_belts: bool = False
     rate: float = RATE
     step: float | None = None
+    unknown: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:
@@ -80,9 +92,7 @@ class Evaluator:
 
     def batch(self, changes: Float[np.ndarray, "G V"]) -> dict[str, Float[np.ndarray, "batch"]]:
         """Return all numbers of the arms after changes, by path."""
-        present = {
-            path: np.asarray(value) for path, value in self.arm.numbers().items() if not self._is_of_stroke(path)
-        }
+        present = numbers_of(self.arm)
         drawn = {path: np.append(present[path], values)[None] for path, values in self.draws.items()}
         values = present | drawn | apply(present | drawn, self.variables, list(changes.T[..., None]))
         shape = len(changes), self.size
@@ -92,26 +102,37 @@ class Evaluator:
         """Return the arms after changes, as a batch."""
         return self.arm.replace({path: jnp.asarray(values) for path, values in self.batch(changes).items()})
 
+    def changed_arm(self, change: Float[np.ndarray, "V"]) -> Arm:
+        """Return the arm itself after a change."""
+        return self.arm.replace({path: jnp.asarray(value) for path, value in self.values(change).items()})
+
+    def superposition(self, change: Float[np.ndarray, "V"]) -> Superposition:
+        """Return the vibration of the arm itself after a change as a sum over its phases that are not known."""
+        return superposition(
+            self.changed_arm(change),
+            self.motion,
+            self.unknown,
+            loads=self.loads,
+            elastic_belts=self.elastic_belts,
+            rate=self.rate,
+            step=self.step or self.step_for(change[None]),
+        )
+
     def amplitudes(self, changes: Float[np.ndarray, "G V"], progress: Progress = iter) -> Float[np.ndarray, "3 G D"]:
         """Return the amplitudes [m] after changes: after each that of the arm itself, then those of the draws.
 
         Raises:
             ModelError: the arm has no stable equilibrium after some change, which is named.
         """
-        numbers, measure, solve = self.batch(changes), self.amplitude, self._solver(changes)
-
-        def run(first: int) -> np.ndarray:
-            some = {path: column[first : first + BATCH] for path, column in numbers.items()}
-            vibration = np.asarray(vibrations(self.arm, some, solve))
-            refuse_collapse(self.motion, vibration)
-            return measure(vibration)
-
-        starts = range(0, len(changes) * self.size, BATCH)
+        numbers, solve, count = self.batch(changes), self._solver(changes), len(changes) * self.size
+        jobs, whole = list(self._jobs(count)), np.empty((3, count))
         try:
-            parts = [run(starts[k]) for k in progress(range(len(starts)))]
+            for k in progress(range(len(jobs))):
+                places, unknown = jobs[k]
+                whole[:, places] = self._measured({path: x[places] for path, x in numbers.items()}, unknown, solve)
         except ModelError as error:
             raise ModelError(self._collapse(changes) or str(error)) from None
-        return np.concatenate(parts, 1).reshape((3, len(changes), self.size))
+        return whole.reshape((3, len(changes), self.size))
 
     def step_for(self, changes: Float[np.ndarray, "G V"]) -> float:
         """Return the time step [s] that the stiffest arm after these changes needs, some of them at a time."""
@@ -154,8 +175,28 @@ class Evaluator:
         step = self.step or self.step_for(changes)
         return fast_method(self.arm, self.motion, self.loads, self.elastic_belts, self.rate, step)
 
-    def _is_of_stroke(self, path: str) -> bool:
-        return self.arm.stroke is not None and path.split(".")[0] == self.arm.stroke.name
+    def _jobs(self, count: int) -> Iterator[tuple[Int[np.ndarray, "some"], tuple[str, ...]]]:
+        """Yield places in a batch, some at a time, and over which phases each is: none of draws, which have theirs."""
+        places = np.arange(count)
+        own = places % self.size == 0 if self.unknown else np.zeros(count, bool)
+        for which, unknown in ((places[own], self.unknown), (places[~own], ())):
+            together = max(1, BATCH // (1 + 2 * len(unknown)))
+            for first in range(0, len(which), together):
+                yield which[first : first + together], unknown
+
+    def _measured(
+        self, numbers: Mapping[str, np.ndarray], unknown: tuple[str, ...], solve: FastMethod
+    ) -> Float[np.ndarray, "3 some"]:
+        """Return the amplitudes of some arms over the phases that are not known."""
+        members = 1 + 2 * len(unknown)
+        each = {path: np.repeat(values, members) for path, values in numbers.items()}
+        each |= {path: np.tile(phases, len(each[path]) // members) for path, phases in members_of(unknown).items()}
+        vibration = np.asarray(vibrations(self.arm, each, solve))
+        refuse_collapse(self.motion, vibration)
+        if unknown:
+            over = rms_over_phases if self.measure == "rms" else largest_over_phases
+            vibration = over(*parts_of(vibration.reshape((*vibration.shape[:2], -1, members))))
+        return self.amplitude(vibration)
 
     def _collapse(self, changes: Float[np.ndarray, "G V"]) -> str:
         """Name the first change after which the arm has no stable equilibrium; empty if there is none."""

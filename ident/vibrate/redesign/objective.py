@@ -1,7 +1,7 @@
 """What a design minimises and keeps within limits: functions of scaled changes, with exact slopes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -15,7 +15,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.jit import AnyArray, jit
 from ident.vibrate.redesign.end_states import ends, worst_state
-from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.evaluator import Draws, Evaluator
 from ident.vibrate.redesign.variable import Variable, apply
 
 BLUR = 0.05
@@ -35,20 +35,22 @@ class Objective:
         scale: (V,) the widest change of each variable.
         low: (V,) lower bounds of u.
         high: (V,) upper bounds of u.
+        cuts: sets of phases, by path: the amplitude is the largest with any of them; without, with those of the arm.
     """
 
     evaluator: Evaluator
     scale: Point
     low: Point
     high: Point
+    cuts: Draws = field(default_factory=dict)
 
     @classmethod
-    def of(cls, evaluator: Evaluator) -> "Objective":
+    def of(cls, evaluator: Evaluator, cuts: Draws | None = None) -> "Objective":
         """Scale an evaluator's variables."""
         low, high = evaluator.bounds
         scale = np.maximum(np.abs(low), np.abs(high))
         evaluator = evaluator if evaluator.step else replace(evaluator, step=evaluator.step_for(evaluator.bounds))
-        return cls(evaluator, scale, low / scale, high / scale)
+        return cls(evaluator, scale, low / scale, high / scale, cuts or {})
 
     @cached_property
     def weight(self) -> Point:
@@ -90,7 +92,10 @@ class Objective:
         return lru_cache(CACHED)(lambda compute, u, *more: compute(self, np.frombuffer(u), *more))
 
     def _parts(self, u: Point) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J V"]]:
-        values, slopes = self.evaluator.alone.slopes(u * self.scale)
+        which = slice(1, None) if self.cuts else slice(None)
+        values, slopes = replace(self.evaluator, draws=self.cuts).slopes(u * self.scale, which)
+        worst = values.argmax(2)[..., None]  # of each window: more rows than windows would slow the optimiser down
+        values, slopes = np.take_along_axis(values, worst, 2), np.take_along_axis(slopes, worst[None], 3)
         return values.ravel(), slopes.reshape((len(u), -1)).T * self.scale
 
     def _end_state(self, u: Point) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 V"]]:

@@ -1,7 +1,7 @@
 """The search for a change: minimum amplitude, minimum change, minimum probability of exceedance."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from ident.vibrate.redesign.constraints import (
     constraints,
     widened,
 )
-from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.redesign.evaluator import Draws, Evaluator
 from ident.vibrate.redesign.objective import Objective, Point
 
 APART = 0.25
@@ -50,16 +50,18 @@ class Search:
         evaluator: with the variables.
         required: what must be met.
         effort: how much is computed.
+        cuts: sets of phases with which the amplitude is kept low, see `Objective`.
     """
 
     evaluator: Evaluator
     required: Requirements
     effort: Effort = Effort()
+    cuts: Draws = field(default_factory=dict)
 
     @cached_property
     def objective(self) -> Objective:
         """The functions of u."""
-        return Objective.of(self.evaluator)
+        return Objective.of(self.evaluator, self.cuts)
 
     def minimum_amplitude(self, start: Point, change_norm: float = np.inf) -> Point | None:
         """Return the place of the least largest amplitude; None where the search ends at none that is allowed.
@@ -92,11 +94,18 @@ class Search:
         chosen = [np.zeros(len(scale))]
         if count > 1:
             places = self.spread(seed)
-            amplitude = self.objective.evaluator.alone.amplitudes(places * scale)[:, :, 0].max(0)
+            amplitude = self._seen.amplitudes(places * scale)[:, :, 0].max(0)
             for u in places[np.argsort(amplitude)]:
                 if len(chosen) < count and all(np.abs(u - other).max() > APART for other in chosen[1:]):
                     chosen.append(u)
         return chosen
+
+    @property
+    def _seen(self) -> Evaluator:
+        """The arm itself with the first set of phases that is seen, which costs less than all phases do."""
+        own = self.objective.evaluator.alone
+        first = {path: phases[0] for path, phases in self.cuts.items()}
+        return replace(own, arm=own.arm.replace(first), unknown=()) if first else own
 
     def spread(self, seed: int) -> Float[np.ndarray, "places V"]:
         """Return places all over the bounds, no further than the largest change norm allows."""

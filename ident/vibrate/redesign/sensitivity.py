@@ -53,7 +53,9 @@ def changeable(arm: Arm) -> tuple[str, ...]:
 def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, progress: Progress = iter) -> Sensitivities:
     """Return how the amplitude of an evaluator changes with numbers of the arm, by exact slopes.
 
-    Where an amplitude is a peak, the slope is that of the largest window. See `Evaluator`.
+    Where an amplitude is a peak, the slope is that of the largest window. Where phases are not known, each direction
+    has those with which its peak is the worst: the slope of a largest value over phases is that with the phases kept
+    (Danskin, "The theory of max-min", 1967). An RMS is with the phases of the arm. See `Evaluator`.
 
     Args:
         evaluator: arm, motion and measure; its own variables are not used.
@@ -63,17 +65,34 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     paths = tuple(paths) if paths else changeable(evaluator.arm)
     for path in paths:
         check_path(evaluator.arm, path)
+    seen, own = _with_worst_phases(evaluator)
+    which = slice(min(own), None)
     groups = [paths[first : first + WIDTH] for first in range(0, len(paths), WIDTH)]
     elasticity = []
     for k in progress(range(len(groups))):
         variables = tuple(Variable((path,), -np.inf, np.inf) for path in groups[k])
-        parts, slopes = replace(evaluator, variables=variables).slopes(np.zeros(len(variables)))
+        parts, slopes = replace(seen, variables=variables).slopes(np.zeros(len(variables)), which)
         elasticity.append(_elasticities(evaluator.arm, variables, parts, slopes))
-    whole = np.concatenate(elasticity)
+    whole, ways = np.concatenate(elasticity), np.arange(3)
     present = np.array([float(evaluator.arm.get(path)) for path in paths])
-    return Sensitivities(
-        paths, present, parts[:, :, 0].max(1), whole[..., 0], whole[..., 1:] if evaluator.draws else None
-    )
+    amplitude, places = parts.max(1), np.array(own) - min(own)
+    draws = whole[..., places[-1] + 1 :] if evaluator.draws else None
+    return Sensitivities(paths, present, amplitude[ways, places], whole[:, ways, places], draws)
+
+
+def _with_worst_phases(evaluator: Evaluator) -> tuple[Evaluator, list[int]]:
+    """Return an evaluator whose first draws have the worst phases of each direction, and which arm each shall have."""
+    if not evaluator.unknown or evaluator.measure == "rms":
+        return evaluator, [0, 0, 0]
+    whole, first = evaluator.superposition(np.zeros(len(evaluator.variables))), int(evaluator.amplitude.first)
+    worst = [whole.worst_phases(first, direction) for direction in range(3)]
+
+    def column(path: str) -> Float[np.ndarray, "D"]:
+        present = float(evaluator.arm.get(path))
+        drawn = evaluator.draws.get(path, np.full(evaluator.size - 1, present))
+        return np.append([phases.get(path, present) for phases in worst], drawn)
+
+    return replace(evaluator, draws={path: column(path) for path in {*evaluator.unknown, *evaluator.draws}}), [1, 2, 3]
 
 
 def _elasticities(

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from functools import partial
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -24,6 +23,7 @@ class Check:
         vibration: (3, T) [m]
         amplitude: (3,) [m] by the evaluator's measure.
         difference: (3,) [-] of the fast method's amplitude from it, as a share of the largest direction's.
+            Where phases are not known, both are with those at which the largest direction's is worst.
         exceedance: of fresh draws, by the fast method; None without draws or limit.
     """
 
@@ -51,6 +51,8 @@ def verify(
 ) -> Verification:
     """Verify a design by the exact method, and with fresh draws by the fast one; the arm as it is as well.
 
+    Where phases are not known, each by the exact method has those with which its vibration is largest.
+
     Args:
         evaluator: of the design.
         place: the design.
@@ -63,9 +65,7 @@ def verify(
     """
     changes = np.stack([0 * place.changes, place.changes])
     evaluator = evaluator if evaluator.step else replace(evaluator, step=evaluator.step_for(changes))
-    alone = evaluator.alone
-    fast = alone.amplitudes(changes)[:, :, 0].T
-    checks = side_by_side([partial(_exact, alone, change, own) for change, own in zip(changes, fast, strict=True)])
+    checks = side_by_side([partial(_exact, evaluator.alone, change) for change in changes])
     if fresh and limit is not None:
         estimates = exceedances(replace(evaluator, draws=fresh), changes, limit, progress)
         checks = [replace(check, exceedance=one) for check, one in zip(checks, estimates, strict=True)]
@@ -80,8 +80,12 @@ def exceedances(
     return [binomial_estimate(one) for one in above]
 
 
-def _exact(evaluator: Evaluator, change: Float[np.ndarray, "V"], fast: Float[np.ndarray, "3"]) -> Check:
-    arm = evaluator.arm.replace({path: jnp.asarray(value) for path, value in evaluator.values(change).items()})
+def _exact(evaluator: Evaluator, change: Float[np.ndarray, "V"]) -> Check:
+    arm = evaluator.changed_arm(change)
+    if evaluator.unknown:
+        first = 0 if evaluator.measure == "rms" else int(evaluator.amplitude.first)
+        arm = arm.replace(evaluator.superposition(change).worst_phases(first))
+    fast = replace(evaluator, arm=arm, unknown=()).amplitudes(0 * change[None])[:, 0, 0]
     response = simulate(
         arm,
         evaluator.motion,
