@@ -10,7 +10,7 @@ from ident.assess.diagnosis import Diagnosis
 from ident.present.figures.resonance import resonance_figure
 from ident.present.figures.style import BLUE, plain, ratio_axis, rows
 from ident.present.figures.validate import validate_figure
-from ident.present.text.diagnose import change_words
+from ident.present.text.remedy_words import change_words
 from ident.present.text.units import MM
 from ident.present.text.words import cut
 

@@ -7,7 +7,7 @@ from typing import Any
 from ident.assess.diagnosis import Diagnosis
 from ident.present.files.document import plain
 from ident.present.files.sample import inference_data
-from ident.present.text.diagnose import change_words
+from ident.present.text.remedy_words import change_words
 
 
 def diagnose_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:

@@ -9,7 +9,8 @@ from ident.assess.task import CONFIDENT
 from ident.present.figures.diagnose import SENSITIVITIES, diagnose_figures
 from ident.present.html.page import Section, Table
 from ident.present.html.picture import picture
-from ident.present.text.diagnose import change_words, stage_report
+from ident.present.text.diagnose import stage_report
+from ident.present.text.remedy_words import change_words
 from ident.present.text.resonance_words import caused_words, grouped, sources_words
 from ident.present.text.units import MM, is_stiffness, nmm_per_deg, unit_of
 from ident.present.text.words import percent

@@ -14,7 +14,8 @@ from ident.assess.task import Task
 from ident.assess.vibration import VibrationAssessment
 from ident.description.file import read_arm
 from ident.identify.sample import CampaignSample
-from ident.present.text.diagnose import StageReport, change_words, stage_report, verdict_words
+from ident.present.text.diagnose import StageReport, stage_report, verdict_words
+from ident.present.text.remedy_words import change_words
 from ident.studies.diagnose import DiagnoseOptions
 from ident.studies.motion import basis_of
 from ident.vibrate.redesign.binomial import binomial_estimate
