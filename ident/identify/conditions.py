@@ -1,6 +1,6 @@
 """A campaign bound to an arm: under which conditions each value was measured, as arrays."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -12,11 +12,12 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.labels import parse_label
 from ident.errors import InputError, Problem
+from ident.identify.definitions import NotAllUndamped, definitions_of
+from ident.identify.misfits import misfits, too_many, unknown_names
 from ident.identify.mode_assignment import Named, name_modes
 from ident.identify.repeats import Repeats, repeats, room
 from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
-from ident.text import did_you_mean
 
 BY_MODE = ("frequency", "damping_ratio")
 State = tuple[tuple[float, ...], Load]
@@ -70,6 +71,7 @@ class Conditions(eqx.Module):
         readings: deflections, and their differences.
         order: (D,) the value that each row measured: its place among named, unnamed and readings in turn.
         repeats: the rows of each value.
+        definitions: what each frequency is, those with a label first.
     """
 
     posture: Float[AnyArray, "joints S"]
@@ -79,6 +81,17 @@ class Conditions(eqx.Module):
     readings: Readings
     order: Int[AnyArray, "D"]
     repeats: Repeats
+    definitions: NotAllUndamped = None
+
+    @property
+    def labelled(self) -> NotAllUndamped:
+        """What each frequency with a label is."""
+        return None if self.definitions is None else self.definitions[: self.named.frequencies]
+
+    @property
+    def unlabelled(self) -> NotAllUndamped:
+        """What each frequency without a label is."""
+        return None if self.definitions is None else self.definitions[self.named.frequencies :]
 
     @property
     def count(self) -> int:
@@ -129,6 +142,9 @@ class Conditions(eqx.Module):
             ),
             rows,
             repeats(rows, rows),
+            None
+            if self.definitions is None
+            else self.definitions[np.concatenate([values[0], values[2] - named.ratios])],
         )
         return more, np.asarray(self.repeats.first)[np.concatenate(values)], place[order]
 
@@ -140,7 +156,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         InputError: a posture of the wrong length, a point, payload or mode that the arm has not; all at once. Or more
             values than can be fitted.
     """
-    problems = [*(problem for m in campaign for problem in _misfits(arm, m)), *_too_many(arm, campaign)]
+    problems = [*(problem for m in campaign for problem in misfits(arm, m)), *too_many(arm, campaign)]
     if not len(campaign):
         problems = [Problem(campaign.path, "no measurement", "at least one", "add a row")]
     if problems:
@@ -169,6 +185,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         _readings(readings),
         order,
         repeats(order, np.array([first[key] for key in values])),
+        definitions_of([campaign.measurements[first[key]] for key in values]),
     )
     return jax.device_put(bound)
 
@@ -180,7 +197,7 @@ def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple
     """
     state = states[m.posture, m.load]
     if m.kind in BY_MODE:
-        return (BY_MODE.index(m.kind), state, parse_label(m.mode)) if m.mode else (2, state, m.value, row)
+        return (BY_MODE.index(m.kind), state, parse_label(m.mode), m.of) if m.mode else (2, state, m.value, row)
     against = states[m.posture, m.reference_load] if m.kind == "deflection_difference" else -1
     point = [point.name for point in arm.points].index(m.point or "")
     return 3, state, against, point, m.direction
@@ -192,7 +209,7 @@ def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
     Raises:
         InputError: a payload or point that the arm has not.
     """
-    problems = [problem for load in loads for problem in _unknown_names(arm, load, "", "load")]
+    problems = [problem for load in loads for problem in unknown_names(arm, load, "", "load")]
     if problems:
         raise InputError(problems)
     return _columns(arm, loads)
@@ -209,8 +226,8 @@ def loads_of(arm: Arm, load: Load) -> Loads:
 
 
 def _named(values: Sequence[tuple[Any, ...]], count: int) -> Named:
-    states = np.array([state for _, state, _ in values], int)
-    return name_modes([label for _, _, label in values], states, count, sum(group for group, _, _ in values))
+    states = np.array([state for _, state, *_ in values], int)
+    return name_modes([label for _, _, label, _ in values], states, count, sum(group for group, *_ in values))
 
 
 def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:
@@ -241,60 +258,3 @@ def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:
         for vector, name in case.forces:
             force[:, points.index(name), state] += vector
     return Loads(*map(jax.device_put, (share, mass, force)))
-
-
-def _misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
-    if len(m.posture) != len(arm.driven):
-        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        yield Problem(m.where, f"{len(m.posture)} joint angles", expected, "add or remove q columns", "posture")
-    points = [point.name for point in arm.points]
-    if m.point is not None and m.point not in points:
-        yield _unknown(m.where, "point", m.point, points)
-    for column, load in (("load", m.load), ("reference_load", m.reference_load)):
-        yield from _unknown_names(arm, load, m.where, column)
-    if m.kind == "damping_ratio" and not m.mode:
-        remedy = "name it: damping ratios do not rise with the modes"
-        yield Problem(m.where, "a damping ratio without mode", "the label of its mode", remedy, "mode")
-    if m.mode and not points:
-        remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
-        yield Problem(m.where, f"'{m.mode}'", "no label, as the arm has no point", remedy, "mode")
-    if m.mode:
-        label = parse_label(m.mode)
-        if label is None or label.ordinal > 3 * len(arm.joints):
-            remedy = "name it so, or leave the field empty to match modes in ascending order"
-            expected = "a label such as 'vertical bending 1' or 'torsion 2'"
-            yield Problem(m.where, f"'{m.mode}'", expected, remedy, "mode")
-
-
-def _too_many(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
-    """Refuse more frequencies of a state than the arm has modes: each without a label is of another mode."""
-    modes = 3 * len(arm.joints)
-    states: dict[State, list[Measurement]] = {}
-    for m in campaign.of_kind("frequency"):
-        states.setdefault((m.posture, m.load), []).append(m)
-    for own in states.values():
-        blank = [m for m in own if not m.mode]
-        labels = {label for m in own if (label := parse_label(m.mode or "")) and label.direction and label.kind}
-        left = max(modes - len(labels), 0)
-        if len(blank) > left:
-            got = f"{len(blank)} frequencies without a label at this posture and load"
-            expected = f"at most {left}, each of another mode: the arm has {modes}, of which labels take {len(labels)}"
-            remedy = "name the modes of repeated ones, or leave out what is no natural frequency"
-            yield Problem(blank[left].where, got, expected, remedy, "mode")
-
-
-def _unknown_names(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:
-    """Yield what a load case hangs on points, or takes for payloads, that the arm has not."""
-    points, payloads = [point.name for point in arm.points], [payload.body.name for payload in arm.payloads]
-    for name in (name for _, name in (*load.masses, *load.forces)):
-        if name not in points:
-            yield _unknown(where, column, name, points)
-    for name in load.payloads:
-        if name not in payloads:
-            yield _unknown(where, column, name, payloads)
-
-
-def _unknown(where: str, column: str, name: str, known: list[str]) -> Problem:
-    expected = f"one of {', '.join(known)}" if known else "none, as the arm has none"
-    remedy = did_you_mean(name, known, "correct the name, or add it to the arm file")
-    return Problem(where, f"'{name}'", expected, remedy, column)

@@ -148,7 +148,12 @@ def said_costs(values: Named, modes: Modes, chosen: Float[Array, "m R *batch"]) 
 
 
 def most_probable(
-    values: Named, modes: Modes, data: Data | None, off: Float[AnyArray, "*batch"] | float
+    values: Named,
+    modes: Modes,
+    data: Data | None,
+    off: Float[AnyArray, "*batch"] | float,
+    *,
+    hertz: Float[Array, "m R *batch"] | None = None,
 ) -> Float[Array, "m R *batch"]:
     """Return one for the mode that each labelled value belongs to by the most probable naming, zero for the others.
 
@@ -157,29 +162,33 @@ def most_probable(
         modes: all modes of all states.
         data: what was measured, the labelled values first; None for the labels alone.
         off: by how much the frequencies are off, as a fraction, see `how_far_off`; zero where none is fitted.
+        hertz: frequency of each mode as each value is defined; None for undamped ones.
     """
-    modes, data, off = jax.lax.stop_gradient((modes, data, off))
+    modes, data, off, hertz = jax.lax.stop_gradient((modes, data, off, hertz))
     if data is not None:
         off = jnp.where(_fitted(values, data, modes.frequency.ndim - 2).any(0), off, 0.0)
     cost = name_costs(modes, off)
     names = jnp.stack([cost[direction] + cost[kind] for direction, kind in NAMES], 1)
-    misfits = _misfits(values, modes, data, off)
+    misfits = _misfits(values, modes.frequency[:, values.states] if hertz is None else hertz, data, off)
     against = jnp.concatenate([misfits, jnp.zeros_like(misfits[:, :1])], 1)[:, values.at]
     return _best_naming(values, names, against)[:, values.places, values.states]
 
 
-def how_far_off(values: Named, modes: Modes, data: Data, chosen: Float[Array, "m R *batch"]) -> Float[Array, "*batch"]:
+def how_far_off(
+    values: Named, hertz: Float[Array, "m R *batch"], data: Data, chosen: Float[Array, "m R *batch"]
+) -> Float[Array, "*batch"]:
     """Return the root mean square of ln(computed / measured) over the labelled frequencies that are fitted."""
-    hertz = (modes.frequency[:, values.states] * chosen).sum(0)
+    hertz = (hertz * chosen).sum(0)
     measured, _ = _aligned(values, data, hertz.ndim - 1)
     counts = _fitted(values, data, hertz.ndim - 1)
     squared = jnp.where(counts, jnp.log(jnp.where(counts, hertz / measured, 1.0)) ** 2, 0.0)
     return jax.lax.stop_gradient(jnp.sqrt(squared.sum(0) / jnp.maximum(counts.sum(0), 1)))
 
 
-def _misfits(values: Named, modes: Modes, data: Data | None, off: AnyArray | float) -> Float[Array, "m R *batch"]:
+def _misfits(
+    values: Named, near: Float[Array, "m R *batch"], data: Data | None, off: AnyArray | float
+) -> Float[Array, "m R *batch"]:
     """Return the squared misfit of each labelled frequency with each mode, in sigma; zero for a damping ratio."""
-    near = modes.frequency[:, values.states]
     if data is None:
         return jnp.zeros_like(near)
     measured, sigma = _aligned(values, data, near.ndim - 2)

@@ -23,7 +23,8 @@ from ident.arm.modes import (
     modes_about,
     to_hertz,
 )
-from ident.identify.conditions import Conditions, Readings
+from ident.identify.conditions import Conditions, Readings, Unnamed
+from ident.identify.definitions import NotAllUndamped, by_definition, defined
 from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
 from ident.identify.parts import Parts as ConditionsInParts
 from ident.identify.parts import in_parts
@@ -98,17 +99,19 @@ class ArmModel(eqx.Module, Choosing, Growing):
         data = self.conditions.repeats.pooled(data)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at)
-        wanted = most_probable(values, modes, data, held.off)
+        table = by_definition(modes.frequency, chain, at, self.conditions.definitions)
+        hertz = defined(table, values.states, self.conditions.labelled)
+        wanted = most_probable(values, modes, data, held.off, hertz=hertz)
         shapes, M = modes.shape[:, :, values.states], mass_matrix(chain, at.phi)[:, :, values.states]
         likeness = jnp.where(held.in_order, held.place, overlap(shapes, M, held.shape))
         same = (jnp.argmax(likeness, 0) == jnp.arange(len(likeness))[:, None]).astype(float)
         chosen = jax.lax.stop_gradient(jnp.where(held.fresh, wanted, same))
         against = said_costs(values, modes, chosen)
         cost = jnp.pad(against, (0, self.conditions.count - len(against)))[self.conditions.order]
-        off, no = how_far_off(values, modes, data, chosen), jnp.array(False)
+        off, no = how_far_off(values, hertz, data, chosen), jnp.array(False)
         now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
-        return _values(chain, at, self.conditions, modes, chosen, data), jax.lax.stop_gradient(choice)
+        return _values(chain, at, self.conditions, table, chosen, data), jax.lax.stop_gradient(choice)
 
 
 def _split(parts: ConditionsInParts, held: Held | None) -> list[Held | None]:
@@ -152,7 +155,9 @@ def predict(
     if not len(values.states):
         return _values(chain, at, conditions, None, None, data)
     modes = modes_about(chain, at)
-    return _values(chain, at, conditions, modes, most_probable(values, modes, data, 0.0), data)
+    table = by_definition(modes.frequency, chain, at, conditions.definitions)
+    hertz = defined(table, values.states, conditions.labelled)
+    return _values(chain, at, conditions, table, most_probable(values, modes, data, 0.0, hertz=hertz), data)
 
 
 def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> Chain:
@@ -171,30 +176,40 @@ def _values(
     chain: Chain,
     at: StaticEquilibrium,
     conditions: Conditions,
-    modes: Modes | None,
+    table: Float[Array, "K m S *batch"] | None,
     chosen: Array | None,
     data: Data | None,
 ) -> Float[Array, "D *batch"]:
-    """Return all values, given the mode of each labelled one."""
+    """Return all values, given all frequencies (see `by_definition`) and the mode of each labelled value."""
     named, unnamed, readings = conditions.named, conditions.unnamed, conditions.readings
     first = named.frequencies
     values: list[Array] = []
-    if (modes is None or chosen is None) and unnamed.highest:
+    if chosen is None and unnamed.highest:
         count = min(unnamed.highest + 1, 3 * at.phi.shape[1])
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
-        own, above = hertz[unnamed.ordinals - 1, unnamed.states], hertz[unnamed.ordinals, unnamed.states]
+        table = by_definition(hertz, chain, at, conditions.definitions)
+        own, above = (_nth(table, unnamed, beyond, conditions.unlabelled) for beyond in (0, 1))
         values.append(_counted(own, above, conditions, data))
-    if modes is not None and chosen is not None:
-        values = [pick(modes.frequency, chosen[:, :first], named.states[:first])]
+    if table is not None and chosen is not None:
+        values = [picked(defined(table, named.states[:first], conditions.labelled), chosen[:, :first])]
         if named.ratios:
             values.append(pick(_damping_ratios(chain, at), chosen[:, first:], named.states[first:]))
         if unnamed.highest:
             nth, next_one = (lowest_left(conditions, chosen, beyond) for beyond in (0, 1))
-            own, above = (pick(modes.frequency, mode, unnamed.states) for mode in (nth, next_one))
+            hertz = defined(table, unnamed.states, conditions.unlabelled)
+            own, above = (picked(hertz, mode) for mode in (nth, next_one))
             values.append(_counted(own, above, conditions, data))
     if len(readings.states):
         values.append(read_points(deflection(chain, at.phi), readings))
     return jnp.concatenate(values)[conditions.order]
+
+
+def _nth(
+    table: Float[Array, "K m S *batch"], unnamed: Unnamed, beyond: int, definitions: NotAllUndamped
+) -> Float[Array, "n *batch"]:
+    """Return the frequency of each unnamed value's mode, or of the one so many places beyond it."""
+    place = unnamed.ordinals - 1 + beyond
+    return table[0 if definitions is None else definitions, place, unnamed.states]
 
 
 def _counted(
@@ -258,8 +273,12 @@ def pick(
     values: Float[Array, "m S *batch"], choice: Float[Array, "m D *batch"], states: Int[AnyArray, "D"]
 ) -> Float[Array, "D *batch"]:
     """Return of each value's state what belongs to its mode; NaN where there is none."""
-    picked = (values[:, states] * choice).sum(0)
-    return jnp.where(choice.sum(0) > 0, picked, jnp.nan)
+    return picked(values[:, states], choice)
+
+
+def picked(values: Float[Array, "m D *batch"], choice: Float[Array, "m D *batch"]) -> Float[Array, "D *batch"]:
+    """Return of each value's modes the one that is chosen; NaN where there is none."""
+    return jnp.where(choice.sum(0) > 0, (values * choice).sum(0), jnp.nan)
 
 
 def read_points(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "D *batch"]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from ident.errors import InputError, Problem
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
-from ident.text import quoted
+from ident.text import nearest, quoted
 from ident.units import QUANTITIES
 
 KINDS = {
@@ -18,12 +18,20 @@ KINDS = {
 """Kinds of measurement, each with the quantity it is measured in."""
 
 ROLES = {
-    "frequency": ("mode",),
+    "frequency": ("mode", "of"),
     "deflection": ("point", "direction"),
     "deflection_difference": ("point", "direction", "reference_load"),
     "damping_ratio": ("mode",),
 }
 """The fields that a kind has beside posture, load, value and sigma."""
+
+DEFINITIONS = ("undamped", "pole", "damped", "displacement peak", "acceleration peak")
+"""What a frequency may be of a damped mode, with the pole s, w = |s| and z = -Re s / w the damping ratio.
+
+undamped: that of the arm without damping; pole: w; damped: Im s = w sqrt(1 - z^2); displacement peak: of the mode's
+receptance, w sqrt(1 - 2 z^2); acceleration peak: of its accelerance, w / sqrt(1 - 2 z^2); each divided by 2 pi.
+Ewins, "Modal Testing", 2nd ed. 2000, section 2.4.
+"""
 
 SHARPEST = 1e-9
 """Least standard deviation, as a share of the value: no instrument is as good by far, and sums of squares lose it."""
@@ -40,12 +48,13 @@ class Measurement:
     """One measured number; two are equal when they say the same, whatever file and unit they were written in.
 
     Attributes:
-        kind: `frequency` (undamped natural frequency [Hz]), `deflection` [m], `deflection_difference` (under
+        kind: `frequency` (natural frequency [Hz], see `of`), `deflection` [m], `deflection_difference` (under
             `load` minus under `reference_load` [m]) or `damping_ratio` [-].
         posture: (joints,) [rad] joint angles at which the arm was held.
         value: () [Hz, m or -] the measured number.
         sigma: () [as value] its standard deviation.
         mode: mode label such as `vertical bending 1`, in lower case; None to match modes in ascending order.
+        of: what a frequency is of its damped mode, one of `DEFINITIONS`; None for undamped.
         point: point of the arm whose deflection was read.
         direction: (3,) [-] unit vector in the base frame, along which a deflection counts; -z when not given.
         resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
@@ -62,6 +71,7 @@ class Measurement:
     value: float
     sigma: float
     mode: str | None = None
+    of: str | None = None
     point: str | None = None
     direction: Vector | None = None
     resolution: float = 0.0
@@ -80,6 +90,7 @@ class Measurement:
         problems = [
             *role_problems(self.kind, given),
             *load_problems(self.kind, self.load, self.reference_load),
+            *definition_problems(self.of),
             *value_problems(self.kind, self.value, self.sigma),
             *resolution_problems(self.resolution),
             *_posture_problems(self.posture),
@@ -174,6 +185,13 @@ def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Probl
         yield Problem("", got, "a reference load that differs from the load", remedy, "reference_load")
 
 
+def definition_problems(of: str | None) -> Iterator[Problem]:
+    """Find a word for what a frequency is that means nothing."""
+    if of and of not in DEFINITIONS:
+        remedy = f"write {near}" if (near := nearest(of, DEFINITIONS)) else "correct it, or leave it empty for undamped"
+        yield Problem("", quoted(of), f"one of {', '.join(DEFINITIONS)}", remedy, "of")
+
+
 def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
     """Find values and standard deviations [SI] that can't be."""
     unit = QUANTITIES[KINDS[kind]].si.removesuffix("1")
@@ -207,7 +225,7 @@ def duplicates(measurements: tuple[Measurement, ...]) -> Iterator[tuple[Measurem
             yield earlier, measurement
 
 
-_ROLE_FIELDS = ("mode", "point", "direction", "reference_load")
+_ROLE_FIELDS = ("mode", "of", "point", "direction", "reference_load")
 _RANGES = {"frequency": (0.0, math.inf), "damping_ratio": (0.0, 1.0)}
 
 
@@ -225,6 +243,7 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "resolution": float(m.resolution),
         "repeat": " ".join(m.repeat.split()),
         "mode": " ".join((m.mode or "").lower().split()) or None,
+        "of": None if (of := " ".join((m.of or "").lower().split())) == "undamped" else of or None,
         "point": (m.point or "").strip() or None,
         "direction": unit_vector(direction) if direction else None,
         "unit": m.unit.strip() or QUANTITIES[KINDS[m.kind]].si,

@@ -13,6 +13,7 @@ from ident.units import si_factor
 COLUMNS = (
     "kind",
     "mode",
+    "of",
     "point",
     "direction",
     "load",

@@ -70,7 +70,13 @@ def _degrees(m: Measurement) -> list[str]:
 def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
     unit = WRITTEN_UNITS[KINDS[m.kind]]
     factor = si_factor(unit, KINDS[m.kind])
-    yield from (("kind", m.kind), ("mode", m.mode or ""), ("point", m.point or ""), ("note", m.note))
+    yield from (
+        ("kind", m.kind),
+        ("mode", m.mode or ""),
+        ("of", m.of or ""),
+        ("point", m.point or ""),
+        ("note", m.note),
+    )
     yield "direction", format_direction(m.direction) if m.direction else ""
     yield "load", str(m.load) if m.load else ""
     yield "reference_load", str(m.reference_load) if m.reference_load else ""

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.linalg
 from arms import lcd_arm
 
 from ident.arm.chain import at_posture
@@ -16,7 +17,7 @@ from ident.identify.conditions import bind
 from ident.identify.predict import predict
 from ident.identify.unknowns import stiffness_parameters
 from ident.inference.problem import Data
-from ident.measure import Campaign, Load, Measurement
+from ident.measure import DEFINITIONS, Campaign, Load, Measurement
 
 pytestmark = pytest.mark.slow
 
@@ -175,3 +176,110 @@ def test_what_does_not_fit_the_arm_is_named(measurement, column, words):
 def test_an_empty_campaign_is_refused():
     with pytest.raises(InputError, match="no measurement"):
         bind(lcd_arm(), Campaign())
+
+
+HEAVY = "lateral torsion 2"
+
+
+def state_matrix_poles(posture):
+    """The poles of the damped arm by LAPACK's eigenvalues of the state matrix, of positive imaginary part."""
+    system = linearize(at_posture(lcd_arm(), jnp.asarray(posture)))
+    M, C, H = (np.asarray(matrix) for matrix in (system.M, system.C, system.H))
+    lower = -np.linalg.solve(M, np.concatenate([H, C], 1))
+    upper = np.concatenate([np.zeros_like(M), np.eye(len(M))], 1)
+    s = scipy.linalg.eigvals(np.concatenate([upper, lower]))
+    return s[s.imag > 0]
+
+
+@pytest.mark.parametrize("label", ["lateral torsion 1", HEAVY])
+def test_a_frequency_is_what_its_row_says_of_its_damped_mode(label):
+    undamped, pole, damped, displacement, acceleration = predicted(
+        *(frequency(20.0, mode=label, of=of) for of in DEFINITIONS)
+    )
+    s = state_matrix_poles(UNFOLDED)
+    s = s[np.argmin(abs(abs(s) / (2 * np.pi) - pole))]
+    size, ratio = abs(s), -s.real / abs(s)
+    np.testing.assert_allclose([pole, damped], np.array([size, s.imag]) / (2 * np.pi), rtol=1e-10)
+    assert undamped == pytest.approx(pole, rel=0.02)
+    # peaks of a single mode's response, found on a fine grid
+    omega = size * np.linspace(0.9, 1.1, 2_000_001)
+    receptance = 1 / abs(size**2 - omega**2 + 2j * ratio * size * omega)
+    found = [omega[np.argmax(response)] / (2 * np.pi) for response in (receptance, receptance * omega**2)]
+    np.testing.assert_allclose([displacement, acceleration], found, rtol=1e-6)
+
+
+HALF = tuple(np.deg2rad([40.0, -80.0, 40.0]))
+
+
+@pytest.mark.parametrize(
+    ("label", "posture", "pole_off", "damped_off"),
+    [
+        (HEAVY, UNFOLDED, 0.00039, -0.00466),
+        (HEAVY, HALF, -0.00607, -0.00999),
+        ("vertical bending 2", HALF, 0.00641, 0.00631),
+    ],
+)
+def test_poles_of_neighbouring_modes_differ_from_undamped_frequencies_by_more_than_the_ratio_says(
+    label, posture, pole_off, damped_off
+):
+    """The figures that docs/assumptions.md gives."""
+    undamped, pole, damped = predicted(*(frequency(15.0, posture, mode=label, of=of) for of in DEFINITIONS[:3]))
+    assert pole / undamped - 1 == pytest.approx(pole_off, abs=2e-5)
+    assert damped / undamped - 1 == pytest.approx(damped_off, abs=2e-5)
+
+
+def peaks_at_the_tip(label, direction):
+    """Peaks [Hz] of receptance and accelerance of the whole damped arm at the tip, about a mode."""
+    chain, found = exact(UNFOLDED)
+    mode = list(map(str, mode_labels(found))).index(label)
+    system = linearize(chain)
+    M, C, H = (np.asarray(matrix) for matrix in (system.M, system.C, system.H))
+    push = np.asarray(found.motion)[direction, -1] @ np.linalg.inv(np.asarray(found.shape))
+    hertz = float(found.frequency[mode]) * np.linspace(0.95, 1.05, 4001)
+    omega = 2 * np.pi * hertz
+    receptance = np.array([abs(push @ np.linalg.solve(H - w * w * M + 1j * w * C, push)) for w in omega])
+    return hertz[np.argmax(receptance)], hertz[np.argmax(receptance * omega**2)]
+
+
+def test_the_peak_of_a_mode_alone_is_the_arms_where_no_neighbour_adds_to_it():
+    kinds = DEFINITIONS[3:]
+    alone = predicted(*(frequency(4.1, mode="lateral torsion 1", of=of) for of in kinds))
+    np.testing.assert_allclose(peaks_at_the_tip("lateral torsion 1", 1), alone, rtol=4e-4)
+    displacement, acceleration = predicted(*(frequency(16.0, mode=HEAVY, of=of) for of in kinds))
+    moved = np.array(peaks_at_the_tip(HEAVY, 1)) / [displacement, acceleration] - 1
+    np.testing.assert_allclose(moved, [0.0145, 0.0145], atol=2e-3)
+
+
+def test_frequencies_without_a_label_are_what_their_rows_say():
+    blank = predicted(frequency(4.1, of="damped"), frequency(4.8), frequency(14.0, of="pole"))
+    s = np.sort(np.abs(state_matrix_poles(UNFOLDED)))[:3], np.asarray(exact(UNFOLDED)[1].frequency)
+    damped = np.sort(state_matrix_poles(UNFOLDED).imag)[0] / (2 * np.pi)
+    np.testing.assert_allclose(blank, [damped, s[1][1], s[0][2] / (2 * np.pi)], rtol=1e-10)
+    mixed = predicted(frequency(4.1, of="damped"), frequency(4.8, mode="vertical bending 1", of="undamped"))
+    np.testing.assert_allclose(mixed, [damped, s[1][1]], rtol=1e-10)
+
+
+@pytest.mark.parametrize("of", DEFINITIONS[1:])
+def test_damped_frequencies_have_derivatives(of):
+    arm, campaign = lcd_arm(), Campaign(measurements=(frequency(20.0, mode=HEAVY, of=of), frequency(4.0, of=of)))
+    conditions = bind(arm, campaign)
+
+    @jax.jit
+    def seen(tau):
+        return predict(arm, {"joint1.tau_tors": tau, "joint2.k_tors": 2e5 * (1 + tau)}, conditions)
+
+    tau, step = 2e-3, 1e-6
+    slope = jax.jit(jax.jacfwd(seen))(tau)
+    np.testing.assert_allclose(slope, (seen(tau + step) - seen(tau - step)) / (2 * step), rtol=1e-5)
+
+
+def test_padded_campaigns_keep_what_their_frequencies_are():
+    rows = [frequency(20.0, mode=HEAVY, of="damped"), frequency(4.8, of="pole"), frequency(4.1, of="damped")]
+    rows += [Measurement(kind="damping_ratio", posture=UNFOLDED, value=0.03, sigma=0.01, mode=HEAVY)]
+    arm, conditions = lcd_arm(), bind(lcd_arm(), Campaign(measurements=tuple(rows)))
+    padded, _, places = conditions.padded()
+    more = np.asarray(jax.jit(lambda: predict(arm, {}, padded))())
+    np.testing.assert_allclose(more[places], predicted(*rows), rtol=1e-12)
+    plain = bind(arm, Campaign(measurements=tuple(dataclasses.replace(row, of=None) for row in rows)))
+    assert plain.definitions is None
+    assert plain.padded()[0].definitions is None

@@ -199,3 +199,17 @@ def test_a_file_of_another_kind_is_named(name, kind, read, tmp_path):
     with pytest.raises(InputError, match=f"got {kind}, expected a table as CSV; (export it|name the meas)") as error:
         read(tmp_path / name)
     assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("frequency,10,dampd,4.5,Hz,0.1", "'dampd', expected one of undamped, pole, .*write damped"),
+        ("frequency,10,peak,4.5,Hz,0.1", "'peak', expected one of .*displacement peak, acceleration peak"),
+        ("damping_ratio,10,pole,4.5,%,0.1", "'pole', expected nothing, since a damping_ratio has no of"),
+    ],
+)
+def test_what_a_frequency_is_has_a_known_word(row, words):
+    (problem,) = problems(f"kind,q1 [deg],of,value,unit,sigma\n{row}\n")
+    assert (problem.where, problem.column) == ("table.csv:2", "of")
+    assert re.search(words, str(problem))

@@ -249,3 +249,11 @@ def test_writing_is_whole_or_not_at_all(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["campaign.csv"]
     with pytest.raises(InputError, match="a file to write"):
         write_campaign(campaign, tmp_path / "absent" / "campaign.csv")
+
+
+def test_what_a_frequency_is_reads_in_any_case_and_is_written_back():
+    text = "kind,q1 [deg],of,value,unit,sigma\nfrequency,1,Acceleration  Peak,4,Hz,1\nfrequency,1,undamped,5,Hz,1\n"
+    read = parse_campaign(text.encode(), "a.csv")
+    assert [m.of for m in read] == ["acceleration peak", None]
+    assert parse_campaign(format_campaign(read).encode(), "b.csv") == read
+    assert ",of," not in format_campaign(Campaign(measurements=read.measurements[1:]))

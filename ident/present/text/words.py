@@ -123,7 +123,8 @@ def short(m: Measurement) -> str:
     what = m.mode or m.point or ""
     loads = f", {m.load}" if m.load else ""
     against = f" - {m.reference_load}" if m.kind == "deflection_difference" else ""
-    return f"{f'{what}:' if what else ''} {value:.4g} {unit}{loads}{against} at {degrees(m.posture)}".strip()
+    defined = f" ({m.of})" if m.of else ""
+    return f"{f'{what}:' if what else ''} {value:.4g} {unit}{defined}{loads}{against} at {degrees(m.posture)}".strip()
 
 
 def describe(m: Measurement) -> str:
@@ -131,7 +132,9 @@ def describe(m: Measurement) -> str:
     what = m.mode or m.point or ""
     loads = f" {m.load}" if m.load else ""
     against = f" - {m.reference_load}" if m.kind == "deflection_difference" and m.reference_load else ""
-    return f"{m.kind.replace('_', ' ')} {what}{loads}{against} at {degrees(m.posture)}".replace("  ", " ")
+    return f"{m.of or ''} {m.kind.replace('_', ' ')} {what}{loads}{against} at {degrees(m.posture)}".replace(
+        "  ", " "
+    ).strip()
 
 
 def shares(known: Information, i: int) -> str:

@@ -1,0 +1,67 @@
+"""What a campaign speaks of that its arm has not."""
+
+from collections.abc import Iterator
+
+from ident.arm.arm import Arm
+from ident.arm.labels import parse_label
+from ident.errors import Problem
+from ident.measure import Campaign, Load, Measurement
+from ident.text import did_you_mean
+
+
+def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
+    """Yield what a measurement speaks of that the arm has not."""
+    if len(m.posture) != len(arm.driven):
+        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
+        yield Problem(m.where, f"{len(m.posture)} joint angles", expected, "add or remove q columns", "posture")
+    points = [point.name for point in arm.points]
+    if m.point is not None and m.point not in points:
+        yield _unknown(m.where, "point", m.point, points)
+    for column, load in (("load", m.load), ("reference_load", m.reference_load)):
+        yield from unknown_names(arm, load, m.where, column)
+    if m.kind == "damping_ratio" and not m.mode:
+        remedy = "name it: damping ratios do not rise with the modes"
+        yield Problem(m.where, "a damping ratio without mode", "the label of its mode", remedy, "mode")
+    if m.mode and not points:
+        remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
+        yield Problem(m.where, f"'{m.mode}'", "no label, as the arm has no point", remedy, "mode")
+    if m.mode:
+        label = parse_label(m.mode)
+        if label is None or label.ordinal > 3 * len(arm.joints):
+            remedy = "name it so, or leave the field empty to match modes in ascending order"
+            expected = "a label such as 'vertical bending 1' or 'torsion 2'"
+            yield Problem(m.where, f"'{m.mode}'", expected, remedy, "mode")
+
+
+def too_many(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
+    """Refuse more frequencies of a state than the arm has modes: each without a label is of another mode."""
+    modes = 3 * len(arm.joints)
+    states: dict[tuple[tuple[float, ...], Load], list[Measurement]] = {}
+    for m in campaign.of_kind("frequency"):
+        states.setdefault((m.posture, m.load), []).append(m)
+    for own in states.values():
+        blank = [m for m in own if not m.mode]
+        labels = {label for m in own if (label := parse_label(m.mode or "")) and label.direction and label.kind}
+        left = max(modes - len(labels), 0)
+        if len(blank) > left:
+            got = f"{len(blank)} frequencies without a label at this posture and load"
+            expected = f"at most {left}, each of another mode: the arm has {modes}, of which labels take {len(labels)}"
+            remedy = "name the modes of repeated ones, or leave out what is no natural frequency"
+            yield Problem(blank[left].where, got, expected, remedy, "mode")
+
+
+def unknown_names(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:
+    """Yield what a load case hangs on points, or takes for payloads, that the arm has not."""
+    points, payloads = [point.name for point in arm.points], [payload.body.name for payload in arm.payloads]
+    for name in (name for _, name in (*load.masses, *load.forces)):
+        if name not in points:
+            yield _unknown(where, column, name, points)
+    for name in load.payloads:
+        if name not in payloads:
+            yield _unknown(where, column, name, payloads)
+
+
+def _unknown(where: str, column: str, name: str, known: list[str]) -> Problem:
+    expected = f"one of {', '.join(known)}" if known else "none, as the arm has none"
+    remedy = did_you_mean(name, known, "correct the name, or add it to the arm file")
+    return Problem(where, f"'{name}'", expected, remedy, column)
