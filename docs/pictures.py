@@ -34,8 +34,11 @@ FIGURES = {
     "show": "arm.show.png",
 }
 """The figure that a page shows, by command."""
-PAGE = "campaign.diagnose.html"
-"""What `ident diagnose` writes, shown as a browser shows it."""
+PAGES = {
+    "diagnose": ("campaign.diagnose.html", (1000, 1400)),
+    "explore": ("arm.explore.html#joint1.k_tors=180000", (1280, 1640)),
+}
+"""Pages that commands write, shown as a browser of a size shows them."""
 WIDEST, MOST, COLORS = 1400, 120_000, 256
 
 
@@ -59,8 +62,8 @@ def make(command: str, page: Path, folder: Path) -> None:
             answer = answer or (printed if words[1] == command else "")
     (PICTURES / f"{command}.txt").write_text(answer, encoding="utf-8")
     picture = PICTURES / f"{command}.png"
-    if command == "diagnose":
-        photograph(folder / "out" / PAGE, picture)
+    if command in PAGES:
+        photograph(folder / "out", *PAGES[command], picture)
     elif command in FIGURES:
         picture.write_bytes((folder / "out" / FIGURES[command]).read_bytes())
     if picture.exists():
@@ -76,7 +79,7 @@ def run(words: list[str], folder: Path) -> str:
     return re.sub(r"[ \t]+$", "", done.stdout, flags=re.MULTILINE)
 
 
-def photograph(page: Path, picture: Path) -> None:
+def photograph(folder: Path, page: str, size: tuple[int, int], picture: Path) -> None:
     """Write the top of a page as Chromium shows it."""
     import shutil
 
@@ -86,8 +89,9 @@ def photograph(page: Path, picture: Path) -> None:
     program = next(filter(None, map(shutil.which, NAMES)))
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
-        view = chromium.new_page(viewport={"width": 1000, "height": 1400})
-        view.goto(page.resolve().as_uri())
+        view = chromium.new_page(viewport={"width": size[0], "height": size[1]}, reduced_motion="reduce")
+        view.goto(f"{folder.resolve().as_uri()}/{page}")
+        view.wait_for_timeout(1500)
         view.screenshot(path=str(picture))
         chromium.close()
 

@@ -22,6 +22,7 @@ In the order of use; every study is one function that returns one frozen result.
     spectrum        at which frequencies a trace vibrates
     sweep           how the vibration depends on numbers of the arm, or on its speed
     design          what to change so that the arm vibrates least
+    explore         a page with sliders: what the arm does when a number is changed
     diagnose        all of it, from a campaign to advice
     load            a result that was saved
     rerun           the same again, and whether the numbers are the same
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from ident.studies.compare import CompareOptions, CompareResult, compare
     from ident.studies.design import DesignOptions, DesignResult, design
     from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
+    from ident.studies.explore import ExploreOptions, ExploreResult, explore
     from ident.studies.fit import FitOptions, FitResult, fit
     from ident.studies.load import load
     from ident.studies.plan import PlanOptions, PlanResult, plan
@@ -68,6 +70,7 @@ _PLACES = {
     "description.file": ("ArmFile", "read_arm"),
     "description.urdf": ("read_urdf",),
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
+    "studies.explore": ("ExploreOptions", "ExploreResult", "explore"),
     "studies.load": ("load",),
     "studies.rerun": ("Rerun", "rerun"),
     "studies.show": ("ArmPicture", "show"),

@@ -1,5 +1,6 @@
 """`jit` for programs of many small kernels, as all of the arm's are."""
 
+import os
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar
@@ -24,6 +25,11 @@ SMALL_KERNELS: Any = {
 """Less optimisation, which takes a quarter off the compilation and costs these programs nothing. XLA's other CPU code
 generator (jax 0.10): 20 % fewer kernels, compiled together, so a third faster to compile. And nothing left to its
 library of neural networks, which hands out sums of a few terms to threads: convolutions, of which there are none."""
+
+
+def cores() -> int:
+    """Return how many cores this process may use: a container or `taskset` may leave it fewer than there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def jit(f: F) -> F:

@@ -12,7 +12,6 @@ from ident.cli.command import (
     CampaignArgument,
     NoFigureOption,
     OutOption,
-    PathOption,
     StrictOption,
     command,
     finish,
@@ -26,7 +25,7 @@ from ident.errors import InputError, Problem
 from ident.studies.check import check
 from ident.studies.compare import compare
 from ident.studies.design import design
-from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
+from ident.studies.diagnose import discard
 from ident.studies.fit import fit
 from ident.studies.plan import PlanOptions, plan
 from ident.studies.predict import predict
@@ -203,54 +202,6 @@ offer(
     """,
     posterior=flag("posterior of ident sample (.nc): the design shall keep --limit by its draws"),
 )
-
-
-@command(DiagnoseOptions)
-def diagnose_command(
-    campaign: CampaignArgument,
-    options: DiagnoseOptions,
-    arm: ArmOption = None,
-    path: PathOption = None,
-    restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
-    out: OutOption = Path("out"),
-    strict: StrictOption = False,
-) -> None:
-    """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
-
-    The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit,
-    torsional stiffness first and mass centres second. Goes on where an earlier run of the same inputs was stopped.
-    Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
-    results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
-    """
-    leave(run_diagnose(campaign, options, arm, path, restart, out), strict=strict)
-
-
-def run_diagnose(
-    campaign: Path, options: DiagnoseOptions, arm: Path | None, path: Path | None, restart: bool, out: Path
-) -> DiagnoseResult:
-    """Diagnose an arm, print each stage when it is finished, and write the result into a folder."""
-    measured, arm_file = running.read(campaign, arm)
-    folder = part_folder(out, measured)
-    try:
-        result = diagnose(
-            arm_file,
-            measured,
-            options,
-            path=path,
-            folder=folder,
-            restart=restart,
-            progress=running.progress,
-            on_stage=lambda stage: output().say(str(stage)),
-        )
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
-    output().say(result.closing)
-    output().document = result.document
-    for written in result.save(out):
-        output().wrote(written)
-    discard(folder)
-    return result
 
 
 ResultArgument = Annotated[Path, typer.Argument(metavar="file", help="a result: .json, or .nc of sample and diagnose")]

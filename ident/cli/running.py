@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
+from ident.cli.memory import use_few_heaps
 from ident.cli.output import output
 from ident.cli.times import TIMES, watch_jax
 from ident.errors import InputError, Problem
@@ -27,6 +28,7 @@ LONGEST_PATH = 200
 def start() -> None:
     """Set up jax: double precision, and compiled programs kept from one run to the next."""
     warnings.filterwarnings("ignore", category=FutureWarning)  # what a library will do is no news to who uses ident
+    use_few_heaps()
     gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
     atexit.register(gc.freeze)  # and 0.6 s less to stop: what is left goes with the process
     import jax

@@ -1,6 +1,5 @@
 """The posterior of an arm's campaign, with the fit that it started from."""
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from ident.inference.evidence import Weights, check_weighable, weigh
 from ident.inference.posterior import posterior
 from ident.inference.posterior_predictive import PosteriorPredictive, posterior_predictive
 from ident.inference.sample import DEFAULT, Sample, Settings, sample
+from ident.jit import cores
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def sample_campaign(
     target = posterior(fitted.problem, noise)
     # damping ratios call LAPACK, which must not run twice at the same time under jax 0.10
     damped = "damping_ratio" in fitted.problem.kinds
-    settings = replace(settings, threads=1 if damped else min(os.cpu_count() or 1, settings.ensembles))
+    settings = replace(settings, threads=1 if damped else min(cores(), settings.ensembles))
     if weights:
         check_weighable(target)
     drawn = sample(fitted, target, settings, folder=folder, provenance=provenance, progress=progress)

@@ -3,11 +3,9 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from ident.studies.fit import FitOptions
 from ident.studies.motion import basis_of
@@ -27,7 +25,6 @@ if TYPE_CHECKING:
     from ident.studies.diagnose import DiagnoseOptions
     from ident.vibrate.redesign.sensitivity import Sensitivities
 
-T = TypeVar("T")
 OnStage = Callable[["StageReport"], None]
 CHAINS = "chains"
 """Folder of the sampler's chains within that of the stages."""
@@ -87,45 +84,17 @@ def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
     from ident.assess.diagnosis import Diagnosis
     from ident.present.text.diagnose import stage_report
 
-    diagnosis, begun = Diagnosis(), dict[str, Callable[[], Any]]()
+    diagnosis = Diagnosis()
     for stage, compute in STAGES.items():
         if diagnosis.needs(stage):
             value = store.read(stage)
             resumed = value is not None
             if not resumed:
-                value = begun[stage]() if stage in begun else compute(job, diagnosis)
+                value = compute(job, diagnosis)
                 store.write(stage, value)
             diagnosis = diagnosis.then(stage, value)
             on_stage(stage_report(diagnosis, stage, resumed=resumed))
-            begun |= _begun(stage, diagnosis, store)
     return diagnosis
-
-
-def _begun(stage: str, diagnosis: "Diagnosis", store: "Store") -> dict[str, Callable[[], Any]]:
-    """Begin in the background, behind the first stage, what depends on no other: the sensitivities."""
-    from ident.vibrate.redesign.sensitivity import sensitivities
-
-    if stage != "stiffness" or store.read("sensitivities") is not None:
-        return {}
-    evaluator = diagnosis.task.evaluator()
-    return {"sensitivities": _in_background(lambda: sensitivities(evaluator)).result}
-
-
-def _in_background(compute: Callable[[], T]) -> Future[T]:
-    """Compute in the background: while one program is compiled, the other cores would have nothing to do.
-
-    The thread is a daemon, so that an interrupted command does not wait for it.
-    """
-    future: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(compute())
-        except BaseException as error:  # handed to whoever asks for the result
-            future.set_exception(error)
-
-    Thread(target=run, daemon=True).start()
-    return future
 
 
 def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":

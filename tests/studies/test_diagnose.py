@@ -108,6 +108,8 @@ def test_its_page_has_every_stage(result):
     assert "None of its numbers looks odd." in page
     assert "7 bodies, 138.8 kg" in page
     assert result.advice in page
+    assert "ident explore " in page
+    assert "--posterior=campaign.diagnose.nc" in page
 
 
 def test_a_limit_that_is_kept_needs_no_remedy(result):

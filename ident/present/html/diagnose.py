@@ -1,5 +1,6 @@
 """A diagnosis as a page: verdict, stages, inputs, assumptions, provenance."""
 
+import shlex
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -29,12 +30,22 @@ def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView) 
         f"Vibration of {cut(basis.arm.name, 60)}",
         f"{cut(basis.motion.name, 80)}; measured: {cut(campaign.path, 60)}; {head['created'][:10]}",
         Verdict(diagnosis.verdict, verdict_words(diagnosis)),
-        tuple(cautions(diagnosis)),
+        (*cautions(diagnosis), _by_hand(diagnosis, head["options"])),
         (*diagnose_sections(diagnosis), arm_section(view)),
         Table("Inputs", ("what", "file", "SHA-256"), tuple((w, file.path, file.sha256) for w, file in inputs.items())),
         tuple(_assumptions(basis.arm_file)),
         tuple(_provenance(head)),
     )
+
+
+def _by_hand(diagnosis: Diagnosis, options: Mapping[str, Any]) -> str:
+    """Name the command that makes a page on which the same arm is changed by hand."""
+    arm, campaign = diagnosis.task.basis.arm_file, diagnosis.identification.sampled.fitted.campaign
+    words = ["ident", "explore", arm.path or "arm.toml", f"--posterior={campaign.name}.diagnose.nc"]
+    words += [f"--campaign={campaign.path}"] if campaign.path else []
+    words += [f"--{name.replace('_', '-')}={options[name]}" for name in ("soft_base", "load") if options[name]]
+    words += [f"--set={path}={value}" for path, value in options["set"].items()]
+    return f"To change stiffnesses, payload and speed by hand and see what the arm does: {shlex.join(words)}"
 
 
 def _assumptions(arm_file: ArmFile) -> Iterator[str]:

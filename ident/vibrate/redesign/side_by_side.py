@@ -1,10 +1,10 @@
 """Jobs that do not depend on each other, on a thread a core."""
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from ident.jit import cores
 from ident.vibrate.response.exact import Progress
 
 T = TypeVar("T")
@@ -17,7 +17,7 @@ def side_by_side(jobs: Sequence[Callable[[], T]], progress: Progress = iter) -> 
         jobs: the longest first.
         progress: shows how far it is, over the jobs.
     """
-    pool = ThreadPoolExecutor(os.cpu_count())
+    pool = ThreadPoolExecutor(cores())
     try:
         pending = [pool.submit(job) for job in jobs]
         return [pending[k].result() for k in progress(range(len(jobs)))]

@@ -1,6 +1,5 @@
 """An arm carries out a motion: the one function that runs it and samples what happens."""
 
-import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -15,7 +14,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, has_transmission_error, multibody
 from ident.errors import InputError, ModelError, Problem
-from ident.jit import AnyArray, concrete, jit, library
+from ident.jit import AnyArray, concrete, cores, jit, library
 from ident.vibrate.modal.modes_along_path import nominal
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact, fast
@@ -138,7 +137,7 @@ def _of_each(
 @cache
 def _pool() -> ThreadPoolExecutor:
     """Return the threads that solve: one a core, however many callers there are at once."""
-    return ThreadPoolExecutor(os.cpu_count(), "simulate")
+    return ThreadPoolExecutor(cores(), "simulate")
 
 
 def by_chunk(run: Callable[[Any], Any], flat: Any, chunk: int = CHUNK) -> Any:

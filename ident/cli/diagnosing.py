@@ -1,0 +1,69 @@
+"""`ident diagnose`: it prints stage by stage, and gives back what a stage leaves behind."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ident.cli import running
+from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, StrictOption, command, leave
+from ident.cli.memory import let_go
+from ident.cli.output import output
+from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
+from ident.studies.diagnose_stages import STAGES
+
+if TYPE_CHECKING:
+    from ident.studies.diagnose_stages import StageReport
+
+
+@command(DiagnoseOptions)
+def diagnose_command(
+    campaign: CampaignArgument,
+    options: DiagnoseOptions,
+    arm: ArmOption = None,
+    path: PathOption = None,
+    restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
+    out: OutOption = Path("out"),
+    strict: StrictOption = False,
+) -> None:
+    """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
+
+    The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit,
+    torsional stiffness first and mass centres second. Goes on where an earlier run of the same inputs was stopped.
+    Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
+    results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
+    """
+    leave(run_diagnose(campaign, options, arm, path, restart, out), strict=strict)
+
+
+def run_diagnose(
+    campaign: Path, options: DiagnoseOptions, arm: Path | None, path: Path | None, restart: bool, out: Path
+) -> DiagnoseResult:
+    """Diagnose an arm, print each stage when it is finished, and write the result into a folder."""
+    measured, arm_file = running.read(campaign, arm)
+    folder, stages = part_folder(out, measured), list(STAGES)
+
+    def finished(report: "StageReport") -> None:
+        output().say(str(report))
+        let_go(stages[report.number - 1])
+
+    try:
+        result = diagnose(
+            arm_file,
+            measured,
+            options,
+            path=path,
+            folder=folder,
+            restart=restart,
+            progress=running.progress,
+            on_stage=finished,
+        )
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
+        raise typer.Exit(130) from None
+    output().say(result.closing)
+    output().document = result.document
+    for written in result.save(out):
+        output().wrote(written)
+    discard(folder)
+    return result

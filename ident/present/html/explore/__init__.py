@@ -1,0 +1,1 @@
+"""An arm as a page with sliders, which computes by itself."""

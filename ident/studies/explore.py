@@ -1,0 +1,192 @@
+"""Write a page on which an arm is explored by hand: sliders, and what the arm does with them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import degrees, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies import reading
+from ident.studies.motion import drawn_values, fitted_values
+from ident.studies.options import option
+from ident.studies.result import Result
+from ident.studies.shared import FARTHEST, ArmOptions, as_campaign, as_file, is_angle, with_numbers
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.assess.exploration import Exploration
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Campaign
+    from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
+    from ident.vibrate.motion.motion import Motion
+
+BESIDE = 0.05
+"""Angle [deg] by which a posture may be beside the stroke."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExploreOptions(ArmOptions):
+    """Options of `ident.explore`: where the page begins, and whose mass its payload slider changes."""
+
+    payload: str = option("", "payload or point whose mass can be changed; default: the first payload, or the end")
+    posture: tuple[float, ...] = option(
+        (), "joint angles in degrees to begin with, as 30,-60,30", short="-q", read=reading.several
+    )
+    speed: float = option(10.0, "percent of full speed to begin with", low=1.0, high=120.0)
+    profile: str | None = option(
+        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default"
+    )
+    draws: int = option(200, "draws of the posterior", low=2, high=100_000)
+
+    def problems(self) -> list[Problem]:
+        """Return a negative mass or stiffness, or a posture that is none."""
+        expected = f"several angles within {FARTHEST:g} deg"
+        wrong = Problem("posture", f"{self.posture}", expected, "as (30, -60, 30)")
+        return [*super().problems(), *([] if all(map(is_angle, self.posture)) else [wrong])]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ExploreResult(Result):
+    """An arm as a page: one HTML file that asks for nothing and computes by itself.
+
+    Its table has a row for each stiffness [SI] and mass [kg] that has a slider: name, value, unit.
+
+    Attributes:
+        arm: the arm as its file has it.
+        exploration: what the page knows of it.
+        options: what was asked for.
+        posture: (driven,) [deg] that the page begins with.
+        fit: fitted values that the arm has taken over.
+        posterior: draws of the arm's numbers.
+    """
+
+    arm: "ArmFile"
+    exploration: "Exploration"
+    options: ExploreOptions = field(default_factory=ExploreOptions)
+    posture: tuple[float, ...] = ()
+    fit: "Values | None" = None
+    posterior: "Values | None" = None
+
+    form = "ident-explore/1"
+    suffix = ".html"
+
+    @property
+    def name(self) -> str:
+        """The arm file's name and what was done with it."""
+        return f"{Path(self.arm.path).stem or self.arm.arm.name}.explore"
+
+    def report(self) -> str:
+        """Return the text that `ident explore` prints."""
+        from ident.present.text.explore import explore_report
+
+        return explore_report(self.exploration, fit=self.fit, posterior=self.posterior, changed=self.options.set)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return none: the page draws them."""
+        return {}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each number that has a slider."""
+        from ident.present.text.explore import slider_rows
+
+        return slider_rows(self.exploration)
+
+    def page(self) -> str:
+        """Return the page as HTML."""
+        from ident.present.html.explore.page import Start, explore_page
+
+        options = self.options
+        start = Start(self.posture, options.speed, options.soft_base, options.set)
+        return explore_page(self.exploration, self.arm, start, fit=self.fit, posterior=self.posterior)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "fit": self.fit, "posterior": self.posterior, "measured": self.exploration.measured}
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.files import replace_file
+
+        text = self.page().encode("utf-8")
+        replace_file(path, lambda file: file.write(text), make_folders=True)
+        return (path,)
+
+
+def explore(
+    arm: "Arm | ArmFile | str | Path",
+    options: ExploreOptions | None = None,
+    *,
+    fit: "Values | FitResult | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
+    measured: "Campaign | str | Path | None" = None,
+) -> ExploreResult:
+    """Make a page on which stiffnesses, payload, speed and posture of an arm are changed by hand.
+
+    It shows the arm and its modes, natural frequencies along the motion against the pulleys', static deflection and
+    steady response, computed by the page itself: no network, no server.
+
+    Args:
+        arm: the arm.
+        options: posture, load and speed to begin with; numbers to change.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws for marks at 5 and 95 % of each stiffness, or the file of `ident sample`; the arm takes over
+            their medians unless it has fitted values.
+        measured: a campaign, whose values are shown beside the computed ones.
+
+    Raises:
+        InputError: a posture of the wrong length, a load or a number that the arm has not, an arm without any point; a
+            file that does not fit the arm.
+    """
+    from ident.assess.exploration import exploration
+    from ident.identify.modal_analysis import modal_analysis
+    from ident.measure import Load
+
+    options = ExploreOptions.of(options)
+    arm_file = as_file(arm, options.soft_base)
+    fitted = fitted_values(fit, arm_file, options.soft_base) if fit is not None else None
+    drawn = drawn_values(posterior, arm_file, options.draws)
+    changed = with_numbers(arm_file.arm, fitted or drawn, options.set)
+    _check_posture(changed, options.posture)
+    campaign = None if measured is None else as_campaign(measured)
+    draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)
+    extension = _extension(changed, options.profile)
+    made = exploration(changed, load, options.payload, extension, draws, campaign)
+    posture = options.posture or _middle(changed)
+    modal_analysis(changed, tuple(map(radians, posture)), load)  # an arm that collapses there has nothing to show
+    return ExploreResult(arm_file, made, options, posture, fitted, drawn)
+
+
+def _check_posture(arm: "Arm", posture: tuple[float, ...]) -> None:
+    import numpy as np
+
+    if posture and len(posture) != len(arm.driven):
+        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
+        got, remedy = f"{len(posture)} joint angle" + "s" * (len(posture) != 1), "give one angle for each joint"
+        raise InputError(Problem("posture", got, expected, remedy))
+    if posture and arm.stroke is not None:
+        direction, q = np.asarray(arm.stroke.direction), np.array(posture)
+        alpha = q @ direction / (direction @ direction)
+        if np.abs(q - alpha * direction).max() > BESIDE:
+            got, expected = f"{posture} deg", f"a posture on the stroke, as {tuple((30 * direction).tolist())}"
+            raise InputError(Problem("posture", got, expected, "the page moves the arm along its [stroke]"))
+
+
+def _middle(arm: "Arm") -> tuple[float, ...]:
+    """Return the middle of the stroke [deg], where the pulleys turn; all angles zero where there is none."""
+    if arm.stroke is None:
+        return (0.0,) * len(arm.driven)
+    alpha = round(degrees(float(arm.stroke.folded) + float(arm.stroke.unfolded)) / 2)
+    return tuple(float(share) * alpha for share in arm.stroke.direction)
+
+
+def _extension(arm: "Arm", profile: str | None) -> "Motion | None":
+    from ident.vibrate.motion.stroke import stroke
+
+    if arm.stroke is None:
+        if profile is not None:
+            raise InputError(Problem("profile", "it for an arm without a stroke", "a [stroke] in the file", "drop it"))
+        return None
+    return stroke(arm.stroke, profile=profile)
