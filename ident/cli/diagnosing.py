@@ -1,7 +1,7 @@
 """`ident diagnose`: it prints stage by stage, and gives back what a stage leaves behind."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,6 +20,9 @@ from ident.cli.memory import let_go
 from ident.cli.output import output
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
 from ident.studies.diagnose_stages import STAGES
+
+if TYPE_CHECKING:
+    from ident.studies.diagnose_stages import StageReport
 
 
 @command(DiagnoseOptions)
@@ -49,7 +52,7 @@ def run_diagnose(
     measured, arm_file = running.read(campaign, arm)
     folder, stages = part_folder(out, measured), list(STAGES)
 
-    def finished(report: Any) -> None:
+    def finished(report: "StageReport") -> None:
         output().say(str(report))
         let_go(stages[report.number - 1])
 
