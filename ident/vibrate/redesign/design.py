@@ -132,7 +132,7 @@ def design(
     if not optima:
         raise ModelError(_why_not(search, seed))
     optima.sort(key=lambda pair: pair[0].largest)
-    places, least, search, is_settled = _settled(search, optima, limit)
+    places, least, is_settled = _settled(search, optima, limit)
     likely = search.minimum_exceedance(least, limit) if evaluator.draws and limit else None
     norm = places[0].change_norm if curve else 0.0
     further = [partial(search.minimum_amplitude, share * least, share * norm) for share in SHARES if norm > 0]
@@ -157,21 +157,16 @@ def design(
 
 def _settled(
     search: Search, optima: Sequence[tuple[Place, Point]], limit: float | None
-) -> tuple[list[Place], Point, Search, bool]:
-    """Return the optima, the first and its like after the search for the worst phases, and that search."""
+) -> tuple[list[Place], Point, bool]:
+    """Return the optima, the first and its like after the search for the worst phases, and whether that is settled."""
     places, (first, least) = [place for place, _ in optima], optima[0]
     further, u, is_settled = settled(search, Search.minimum_amplitude, least)
     if u is None or further is search:
-        return places, least, further, is_settled
+        return places, least, is_settled
     better = _place(further, u, limit)
     if better.largest > first.largest:
-        return places, least, further, is_settled
-    return (
-        [better if place.largest < first.largest * (1 + ALIKE) else place for place in places],
-        u,
-        further,
-        is_settled,
-    )
+        return places, least, is_settled
+    return [better if place.largest < first.largest * (1 + ALIKE) else place for place in places], u, is_settled
 
 
 def _efficient(present: Place, places: Sequence[Place], least: Place) -> tuple[Place, ...]:

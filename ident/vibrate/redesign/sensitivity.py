@@ -53,9 +53,9 @@ def changeable(arm: Arm) -> tuple[str, ...]:
 def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, progress: Progress = iter) -> Sensitivities:
     """Return how the amplitude of an evaluator changes with numbers of the arm, by exact slopes.
 
-    Where an amplitude is a peak, the slope is that of the largest window. Where phases are not known, each direction
-    has those with which its peak is the worst: the slope of a largest value over phases is that with the phases kept
-    (Danskin, "The theory of max-min", 1967). An RMS is with the phases of the arm. See `Evaluator`.
+    Where an amplitude is a peak, the slope is that of the largest window. Where phases are not known, all directions
+    have those with which the largest peak of all is the worst: the slope of a largest value over phases is that with
+    the phases kept (Danskin, "The theory of max-min", 1967). An RMS is with the phases of the arm. See `Evaluator`.
 
     Args:
         evaluator: arm, motion and measure; its own variables are not used.
@@ -65,34 +65,26 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     paths = tuple(paths) if paths else changeable(evaluator.arm)
     for path in paths:
         check_path(evaluator.arm, path)
-    seen, own = _with_worst_phases(evaluator)
-    which = slice(min(own), None)
+    seen = _with_worst_phases(evaluator)
     groups = [paths[first : first + WIDTH] for first in range(0, len(paths), WIDTH)]
     elasticity = []
     for k in progress(range(len(groups))):
         variables = tuple(Variable((path,), -np.inf, np.inf) for path in groups[k])
-        parts, slopes = replace(seen, variables=variables).slopes(np.zeros(len(variables)), which)
+        parts, slopes = replace(seen, variables=variables).slopes(np.zeros(len(variables)))
         elasticity.append(_elasticities(evaluator.arm, variables, parts, slopes))
-    whole, ways = np.concatenate(elasticity), np.arange(3)
+    whole = np.concatenate(elasticity)
     present = np.array([float(evaluator.arm.get(path)) for path in paths])
-    amplitude, places = parts.max(1), np.array(own) - min(own)
-    draws = whole[..., places[-1] + 1 :] if evaluator.draws else None
-    return Sensitivities(paths, present, amplitude[ways, places], whole[:, ways, places], draws)
+    nothing = np.zeros((1, len(evaluator.variables)))
+    amplitude = evaluator.alone.amplitudes(nothing)[:, 0, 0] if evaluator.unknown else parts[:, :, 0].max(1)
+    return Sensitivities(paths, present, amplitude, whole[..., 0], whole[..., 1:] if evaluator.draws else None)
 
 
-def _with_worst_phases(evaluator: Evaluator) -> tuple[Evaluator, list[int]]:
-    """Return an evaluator whose first draws have the worst phases of each direction, and which arm each shall have."""
+def _with_worst_phases(evaluator: Evaluator) -> Evaluator:
+    """Return an evaluator whose arm has the worst phases, where phases are not known."""
     if not evaluator.unknown or evaluator.measure == "rms":
-        return evaluator, [0, 0, 0]
-    whole, first = evaluator.superposition(np.zeros(len(evaluator.variables))), int(evaluator.amplitude.first)
-    worst = [whole.worst_phases(first, direction) for direction in range(3)]
-
-    def column(path: str) -> Float[np.ndarray, "D"]:
-        present = float(evaluator.arm.get(path))
-        drawn = evaluator.draws.get(path, np.full(evaluator.size - 1, present))
-        return np.append([phases.get(path, present) for phases in worst], drawn)
-
-    return replace(evaluator, draws={path: column(path) for path in {*evaluator.unknown, *evaluator.draws}}), [1, 2, 3]
+        return evaluator
+    whole = evaluator.superposition(np.zeros(len(evaluator.variables)))
+    return replace(evaluator, arm=evaluator.arm.replace(whole.worst_phases(int(evaluator.amplitude.first))))
 
 
 def _elasticities(

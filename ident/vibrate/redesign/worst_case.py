@@ -18,7 +18,7 @@ import numpy as np
 from ident.vibrate.redesign.objective import Point
 from ident.vibrate.redesign.search import Search
 
-ROUNDS = 3
+ROUNDS = 4
 """Further searches, with one cut more each, at most."""
 CLOSE = 0.01
 """Share by which the worst phases may give more than the cuts."""
@@ -59,18 +59,21 @@ def settled(
 
 
 def minimum_change(search: Search, start: Point, limit: float) -> Settled:
-    """Return the least change that keeps a limit with any phases; not settled where it is missed.
+    """Return the least change that keeps a limit with any phases; none where it is missed, which is not settled then.
 
-    What the cuts leave out the limit is tightened by, and the search goes on once more.
+    What its worst phases give more than the cuts the limit is tightened by, and the search goes on from there.
     """
-    first = search.minimum_change(start, limit)
-    search, u, _ = settled(search, lambda search, u: search.minimum_change(u, limit), first)
-    if u is None or (largest := worst(search, u)[1]) <= limit * (1 + MISSED):
-        return search, u, True
-    tighter = search.minimum_change(u, limit * search.objective.largest(u) / largest)
-    if tighter is None:
-        return search, u, False
-    return search, tighter, worst(search, tighter)[1] <= limit * (1 + MISSED)
+    u, aim = search.minimum_change(start, limit), limit
+    for _ in range(ROUNDS):
+        if u is None or (largest := worst(search, u)[1]) <= limit * (1 + MISSED):
+            return search, u, True
+        aim *= limit / largest
+        tighter = search.minimum_change(u, aim)
+        if tighter is None:
+            return search, None, False
+        u = tighter
+    kept = u is None or worst(search, u)[1] <= limit * (1 + MISSED)
+    return search, u if kept else None, kept
 
 
 def worst(search: Search, u: Point) -> tuple[Search, float]:

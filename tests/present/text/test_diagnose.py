@@ -35,7 +35,7 @@ def diagnosis(meets_limit: bool, holds: tuple[bool, ...], excess: float = 1.4, p
     """A vibration of `excess` times the limit, and a remedy for each verification."""
     basis = basis_of(read_arm(DATA / "lcd_arm" / "arm.toml"), DiagnoseOptions(phases=phases))
     division = np.array([[0.0, 1e-4, 0.0], [0.0, 6e-4, 0.0], [0.0, 0.0, 0.0]])
-    over = None if phases == "file" else OverPhases(np.full((3, 9), 5e-4), division.sum(0), division)
+    over = None if phases == "file" else OverPhases(np.full((3, 9), 5e-4), division.sum(0)[:, None], division)
     response = short(lcd_arm(), swing())
     limit = float(np.abs(np.asarray(response.vibration)).max()) / excess
     vibration = VibrationAssessment(response, SMALL, np.ones((3, 100)), BAD, limit, over)

@@ -15,12 +15,14 @@ from ident.arm.modes import damped_eigenvalues, linearize, natural_frequencies
 from ident.arm.parts import Body, Joint, Point
 from ident.errors import InputError, ModelError
 from ident.vibrate.modal.branches import Branches, branches
+from ident.vibrate.modal.caused_vibration import with_amplitudes
 from ident.vibrate.modal.excitation import Excitation, Source, excitation
 from ident.vibrate.modal.resonance import resonance_crossings
 from ident.vibrate.modal.resonance_passage import magnification, sweep_number
 from ident.vibrate.modal.tracking import track
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.response.superposition import superposition
 
 pytestmark = pytest.mark.slow
 
@@ -312,3 +314,21 @@ def test_an_arm_that_collapses_is_named_with_the_posture():
     soft = one_joint_arm().replace({"pin.k_bend": 1e-3})
     with pytest.raises(ModelError, match=r"one has no stable equilibrium at \(0\) deg"):
         branches(soft, speeding_up())
+
+
+def test_crossings_are_ranked_by_the_vibration_that_they_cause():
+    """The simulation of one drive's imbalance alone, at the phases of its largest, moves the end point as far."""
+    arm = lcd_arm()
+    others = {f"{drive.name}.eccentricity": 0.0 for drive in arm.drives if drive.name != "drive2"}
+    motion = stroke(arm.stroke, percent=20)
+    near = resonance_crossings(branches(arm, motion), excitation(arm, motion))
+    found = with_amplitudes(near, arm, motion)
+    assert len(found) == len(near)
+    weighed = [crossing.amplitude * crossing.probability for crossing in found]
+    assert weighed == sorted(weighed, reverse=True)
+    first = next(crossing for crossing in found if crossing.source.drive == "drive2")
+    whole = superposition(arm.replace(others), motion, ("drive2.phase",), rate=250.0)
+    inside = (whole.time >= first.start) & (whole.time <= first.swells_until)
+    each = np.hypot(whole.cosine[0], whole.sine[0])[:, inside]
+    assert 0.5 * each.max() < first.amplitude <= np.linalg.norm(each, axis=0).max() * (1 + 1e-3)
+    assert with_amplitudes((), arm, motion) == ()
