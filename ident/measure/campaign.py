@@ -33,8 +33,8 @@ receptance, w sqrt(1 - 2 z^2); acceleration peak: of its accelerance, w / sqrt(1
 Ewins, "Modal Testing", 2nd ed. 2000, section 2.4.
 """
 
-SHARPEST = 1e-9
-"""Least standard deviation, as a share of the value: no instrument is as good by far, and sums of squares lose it."""
+SHARPEST = 1e-6
+"""Least standard deviation, as a share of the value: no arm is as constant, and below it searches take minutes."""
 
 ROUNDING = 12**-0.5
 """Standard deviation of what is rounded to steps of one: uniform within half a step (JCGM 100:2008, F.2.2.1)."""
@@ -219,7 +219,7 @@ def duplicates(measurements: tuple[Measurement, ...]) -> Iterator[tuple[Measurem
     """Yield each measurement that repeats an earlier one to the last digit, after the earlier one."""
     first: dict[Measurement, Measurement] = {}
     for measurement in measurements:
-        key = replace(measurement, sigma=1.0, resolution=0.0, note="")
+        key = replace(measurement, sigma=abs(measurement.value) or 1.0, resolution=0.0, note="")
         earlier = first.setdefault(key, measurement)
         if earlier is not measurement:
             yield earlier, measurement

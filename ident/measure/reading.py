@@ -139,7 +139,8 @@ def _contradictions(row: _Row, fields: Mapping[str, Any]) -> Iterator[Problem]:
         return
     yield from role_problems(kind, {name: text for name, text in row.cells.items() if text})
     if fields["value"] is not None:
-        yield from value_problems(kind, fields["value"], sigma=1.0)
+        any_sigma = min(abs(fields["value"]), 1e305) or 1.0  # its own is looked at when the measurement is made
+        yield from value_problems(kind, fields["value"], any_sigma)
     if None not in loads:
         yield from load_problems(kind, *loads)
 

@@ -212,7 +212,7 @@ TEXTS = st.text(st.characters(exclude_categories=("Cs",), exclude_characters="\0
 def measurements(draw):
     kind = draw(st.sampled_from(sorted(KINDS)))
     value = draw(st.floats(1e-6, 0.999) if kind == "damping_ratio" else SIZES)
-    fields = {"kind": kind, "value": value, "sigma": value * draw(st.floats(1e-6, 2)), "load": draw(LOADS)}
+    fields = {"kind": kind, "value": value, "sigma": value * draw(st.floats(2e-6, 2)), "load": draw(LOADS)}
     fields |= {"resolution": value * draw(st.just(0.0) | st.floats(1e-6, 2)), "repeat": draw(TEXTS)}
     fields |= {"posture": draw(st.tuples(*[st.floats(-7, 7)] * 2)), "note": draw(TEXTS)}
     if kind in ("frequency", "damping_ratio"):

@@ -156,7 +156,7 @@ def _methods(simulation: Simulation) -> Iterator[str]:
         shares = ", ".join(f"{direction} {100 * share:.2g} %" for direction, share in ways)
         stopped = simulation.study.interrupted
         span = "" if stopped is None else f" up to {stopped:.4g} s"
-        yield f"Fast method against exact, largest difference{span} as a share of the peak: {shares}"
+        yield f"Fast method against exact, largest difference over peak{span}: {shares}"
 
 
 def _belts(simulation: Simulation) -> Iterator[str]:
