@@ -4,11 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arms import lcd_arm
+from arms import first_guess_arm, lcd_arm
 from driven_arms import driven_arm
 from runs import SAMPLES, STEPS, off, scaled, short, still, swing, with_error
 
 from ident.arm.arm import Arm
+from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.simulate import simulate
 from ident.vibrate.response.superposition import (
     Superposition,
@@ -64,9 +65,11 @@ def test_the_sum_is_the_simulation_with_those_phases(elastic: bool) -> None:
     )
 
 
-def test_the_sum_is_the_exact_simulation_with_those_phases() -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
+def test_the_sum_is_the_exact_simulation_with_those_phases(seed: int) -> None:
     """As close as the fast method itself comes to the exact one."""
-    phases = random_phases(1, 3)[:, 0]
+    phases = random_phases(1, seed)[:, 0]
     exact = simulate(with_phases(wavy(), of_wavy(), phases), SWING, method="exact", rate=RATE).vibration
     assert off(of_wavy().at(phases), exact) < 5e-3
 
@@ -145,3 +148,16 @@ def test_an_arm_without_drives() -> None:
     np.testing.assert_allclose(whole.sure, short(bare, SWING).vibration, atol=1e-15)
     assert (whole.division[1:] == 0).all()
     assert whole.worst_phases() == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("arcsec", "peak", "worst"), [(0.0, 0.706, 0.792), (3.0, 0.763, 1.252), (30.0, 6.203, 7.672)])
+def test_what_kinematic_errors_do_to_the_first_guess(arcsec: float, peak: float, worst: float) -> None:
+    """At 10 %, in mm: with the phases of the file, and with the worst ones; `arcsec` is an amplitude."""
+    arm, radians = first_guess_arm(), np.deg2rad(arcsec / 3600)
+    arm = arm.replace({f"{drive.name}.error": radians for drive in arm.drives}) if arcsec else arm
+    motion, unknown = stroke(arm.stroke, percent=10, dwell=2.0), (*imbalance(arm), *(error(arm) if arcsec else ()))
+    whole = superposition(arm, motion, unknown)
+    alone = whole.at(np.array([float(arm.get(path)) for path in unknown]))
+    assert 1e3 * np.abs(alone).max() == pytest.approx(peak, rel=5e-3)
+    assert 1e3 * whole.worst.max() == pytest.approx(worst, rel=1e-3)
