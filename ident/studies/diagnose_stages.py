@@ -134,7 +134,8 @@ def _vibration(job: Job, diagnosis: "Diagnosis") -> "VibrationAssessment":
 def _sensitivities(job: Job, diagnosis: "Diagnosis") -> "Sensitivities":
     from ident.vibrate.redesign.sensitivity import sensitivities
 
-    return sensitivities(diagnosis.task.evaluator())
+    task = diagnosis.task
+    return sensitivities(task.over_phases(task.evaluator()))
 
 
 def _remedies(job: Job, diagnosis: "Diagnosis") -> "tuple[Remedy, ...]":

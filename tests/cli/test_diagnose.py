@@ -48,8 +48,8 @@ def test_from_a_campaign_to_advice_with_three_kills_on_the_way(small, tmp_path, 
     out, _ = last.communicate()
     assert last.returncode == 0
     assert out.count("(as found before)") == 5
-    assert out.count("->") == 5
-    assert "6. Does it hold?" in out
+    assert out.count("->") == 6
+    assert "7. Does it hold?" in out
 
     assert files(tmp_path / "out") == [f"campaign.diagnose.{end}" for end in ("html", "json", "nc")]
     document = json.loads((tmp_path / "out" / "campaign.diagnose.json").read_text("utf-8"))

@@ -18,6 +18,7 @@ pytestmark = pytest.mark.slow
 
 SHORT = ("--speed=200", "--dwell=0.5", "--rate=100")
 K = "joint1.k_tors"
+PHASES = tuple(f"{drive.name}.phase" for drive in lcd_arm().drives)
 NAME = f"out/arm.extend-200.{K}+fingers.com.x.sweep"
 VARY = (f"--vary={K}=0.5x:2x:3", "--vary=fingers.com.x=1.2:1.9:2")
 
@@ -39,7 +40,7 @@ def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
     assert files(tmp_path) == [f"{NAME}.{end}" for end in ("csv", "json", "png")]
     present = float(lcd_arm().get(K))
     motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
-    expected = 1e3 * superposition(lcd_arm().replace({K: 2 * present}), motion, rate=100).worst
+    expected = 1e3 * superposition(lcd_arm().replace({K: 2 * present}), motion, PHASES, rate=100).worst
 
     result = json.loads((tmp_path / f"{NAME}.json").read_text())
     stiffness, centre = ident.load(tmp_path / f"{NAME}.json").study.sweeps

@@ -6,7 +6,9 @@ As a program it is the command `small`, to be killed.
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Annotated
 
+import typer
 from arms import DATA
 
 from ident import read_arm, read_campaign
@@ -39,7 +41,7 @@ def small_command(
     options: DiagnoseOptions,
     arm: ArmOption = None,
     path: PathOption = None,
-    restart: bool = False,
+    restart: Annotated[bool, typer.Option("--restart")] = False,
     out: OutOption = Path("out"),
 ) -> None:
     """Diagnose with little effort."""

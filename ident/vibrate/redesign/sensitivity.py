@@ -1,6 +1,6 @@
 """What to change first: by how many percent the amplitude changes with each of the arm's numbers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,9 +53,12 @@ def changeable(arm: Arm) -> tuple[str, ...]:
 def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, progress: Progress = iter) -> Sensitivities:
     """Return how the amplitude of an evaluator changes with numbers of the arm, by exact slopes.
 
-    Where an amplitude is a peak, the slope is that of the largest window. Where phases are not known, all directions
-    have those with which the largest peak of all is the worst: the slope of a largest value over phases is that with
-    the phases kept (Danskin, "The theory of max-min", 1967). An RMS is with the phases of the arm. See `Evaluator`.
+    Where an amplitude is a peak, the slope is that of the largest window. Where phases are not known, each direction
+    has those with which its peak is the worst: the slope of a largest value over phases is that with the phases kept
+    (Danskin, "The theory of max-min", 1967). An RMS is with the phases of the arm. See `Evaluator`.
+
+    With phases that are known, or drawn, a number that changes how fast a pulley turns also shifts its vibration in
+    time: a peak that is sampled a little beside its top then has another slope. So slopes by ratios are rough there.
 
     Args:
         evaluator: arm, motion and measure; its own variables are not used.
@@ -65,7 +68,8 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     paths = tuple(paths) if paths else changeable(evaluator.arm)
     for path in paths:
         check_path(evaluator.arm, path)
-    seen = _with_worst_phases(evaluator)
+    worst = _worst_phases(evaluator)
+    seen = replace(evaluator, draws=_before_draws(evaluator, worst)) if worst else evaluator
     groups = [paths[first : first + WIDTH] for first in range(0, len(paths), WIDTH)]
     elasticity = []
     for k in progress(range(len(groups))):
@@ -73,18 +77,30 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
         parts, slopes = replace(seen, variables=variables).slopes(np.zeros(len(variables)))
         elasticity.append(_elasticities(evaluator.arm, variables, parts, slopes))
     whole = np.concatenate(elasticity)
+    if worst:
+        whole = np.concatenate([np.diagonal(whole[..., 1:4], axis1=1, axis2=2)[..., None], whole[..., 4:]], 2)
     present = np.array([float(evaluator.arm.get(path)) for path in paths])
     nothing = np.zeros((1, len(evaluator.variables)))
     amplitude = evaluator.alone.amplitudes(nothing)[:, 0, 0] if evaluator.unknown else parts[:, :, 0].max(1)
     return Sensitivities(paths, present, amplitude, whole[..., 0], whole[..., 1:] if evaluator.draws else None)
 
 
-def _with_worst_phases(evaluator: Evaluator) -> Evaluator:
-    """Return an evaluator whose arm has the worst phases, where phases are not known."""
+def _worst_phases(evaluator: Evaluator) -> list[dict[str, float]]:
+    """Return the phases with which the peak of each direction is the worst; nothing where all phases are known."""
     if not evaluator.unknown or evaluator.measure == "rms":
-        return evaluator
+        return []
     whole = evaluator.superposition(np.zeros(len(evaluator.variables)))
-    return replace(evaluator, arm=evaluator.arm.replace(whole.worst_phases(int(evaluator.amplitude.first))))
+    return [whole.worst_phases(int(evaluator.amplitude.first), direction) for direction in range(3)]
+
+
+def _before_draws(evaluator: Evaluator, sets: Sequence[Mapping[str, float]]) -> dict[str, Float[np.ndarray, "D"]]:
+    """Return the draws of an evaluator, and before them the arm itself with each of some sets of numbers."""
+    present = {path: float(evaluator.arm.get(path)) for path in {*evaluator.draws, *sets[0]}}
+    nothing = {path: np.full(evaluator.size - 1, value) for path, value in present.items()}
+    return {
+        path: np.append([each.get(path, value) for each in sets], evaluator.draws.get(path, nothing[path]))
+        for path, value in present.items()
+    }
 
 
 def _elasticities(
