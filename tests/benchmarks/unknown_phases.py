@@ -93,7 +93,7 @@ def main() -> int:
     given = parser.parse_args()
     path, diagnosis = str(given.result), diagnosed(str(given.result))
     ways = (False, True) if diagnosis.advised else (False,)
-    wanted = [(way, k, path, given.draws, given.seed) for way in ways for k in range(given.draws)]
+    wanted = [(way, k, path, given.draws, given.seed) for k in range(given.draws) for way in ways]
     header = {"result": hashlib.sha256(Path(path).read_bytes()).hexdigest(), "draws": given.draws, "seed": given.seed}
     done = resumable.run(work, wanted, header, given.file, given.processes)
     print(f"{machine()}, {commit()}; limit {1e3 * diagnosis.task.limit:g} mm")
