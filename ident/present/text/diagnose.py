@@ -17,6 +17,9 @@ from ident.present.text.words import cut, folded, percent
 from ident.vibrate.modal.resonance import ResonanceCrossing
 from ident.vibrate.redesign.binomial import BinomialEstimate
 
+LITTLE = 0.005
+"""Share of a vibration that is next to nothing."""
+
 
 @dataclass(frozen=True)
 class StageReport:
@@ -87,12 +90,15 @@ def division_words(diagnosis: Diagnosis) -> str:
     if over is None:
         return ""
     way = int(over.worst.argmax())
-    motion, imbalance, error = (f"{MM * part:.3g}" for part in over.division[:, way])
+    least = LITTLE * over.worst[way]
+    motion, imbalance, error = (
+        "next to nothing" if part < least else f"{MM * part:.3g} mm" for part in over.division[:, way]
+    )
     none = all(float(drive.error) == 0 for drive in diagnosis.task.basis.arm.drives)
-    errors = "kinematic error nothing, as none is assumed" if none else f"kinematic error {error} mm"
+    errors = "kinematic error nothing, as none is assumed" if none else f"kinematic error {error}"
     return (
         f" Of {MM * over.worst[way]:.3g} mm with the worst phases of the turning masses the motion itself makes "
-        f"{motion} mm, imbalance {imbalance} mm and {errors}."
+        f"{motion}, imbalance {imbalance} and {errors}."
     )
 
 

@@ -1,6 +1,6 @@
 """The vibration that a resonance crossing causes: how far the end point moves by one pulley alone while it is near."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -18,6 +18,8 @@ from ident.vibrate.response.superposition import Superposition, superposition
 
 RATE = 250.0
 """Samples a second: what is read off is an envelope, which changes slowly."""
+TOGETHER = 32
+"""Postures that are filled up to a multiple, so that one program serves nearly all motions."""
 EXCITES = {1: ("eccentricity", "phase"), 2: ("error", "error_phase")}
 """What excites at each multiple of a pulley's frequency: its size, and its phase."""
 
@@ -43,22 +45,26 @@ def with_amplitudes(
     if not crossings:
         return ()
     arm = nominal(arm)
-    phases = {crossing.source: _phase(arm, crossing) for crossing in crossings}
-    unknown = tuple(dict.fromkeys(path for path in phases.values() if path))
-    whole = superposition(arm, motion, unknown, loads=loads, rate=RATE)
+    whole = superposition(arm, motion, tuple(_phases(arm)), loads=loads, rate=RATE)
     ways = _ways(arm, crossings, loads)
     sizes = [
-        _largest(whole, phases[crossing.source], crossing, way) for crossing, way in zip(crossings, ways, strict=True)
+        _largest(whole, _phase(arm, crossing), crossing, way) for crossing, way in zip(crossings, ways, strict=True)
     ]
     found = (replace(crossing, amplitude=size) for crossing, size in zip(crossings, sizes, strict=True))
     return tuple(sorted(found, key=lambda crossing: (-crossing.amplitude * crossing.probability, crossing.start)))
 
 
+def _phases(arm: Arm) -> Iterator[str]:
+    """Yield the paths of the phases of all that excites the arm: the same for each motion, as the programs are."""
+    for size, phase in EXCITES.values():
+        yield from (f"{drive.name}.{phase}" for drive in arm.drives if float(getattr(drive, size)))
+
+
 def _phase(arm: Arm, crossing: ResonanceCrossing) -> str:
     """Return the path of the phase of what excites; empty where nothing does at this order."""
-    size, phase = EXCITES.get(crossing.source.order, ("", ""))
-    drive = crossing.source.drive
-    return f"{drive}.{phase}" if size and float(arm.get(f"{drive}.{size}")) else ""
+    _, phase = EXCITES.get(crossing.source.order, ("", ""))
+    path = f"{crossing.source.drive}.{phase}"
+    return path if path in _phases(arm) else ""
 
 
 def _largest(whole: Superposition, phase: str, crossing: ResonanceCrossing, way: Float[np.ndarray, "3"]) -> float:
@@ -72,8 +78,9 @@ def _largest(whole: Superposition, phase: str, crossing: ResonanceCrossing, way:
 
 def _ways(arm: Arm, crossings: Sequence[ResonanceCrossing], loads: Loads | None) -> Float[np.ndarray, "crossings 3"]:
     """Return in which direction the mode of each crossing moves the end point."""
-    posture = np.array([crossing.posture for crossing in crossings]).T
-    frequency, motion = (np.asarray(x) for x in _modes(arm, posture, loads))
+    count, posture = len(crossings), np.array([crossing.posture for crossing in crossings]).T
+    filled = np.pad(posture, ((0, 0), (0, -count % TOGETHER)), mode="edge")
+    frequency, motion = (np.asarray(x)[..., :count] for x in _modes(arm, filled, loads))
     natural = np.array([crossing.natural for crossing in crossings])
     mode = np.abs(frequency - natural).argmin(0)
     way = motion[:, mode, np.arange(len(crossings))].T
