@@ -135,7 +135,7 @@ class PayloadTable(BodyTable):
 class DriveTable(Table):
     """A harmonic drive; the meaning of each key is that of `Drive`'s attribute.
 
-    Pulley, wave generator and turning mass are parts of the shaft: its bodies have their mass and, at rest, their inertia.
+    Pulley, wave generator and turning mass are parts of the shaft, whose bodies have their mass and their inertia.
     """
 
     name: Name

@@ -33,6 +33,9 @@ receptance, w sqrt(1 - 2 z^2); acceleration peak: of its accelerance, w / sqrt(1
 Ewins, "Modal Testing", 2nd ed. 2000, section 2.4.
 """
 
+DRIVE_STATES = ("brake", "servo", "off")
+"""What held the motors while it was measured: brakes, the controller, or nothing."""
+
 SHARPEST = 1e-9
 """Least standard deviation, as a share of the value: no instrument is as good by far, and sums of squares lose it."""
 
@@ -56,6 +59,7 @@ class Measurement:
         direction: (3,) [-] unit vector in the base frame, along which a deflection counts; -z when not given.
         load: the load case.
         reference_load: the load case that a deflection difference starts from.
+        drives: what held the motors, one of `DRIVE_STATES`; `brake` when not given.
         unit: unit in which the value was written, such as `mm`.
         note: free text.
         where: `file:row` where it was written; empty for values made in code.
@@ -71,6 +75,7 @@ class Measurement:
     direction: Vector | None = None
     load: Load = OWN_WEIGHT
     reference_load: Load = OWN_WEIGHT
+    drives: str = DRIVE_STATES[0]
     unit: str = field(default="", compare=False)
     note: str = ""
     where: str = field(default="", compare=False)
@@ -84,6 +89,7 @@ class Measurement:
             *role_problems(self.kind, given),
             *load_problems(self.kind, self.load, self.reference_load),
             *definition_problems(self.of),
+            *drive_state_problems(self.drives),
             *value_problems(self.kind, self.value, self.sigma),
             *_posture_problems(self.posture),
         ]
@@ -179,6 +185,14 @@ def definition_problems(of: str | None) -> Iterator[Problem]:
         yield Problem("", quoted(of), f"one of {', '.join(DEFINITIONS)}", remedy, "of")
 
 
+def drive_state_problems(drives: str) -> Iterator[Problem]:
+    """Find a word for what held the motors that means nothing."""
+    if drives not in DRIVE_STATES:
+        near = nearest(drives, DRIVE_STATES)
+        remedy = f"write {near}" if near else f"correct it, or leave it empty for {DRIVE_STATES[0]}"
+        yield Problem("", quoted(drives), f"one of {', '.join(DRIVE_STATES)}", remedy, "drives")
+
+
 def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
     """Find values and standard deviations [SI] that can't be."""
     unit = QUANTITIES[KINDS[kind]].si.removesuffix("1")
@@ -222,6 +236,7 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "sigma": float(m.sigma),
         "mode": " ".join((m.mode or "").lower().split()) or None,
         "of": None if (of := " ".join((m.of or "").lower().split())) == "undamped" else of or None,
+        "drives": m.drives.strip().lower() or DRIVE_STATES[0],
         "point": (m.point or "").strip() or None,
         "direction": unit_vector(direction) if direction else None,
         "unit": m.unit.strip() or QUANTITIES[KINDS[m.kind]].si,

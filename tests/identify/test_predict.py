@@ -15,6 +15,7 @@ from ident.arm.labels import mode_labels, parse_label
 from ident.arm.modes import damped_eigenvalues, linearize, modes
 from ident.errors import InputError
 from ident.identify.conditions import bind
+from ident.identify.data_checks import contradictory_repeats
 from ident.identify.definitions import frequencies_of_pole
 from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict
@@ -174,6 +175,24 @@ def test_what_does_not_fit_the_arm_is_named(measurement, column, words):
     assert str(error.value).startswith(f"c.csv:7, {column}: ")
     assert words in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_motors_that_turn_freely_are_refused():
+    with pytest.raises(InputError, match=r"file\.csv:2.*drives.*turn freely, expected motors that are held"):
+        bind(lcd_arm(), Campaign(measurements=(frequency(4.1, drives="off", where="file.csv:2"),)))
+
+
+def test_frequencies_without_a_label_are_counted_in_each_drive_state():
+    values = predicted(frequency(4.1), frequency(4.0, drives="servo"), frequency(4.8), frequency(4.7, drives="servo"))
+    lowest = np.asarray(exact(UNFOLDED)[1].frequency)[:2]
+    np.testing.assert_allclose(values, lowest[[0, 0, 1, 1]], rtol=1e-12)
+
+
+def test_rows_of_different_drive_states_do_not_contradict_each_other():
+    one, other = (frequency(hertz, mode="lateral torsion 1", drives=d) for hertz, d in ((4.1, "brake"), (3.7, "servo")))
+    assert not list(contradictory_repeats(Campaign(measurements=(one, other))))
+    again = dataclasses.replace(other, drives="brake")
+    assert list(contradictory_repeats(Campaign(measurements=(one, again)))) == [(0, 1)]
 
 
 def test_an_empty_campaign_is_refused():
