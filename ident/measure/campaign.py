@@ -25,6 +25,9 @@ ROLES = {
 }
 """The fields that a kind has beside posture, load, value and sigma."""
 
+DRIVE_STATES = ("brake", "servo", "off")
+"""What held the motors while it was measured: brakes, the controller, or nothing."""
+
 DEFINITIONS = ("undamped", "pole", "damped", "displacement peak", "acceleration peak")
 """What a frequency may be of a damped mode, with the pole s, w = |s| and z = -Re s / w the damping ratio.
 
@@ -32,9 +35,6 @@ undamped: that of the arm without damping; pole: w; damped: Im s = w sqrt(1 - z^
 receptance, w sqrt(1 - 2 z^2); acceleration peak: of its accelerance, w / sqrt(1 - 2 z^2); each divided by 2 pi.
 Ewins, "Modal Testing", 2nd ed. 2000, section 2.4.
 """
-
-DRIVE_STATES = ("brake", "servo", "off")
-"""What held the motors while it was measured: brakes, the controller, or nothing."""
 
 SHARPEST = 1e-9
 """Least standard deviation, as a share of the value: no instrument is as good by far, and sums of squares lose it."""

@@ -151,3 +151,8 @@ def test_what_a_servo_does_to_the_shipped_arm(servo: float) -> None:
     found, still = with_servo(system, servo * ratio**2), held(system)
     torsions = [found[np.argmin(np.abs(found - hertz))] / hertz - 1 for hertz in still[[0, 3]]]
     np.testing.assert_allclose(torsions, SHARES[servo], atol=2e-4)
+    if servo == 100:
+        np.testing.assert_allclose(found[3:5], [15.29, 20.12], atol=0.01)
+    free = with_servo(system, 0.0)
+    assert free[0] < 0.05
+    np.testing.assert_allclose(free[[1, 4]] / still[[0, 3]] - 1, [0.00976, 0.03035], atol=5e-5)
