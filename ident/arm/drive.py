@@ -22,7 +22,8 @@ class Drive(eqx.Module):
         name: unique in its arm.
         joint: name of the joint on whose shaft it sits.
         ratio: () [-] turns of the wave generator for one of the joint; negative where it turns the other way.
-        rotor_inertia: () [kg m^2] of pulley and wave generator about the axis; a part of the shaft's inertia.
+        rotor_inertia: () [kg m^2] of pulley and wave generator about the axis; a part of the shaft's inertia, never
+            added to it: the shaft's bodies weigh and turn with it, and it counts on its own only as it turns faster.
         eccentric_mass: () [kg] the turning mass that is off its axis.
         eccentricity: () [m] distance of its centre from the axis.
         height: () [m] of that centre above the bushing, along the axis.

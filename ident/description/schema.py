@@ -133,7 +133,10 @@ class PayloadTable(BodyTable):
 
 
 class DriveTable(Table):
-    """A harmonic drive; the meaning of each key is that of `Drive`'s attribute."""
+    """A harmonic drive; the meaning of each key is that of `Drive`'s attribute.
+
+    Pulley, wave generator and turning mass are parts of the shaft, whose bodies have their mass and their inertia.
+    """
 
     name: Name
     joint: str

@@ -20,7 +20,8 @@ from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
 
 BY_MODE = ("frequency", "damping_ratio")
-State = tuple[tuple[float, ...], Load]
+State = tuple[tuple[float, ...], Load, str]
+"""Posture, load case, and what held the motors."""
 MOST = 20000
 """Different values of a campaign at most: a fit of as many takes minutes, and of more nothing is learned."""
 
@@ -163,9 +164,9 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         raise InputError(problems)
     states: dict[State, int] = {}
     for m in campaign:
-        states.setdefault((m.posture, m.load), len(states))
+        states.setdefault((m.posture, m.load, m.drives), len(states))
         if m.kind == "deflection_difference":
-            states.setdefault((m.posture, m.reference_load), len(states))
+            states.setdefault((m.posture, m.reference_load, m.drives), len(states))
     keys = [_what(arm, i, m, states) for i, m in enumerate(campaign)]
     first = {key: i for i, key in reversed(list(enumerate(keys)))}
     values = sorted(first, key=lambda key: (key[0], first[key]))
@@ -176,10 +177,10 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     place = {key: i for i, key in enumerate(values)}
     order = np.array([place[key] for key in keys])
     named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1), (2,), (3,)))
-    posture = np.array([posture for posture, _ in states], float).T
+    posture = np.array([posture for posture, *_ in states], float).T
     bound = Conditions(
         posture,
-        _columns(arm, [load for _, load in states]),
+        _columns(arm, [load for _, load, _ in states]),
         _named(named, len(states)),
         _unnamed(unnamed),
         _readings(readings),
@@ -195,10 +196,10 @@ def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple
 
     Frequencies without a label are of different modes.
     """
-    state = states[m.posture, m.load]
+    state = states[m.posture, m.load, m.drives]
     if m.kind in BY_MODE:
         return (BY_MODE.index(m.kind), state, parse_label(m.mode), m.of) if m.mode else (2, state, m.value, row)
-    against = states[m.posture, m.reference_load] if m.kind == "deflection_difference" else -1
+    against = states[m.posture, m.reference_load, m.drives] if m.kind == "deflection_difference" else -1
     point = [point.name for point in arm.points].index(m.point or "")
     return 3, state, against, point, m.direction
 

@@ -13,6 +13,7 @@ from ident.arm.arm import Arm
 from ident.arm.labels import parse_label
 from ident.errors import InputError, ModelError, Problem
 from ident.identify.conditions import BY_MODE
+from ident.identify.definitions import MOST_DAMPED
 from ident.identify.label_checks import labels_about
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_assignment import FAR
@@ -59,6 +60,8 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
     for i, (name, m) in enumerate(zip(names, campaign, strict=True)):
         if m.mode and math.isnan(predicted[i]):
             hopeless += _no_such_mode(m, arm, "or leave it empty: trusted or not, there is nothing to fit it to")
+        elif m.of and predicted[i] == 0:
+            hopeless += [_too_damped(m)]
         elif name not in trusted:
             doubts += _beyond_limits(m, arm, name)
             remedy = f"leave it empty, or {_right(name)}"
@@ -196,6 +199,12 @@ def _no_such_mode(m: Measurement, arm: Arm, remedy: str) -> Iterator[Problem]:
             return  # a wrong label beside it has taken its mode
         expected = f"a mode of the arm at that posture: {', '.join(map(str, names))}"
         yield Problem(m.where, f"'{m.mode}'", expected, f"correct the label, {remedy}", "mode")
+
+
+def _too_damped(m: Measurement) -> Problem:
+    got = f"a {m.of} frequency of a mode that has none: it is damped too much in the arm file"
+    limit = f"a damping ratio up to {MOST_DAMPED:g}" if m.of != "damped" else "a damping ratio below 1"
+    return Problem(m.where, got, limit, "give `pole`, or correct the damping of the arm file", "of")
 
 
 def _beyond_limits(m: Measurement, arm: Arm, row: str) -> Iterator[Problem]:

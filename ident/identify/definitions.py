@@ -12,6 +12,9 @@ from ident.arm.modes import damped_eigenvalues, linearize
 from ident.inference.parameters import AnyArray
 from ident.measure import DEFINITIONS, Measurement
 
+MOST_DAMPED = 0.7
+"""Damping ratio up to which a mode counts as having a peak; from 0.707 on there is none, and near it it is flat."""
+
 NotAllUndamped = Int[AnyArray, "F"] | None
 """What each frequency is, those with a label first, as places in `DEFINITIONS`; None where all are undamped."""
 
@@ -25,11 +28,11 @@ def definitions_of(values: Sequence[Measurement]) -> Int[np.ndarray, "F"] | None
 def frequencies_of_pole(s: Complex[Array, "*shape"]) -> tuple[Float[Array, "*shape"], ...]:
     """Return |s|, Im s and the peaks of receptance and accelerance of a mode alone with the pole s, all [Hz].
 
-    A peak is 0 where there is none, from a damping ratio of 0.707.
+    A peak is 0 where there is none, beyond a damping ratio of `MOST_DAMPED`; so is Im s of an overdamped mode.
     """
     hertz = jnp.abs(s) / (2 * jnp.pi)
     squared = 1 - 2 * (s.real / jnp.abs(s)) ** 2
-    peaked = squared > 0
+    peaked = squared >= 1 - 2 * MOST_DAMPED**2
     ratio = jnp.sqrt(jnp.where(peaked, squared, 1.0))
     peaks = (jnp.where(peaked, hertz * ratio, 0.0), jnp.where(peaked, hertz / ratio, 0.0))
     return hertz, s.imag / (2 * jnp.pi), *peaks

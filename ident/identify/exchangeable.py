@@ -54,7 +54,7 @@ def moves_of(campaign: Campaign) -> Callable[[Pair], Moves]:
 
 
 def _state(m: Measurement) -> tuple[object, ...]:
-    return m.posture, m.load, m.reference_load
+    return m.posture, m.load, m.reference_load, m.drives
 
 
 def _name(m: Measurement) -> tuple[object, ...]:

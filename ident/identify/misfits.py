@@ -19,6 +19,9 @@ def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
         yield _unknown(m.where, "point", m.point, points)
     for column, load in (("load", m.load), ("reference_load", m.reference_load)):
         yield from unknown_names(arm, load, m.where, column)
+    if m.drives == "off":
+        remedy = "leave the row out, or measure it with brake or servo on"
+        yield Problem(m.where, "motors that turn freely", "motors that are held, as in the model", remedy, "drives")
     if m.kind == "damping_ratio" and not m.mode:
         remedy = "name it: damping ratios do not rise with the modes"
         yield Problem(m.where, "a damping ratio without mode", "the label of its mode", remedy, "mode")
@@ -36,9 +39,9 @@ def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
 def too_many(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
     """Refuse more frequencies of a state than the arm has modes: each without a label is of another mode."""
     modes = 3 * len(arm.joints)
-    states: dict[tuple[tuple[float, ...], Load], list[Measurement]] = {}
+    states: dict[tuple[tuple[float, ...], Load, str], list[Measurement]] = {}
     for m in campaign.of_kind("frequency"):
-        states.setdefault((m.posture, m.load), []).append(m)
+        states.setdefault((m.posture, m.load, m.drives), []).append(m)
     for own in states.values():
         blank = [m for m in own if not m.mode]
         labels = {label for m in own if (label := parse_label(m.mode or "")) and label.direction and label.kind}

@@ -3,7 +3,7 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from ident.measure.campaign import DEFINITIONS, KINDS, Campaign, Measurement
+from ident.measure.campaign import DEFINITIONS, DRIVE_STATES, KINDS, Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.load import OWN_WEIGHT, Load, parse_direction
 from ident.measure.reading import parse_campaign, read_campaign
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     "COLUMNS",
     "DEFINITIONS",
+    "DRIVE_STATES",
     "KINDS",
     "NMM_PER_DEG",
     "OWN_WEIGHT",

@@ -25,6 +25,9 @@ ROLES = {
 }
 """The fields that a kind has beside posture, load, value and sigma."""
 
+DRIVE_STATES = ("brake", "servo", "off")
+"""What held the motors while it was measured: brakes, the controller, or nothing."""
+
 DEFINITIONS = ("undamped", "pole", "damped", "displacement peak", "acceleration peak")
 """What a frequency may be of a damped mode, with the pole s, w = |s| and z = -Re s / w the damping ratio.
 
@@ -61,6 +64,7 @@ class Measurement:
         repeat: what tells this reading from others of the same, such as its number.
         load: the load case.
         reference_load: the load case that a deflection difference starts from.
+        drives: what held the motors, one of `DRIVE_STATES`; `brake` when not given.
         unit: unit in which the value was written, such as `mm`.
         note: free text.
         where: `file:row` where it was written; empty for values made in code.
@@ -78,6 +82,7 @@ class Measurement:
     repeat: str = ""
     load: Load = OWN_WEIGHT
     reference_load: Load = OWN_WEIGHT
+    drives: str = DRIVE_STATES[0]
     unit: str = field(default="", compare=False)
     note: str = ""
     where: str = field(default="", compare=False)
@@ -91,6 +96,7 @@ class Measurement:
             *role_problems(self.kind, given),
             *load_problems(self.kind, self.load, self.reference_load),
             *definition_problems(self.of),
+            *drive_state_problems(self.drives),
             *value_problems(self.kind, self.value, self.sigma),
             *resolution_problems(self.resolution),
             *_posture_problems(self.posture),
@@ -192,6 +198,14 @@ def definition_problems(of: str | None) -> Iterator[Problem]:
         yield Problem("", quoted(of), f"one of {', '.join(DEFINITIONS)}", remedy, "of")
 
 
+def drive_state_problems(drives: str) -> Iterator[Problem]:
+    """Find a word for what held the motors that means nothing."""
+    if drives not in DRIVE_STATES:
+        near = nearest(drives, DRIVE_STATES)
+        remedy = f"write {near}" if near else f"correct it, or leave it empty for {DRIVE_STATES[0]}"
+        yield Problem("", quoted(drives), f"one of {', '.join(DRIVE_STATES)}", remedy, "drives")
+
+
 def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
     """Find values and standard deviations [SI] that can't be."""
     unit = QUANTITIES[KINDS[kind]].si.removesuffix("1")
@@ -244,6 +258,7 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "repeat": " ".join(m.repeat.split()),
         "mode": " ".join((m.mode or "").lower().split()) or None,
         "of": None if (of := " ".join((m.of or "").lower().split())) == "undamped" else of or None,
+        "drives": m.drives.strip().lower() or DRIVE_STATES[0],
         "point": (m.point or "").strip() or None,
         "direction": unit_vector(direction) if direction else None,
         "unit": m.unit.strip() or QUANTITIES[KINDS[m.kind]].si,

@@ -18,6 +18,7 @@ COLUMNS = (
     "direction",
     "load",
     "reference_load",
+    "drives",
     "value",
     "unit",
     "sigma",

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ident.files import replace_file
-from ident.measure.campaign import KINDS, Campaign, Measurement
+from ident.measure.campaign import DRIVE_STATES, KINDS, Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.load import format_direction
 from ident.measure.reading import parse_campaign
@@ -80,6 +80,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
     yield "direction", format_direction(m.direction) if m.direction else ""
     yield "load", str(m.load) if m.load else ""
     yield "reference_load", str(m.reference_load) if m.reference_load else ""
+    yield "drives", m.drives if m.drives != DRIVE_STATES[0] else ""
     yield from (("value", _written(m.value, factor)), ("unit", unit))
     if relative_sigma and m.sigma < abs(m.value):
         yield "relative_sigma", _written(m.sigma, abs(m.value))

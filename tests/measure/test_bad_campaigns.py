@@ -213,3 +213,9 @@ def test_what_a_frequency_is_has_a_known_word(row, words):
     (problem,) = problems(f"kind,q1 [deg],of,value,unit,sigma\n{row}\n")
     assert (problem.where, problem.column) == ("table.csv:2", "of")
     assert re.search(words, str(problem))
+
+
+def test_what_held_the_motors_has_a_known_word():
+    (problem,) = problems("kind,q1 [deg],drives,value,unit,sigma\nfrequency,10,brakes,4.5,Hz,0.1\n")
+    assert (problem.where, problem.column) == ("table.csv:2", "drives")
+    assert re.search("'brakes', expected one of brake, servo, off.*write brake", str(problem))

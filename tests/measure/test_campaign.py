@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from ident.errors import InputError
 from ident.measure import (
     COLUMNS,
+    DRIVE_STATES,
     KINDS,
     Campaign,
     Load,
@@ -180,6 +181,7 @@ def test_directions(text):
         ({"posture": ()}, "posture"),
         ({"posture": (math.inf,)}, "posture"),
         ({"point": "tip"}, "point"),
+        ({"drives": "locked"}, "drives"),
         ({"kind": "deflection"}, "point"),
         ({"reference_load": Load(("glass",))}, "reference_load"),
     ],
@@ -216,7 +218,7 @@ def measurements(draw):
     fields |= {"resolution": value * draw(st.just(0.0) | st.floats(1e-6, 2)), "repeat": draw(TEXTS)}
     fields |= {"posture": draw(st.tuples(*[st.floats(-7, 7)] * 2)), "note": draw(TEXTS)}
     if kind in ("frequency", "damping_ratio"):
-        return Measurement(mode=draw(st.none() | TEXTS), **fields)
+        return Measurement(mode=draw(st.none() | TEXTS), drives=draw(st.sampled_from(DRIVE_STATES)), **fields)
     reference = {"reference_load": Load(("reference",))} if kind == "deflection_difference" else {}
     return Measurement(point=draw(NAMES), direction=draw(VECTORS), **reference, **fields)
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ident.arm.fields import field_of
 from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
-from ident.measure import Measurement
+from ident.measure import DRIVE_STATES, Campaign, Measurement
 from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
@@ -20,6 +20,8 @@ KEPT = "\u00a0"
 """Stands for a space at which no line is broken, until lines are."""
 LARGEST = 1e6
 """Factor above which it is only said to be above."""
+MOST_ROWS = 3
+"""Rows that a warning names, at most."""
 NOTABLE = 0.15
 """Weight below which a parameter is left out when a direction is put into a few words."""
 MATTERS = 0.3
@@ -124,6 +126,7 @@ def short(m: Measurement) -> str:
     loads = f", {m.load}" if m.load else ""
     against = f" - {m.reference_load}" if m.kind == "deflection_difference" else ""
     defined = f" ({m.of})" if m.of else ""
+    loads += _held(m)
     return f"{f'{what}:' if what else ''} {value:.4g} {unit}{defined}{loads}{against} at {degrees(m.posture)}".strip()
 
 
@@ -131,10 +134,29 @@ def describe(m: Measurement) -> str:
     """Say in a few words what was measured, without its value."""
     what = m.mode or m.point or ""
     loads = f" {m.load}" if m.load else ""
+    held = _held(m)
     against = f" - {m.reference_load}" if m.kind == "deflection_difference" and m.reference_load else ""
-    return f"{m.of or ''} {m.kind.replace('_', ' ')} {what}{loads}{against} at {degrees(m.posture)}".replace(
+    return f"{m.of or ''} {m.kind.replace('_', ' ')} {what}{loads}{against}{held} at {degrees(m.posture)}".replace(
         "  ", " "
     ).strip()
+
+
+def _held(m: Measurement) -> str:
+    """Say what held the motors, where it was no brake."""
+    return "" if m.drives == DRIVE_STATES[0] else f", {m.drives} on"
+
+
+def drive_states(campaign: Campaign) -> Iterator[str]:
+    """Warn in one line of rows whose motors a servo held, of which the model knows nothing."""
+    own = [m.where.rpartition(":")[2] or str(i) for i, m in enumerate(campaign, 1) if m.drives == "servo"]
+    if not own:
+        return
+    if len(own) == len(campaign):
+        yield "  WARNING: servo on in all rows: the model holds the motors, so that k_tors contains the servo"
+        return
+    rows = f"row{'s' * (len(own) > 1)} {', '.join(own[:MOST_ROWS])}"
+    rows += f" and {len(own) - MOST_ROWS} more" if len(own) > MOST_ROWS else ""
+    yield f"  WARNING: brake and servo mixed, fit them apart: servo on in {rows}"
 
 
 def shares(known: Information, i: int) -> str:

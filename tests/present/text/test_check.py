@@ -33,6 +33,22 @@ def shipped():
     return check_campaign(lcd_arm(), read_campaign(DATA / "campaign.csv"))
 
 
+def with_servo(found, rows):
+    own = [dataclasses.replace(m, drives="servo" if i in rows else "brake") for i, m in enumerate(found.campaign)]
+    return dataclasses.replace(found, campaign=dataclasses.replace(found.campaign, measurements=tuple(own)))
+
+
+def test_rows_that_a_servo_held_are_named_in_one_warning(shipped):
+    assert "servo" not in check_report(shipped)
+    first, third = (shipped.campaign.measurements[i].where.rpartition(":")[2] for i in (0, 2))
+    report = check_report(with_servo(shipped, {0, 2}))
+    (line,) = [line for line in report.splitlines() if "WARNING" in line]
+    assert line.endswith(f"brake and servo mixed, fit them apart: servo on in rows {first}, {third}")
+    assert report.count(", servo on at (") >= 2, "and where the rows are listed"
+    (line,) = [line for line in check_report(with_servo(shipped, range(99))).splitlines() if "WARNING" in line]
+    assert line.endswith("servo on in all rows: the model holds the motors, so that k_tors contains the servo")
+
+
 def measured_rows(report):
     return [line for line in report.splitlines() if re.match(r" +\d+  [a-z].*%", line)]
 

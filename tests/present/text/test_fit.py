@@ -152,3 +152,11 @@ def test_without_a_prior_what_is_open_is_told_by_nothing():
     assert not jnp.isfinite(loose.sd).any()
     assert list(loose.data_share) == [0.0, 0.0]
     assert "left where the search stopped" in next(what_is_open(loose, of("a", "b")))
+
+
+def test_a_campaign_that_mixes_drive_states_is_named(shipped):
+    assert "servo" not in section(fit_report(shipped), "Fit of")
+    first, *others = shipped.campaign.measurements
+    mixed = dataclasses.replace(shipped.campaign, measurements=(dataclasses.replace(first, drives="servo"), *others))
+    heading = section(fit_report(dataclasses.replace(shipped, campaign=mixed)), "Fit of")
+    assert f"mixed, fit them apart: servo on in row {first.where.rpartition(':')[2]}" in heading
