@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.assess.basis import Basis
-from ident.assess.phases import OverPhases, over_phases
+from ident.assess.over_phases import OverPhases, over_phases
 from ident.measure import Trace
 from ident.vibrate.response.belt_tension import belt_tension, slack
 from ident.vibrate.response.response import Response

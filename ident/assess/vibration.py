@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from ident.assess.phases import OverPhases, Unknowns, at_share, over_phases
+from ident.assess.over_phases import OverPhases, at_share, over_phases
+from ident.assess.phases import Unknowns
 from ident.assess.task import CONFIDENT, Task
 from ident.vibrate.redesign.binomial import BinomialEstimate, binomial_estimate
 from ident.vibrate.redesign.evaluator import Evaluator

@@ -8,7 +8,8 @@ import pytest
 from arms import DATA, lcd_arm
 from runs import SAMPLES, STEPS, off, short, swing, with_error
 
-from ident.assess.phases import OverPhases, Unknowns, at_share, over_phases, unknown_errors, unknown_phases
+from ident.assess.over_phases import OverPhases, at_share, over_phases
+from ident.assess.phases import Unknowns, unknown_errors, unknown_phases
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.values import Values

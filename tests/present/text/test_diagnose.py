@@ -8,7 +8,7 @@ from arms import DATA, lcd_arm
 from runs import short, swing
 
 from ident.assess.diagnosis import Diagnosis, Identification
-from ident.assess.phases import OverPhases
+from ident.assess.over_phases import OverPhases
 from ident.assess.remedies import Remedy, Verification
 from ident.assess.task import Task
 from ident.assess.vibration import VibrationAssessment
