@@ -1,6 +1,7 @@
 """Parts of unfinished work on disk: a run that was killed at any moment goes on behind the last of them."""
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from ident.codec import CodecError, decode, encode
 from ident.errors import InputError, Problem
-from ident.files import replace_file
+from ident.files import claimed, replace_file
 from ident.text import one_line
 
 IDENTITY = "run.json"
@@ -41,7 +42,7 @@ class Store:
         if folder is None:
             return
         file = folder / IDENTITY
-        if file.exists():
+        if os.path.exists(file):
             _compare(folder, _read_identity(file), identity)
         else:
             text = json.dumps(dict(identity), indent=1, sort_keys=True)
@@ -77,13 +78,22 @@ class Store:
             (self.folder / f"{name}{END}").unlink(missing_ok=True)
 
     @staticmethod
-    def discard(folder: Path) -> None:
-        """Remove the items of a folder that a run has claimed, and the folder if nothing else is in it."""
-        if (folder / IDENTITY).exists():
+    def empty(folder: Path) -> None:
+        """Remove the items of a folder in which a run has kept some; nothing else."""
+        if os.path.exists(folder / IDENTITY):
             for file in [*folder.glob(f"*{END}"), *folder.glob(".ident-*.part"), folder / IDENTITY]:
                 file.unlink(missing_ok=True)
-            if not any(folder.iterdir()):
-                folder.rmdir()
+
+    @staticmethod
+    def discard(folder: Path) -> None:
+        """Remove the items of a folder in which a run has kept some, and the folder if nothing else is in it.
+
+        Raises:
+            InputError: another run is at work there.
+        """
+        if os.path.exists(folder / IDENTITY):
+            with claimed(folder):
+                Store.empty(folder)
 
 
 def _read_identity(file: Path) -> dict[str, str]:

@@ -25,9 +25,6 @@ from ident.text import did_you_mean
 GRAVITY = (0.0, 0.0, -9.80665)
 """Standard gravity [m/s^2] in the base frame (CGPM 1901)."""
 
-MOST_JOINTS = 24
-"""Joints of an arm: with more of them compiling takes minutes and the memory is not enough."""
-
 
 def _floats(value: Any) -> Array:
     return jnp.asarray(value, float)
@@ -59,9 +56,6 @@ class Arm(eqx.Module):
     workspace: Workspace = eqx.field(static=True, default=ANYWHERE)
 
     def __check_init__(self) -> None:
-        if len(self.joints) > MOST_JOINTS:
-            remedy = "leave out joints that hardly give; programs grow with the square of their number"
-            raise InputError(Problem("joint", f"{len(self.joints)} joints", f"at most {MOST_JOINTS}", remedy))
         names = [part.name for part in self.parts()]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

@@ -10,6 +10,20 @@ from ident.arm.drive_check import check_drives, sign_problems
 from ident.arm.parts import Joint, check_inertia
 from ident.errors import InputError, Problem
 
+MOST_JOINTS = 24
+"""Joints of an arm that is read or studied; what more of them cost is in docs/own-arm.md."""
+
+
+def check_size(joints: int, where: str) -> None:
+    """Refuse an arm of more joints than are worth waiting for, before anything is compiled for it.
+
+    Raises:
+        InputError: it is one, with where it comes from.
+    """
+    if joints > MOST_JOINTS:
+        remedy = "leave out joints that hardly give: time and memory grow with the square of their number"
+        raise InputError(Problem(where, f"{joints} joints", f"at most {MOST_JOINTS}", remedy))
+
 
 def check_arm(arm: Arm) -> None:
     """Refuse numbers that no arm can have, as `Arm.replace` may have put in: signs, inertia, drives, a massless end.

@@ -94,7 +94,7 @@ def sample_command(
         raise typer.Exit(130) from None
     finish(result, out, no_figure)
     if result.enough:
-        Store.discard(folder)
+        running.discard_unless_taken(folder, Store.discard)
     else:
         output().say(f"kept {folder}: the same command with more --steps goes on from there")
     leave(result, strict=strict)
@@ -235,6 +235,6 @@ def rerun(
         keep_others(repeated.now, out)
     for path in repeated.now.save(out) if out is not None else ():
         output().wrote(path)
-    discard(folder)
+    running.discard_unless_taken(folder, discard)
     if not repeated.same:
         raise typer.Exit(SHORT)

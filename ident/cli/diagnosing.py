@@ -75,5 +75,5 @@ def run_diagnose(
     keep_others(result, out)
     for written in result.save(out):
         output().wrote(written)
-    discard(folder)
+    running.discard_unless_taken(folder, discard)
     return result

@@ -6,6 +6,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
@@ -78,6 +79,12 @@ def check_folder(out: Path) -> None:
     if got:
         where = one_line(str(there)[:LONGEST_PATH])
         raise InputError(Problem(where, got, "a folder that can be written", "choose another (`folder`)"))
+
+
+def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:
+    """Remove what a finished run has kept; another run that has begun to go on from there will remove it."""
+    with suppress(InputError):
+        discard(folder)
 
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:

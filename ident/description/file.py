@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from ident.arm.arm import Arm
 from ident.arm.belt_condition import belt_mismatches
-from ident.arm.checks import massless_joint
+from ident.arm.checks import check_size, massless_joint
 from ident.arm.fields import COMPONENTS
 from ident.description.explanations import Source
 from ident.description.quantities import Origin, si
@@ -72,6 +72,8 @@ def parse_arm(text: str, where: str = "arm.toml") -> Arm:
 def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
     """Return the checked document; `where` names the text in errors."""
     source = Source(where, text, _toml(text, where))
+    joints = source.raw.get("joint")
+    check_size(len(joints) if isinstance(joints, list) else 0, where)
     problems = list(source.name_problems())
     try:
         document = ArmDocument.model_validate(source.raw)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.arm.checks import massless_joint
+from ident.arm.checks import check_size, massless_joint
 from ident.arm.parts import Body, Joint, Point
 from ident.description.urdf_chain import Segment, chain, parse, refusal
 from ident.errors import InputError, Problem
@@ -47,6 +47,7 @@ def read_urdf(
     where = one_line(str(path))
     robot = parse(read_bytes(path, "a robot description (URDF)"), where)
     segments = chain(robot, where)
+    check_size(len(segments), where)
     names = [segment.joint.name for segment in segments]
     problems: list[Problem] = []
     k = _by_joint(stiffness, names, "stiffness", problems)

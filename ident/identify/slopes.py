@@ -32,6 +32,8 @@ Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
 """The modes of the named and of the unnamed values, as `mode_choice` gives them."""
 MANY = 64
 """States above which one amount is changed after the other, for the memory that all of them together would take."""
+LONG = 24
+"""Bushings above which that is done, too: an arm of 24 joints, cut at 49, would take 5 GB."""
 
 
 class Slopes(NamedTuple):
@@ -103,7 +105,8 @@ def slopes(
     def along(way: tuple[Array, Array]) -> Any:
         return jax.jvp(gradients, (jnp.zeros(3 * count), rest), way)[1]
 
-    each_amount = jax.vmap(along) if rest.shape[2] <= MANY else lambda ways: jax.lax.map(along, ways)
+    together = rest.shape[2] <= MANY and n <= LONG
+    each_amount = jax.vmap(along) if together else lambda ways: jax.lax.map(along, ways)
     forces, change = each_amount((amounts, turns))
     yielded = jnp.concatenate([jnp.einsum("mahs,abhs,mbhs->hms", moment, P, moment) for P in projectors])
     moves = -jax.vmap(lambda force: _solve(at.W, unflatten(force)[:, own]))(forces)

@@ -1,5 +1,6 @@
 """Find out whether an arm vibrates too far, and which change meets the limit: from a campaign to advice."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.assess.effort import Effort
 from ident.errors import InputError
-from ident.studies.diagnose_stages import Job, OnStage, carry_out, discard
+from ident.studies.diagnose_stages import CHAINS, Job, OnStage, carry_out, discard
 from ident.studies.fit import FitOptions
 from ident.studies.motion import HeldMotionOptions, basis_of
 from ident.studies.options import option
@@ -156,9 +157,11 @@ def diagnose(
         on_stage: is told of each stage when it is finished, or taken over.
 
     Raises:
-        InputError: inputs or options that do not fit together; a folder that holds the stages of other inputs.
+        InputError: inputs or options that do not fit together; a folder that holds the stages of other inputs, or in
+            which another run is at work.
         ModelError: the model has no answer: no optimum, or an arm that collapses.
     """
+    from ident.files import claimed
     from ident.store import Store
 
     options, folder = DiagnoseOptions.of(options), Path(folder) if folder is not None else None
@@ -166,14 +169,16 @@ def diagnose(
     job = Job(arm_file, campaign, options, _checked_path(arm_file, options, path), folder, progress)
     if restart and folder is not None:
         discard(folder)
-    fresh = folder is not None and not folder.exists()
-    store = Store(folder, job.identity)
-    try:
-        return DiagnoseResult(carry_out(job, store, on_stage), options)
-    except InputError:
-        if fresh and folder is not None and store.read("stiffness") is None:
-            discard(folder)
-        raise
+    fresh = folder is not None and not os.path.exists(folder)
+    with claimed(folder):
+        store = Store(folder, job.identity)
+        try:
+            return DiagnoseResult(carry_out(job, store, on_stage), options)
+        except InputError:
+            if fresh and folder is not None and store.read("stiffness") is None:
+                Store.discard(folder / CHAINS)
+                Store.empty(folder)
+            raise
 
 
 def part_folder(folder: Path, campaign: "Campaign") -> Path:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -72,11 +73,18 @@ def _hash(value: Any) -> str:
 
 
 def discard(folder: str | Path) -> None:
-    """Remove the stages that a diagnosis has kept in a folder, and the folder if nothing else is in it."""
+    """Remove the stages that a diagnosis has kept in a folder, and the folder if nothing else is in it.
+
+    Raises:
+        InputError: another run is at work there.
+    """
+    from ident.files import claimed
     from ident.store import Store
 
-    Store.discard(Path(folder) / CHAINS)
-    Store.discard(Path(folder))
+    if os.path.exists(folder):
+        with claimed(Path(folder)):
+            Store.discard(Path(folder) / CHAINS)
+            Store.empty(Path(folder))
 
 
 def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":

@@ -165,9 +165,10 @@ def sample(
 
     Raises:
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values; data and prior
-            that leave a parameter open or exclude each other; checkpoints of another run.
+            that leave a parameter open or exclude each other; checkpoints of another run, or one that is at work there.
         ModelError: no optimum was reached, or the model has no answer about one.
     """
+    from ident.files import claimed
     from ident.identify.sample import sample_campaign
     from ident.inference.ensembles import BLOCK
     from ident.inference.sample import Settings
@@ -175,21 +176,22 @@ def sample(
 
     options, folder = SampleOptions.of(options), Path(folder) if folder is not None else None
     campaign = as_campaign(campaign)
-    fitted = fit(arm, campaign, options, progress=progress)
-    if restart and folder is not None:
-        Store.discard(folder)
-    sampled = sample_campaign(
-        fitted.fit,
-        settings=Settings(options.ensembles, options.walkers, options.ess, options.steps, options.seed),
-        noise=options.noise,
-        weights=options.weights,
-        folder=folder,
-        provenance={
-            "campaign": campaign.sha256,
-            "arm file": fitted.arm.sha256,
-            "soft base": str(options.soft_base),
-            "number of starts": str(options.starts),
-        },
-        progress=progress("blocks of steps", options.steps // BLOCK),
-    )
+    with claimed(folder):
+        fitted = fit(arm, campaign, options, progress=progress)
+        if restart and folder is not None:
+            Store.empty(folder)
+        sampled = sample_campaign(
+            fitted.fit,
+            settings=Settings(options.ensembles, options.walkers, options.ess, options.steps, options.seed),
+            noise=options.noise,
+            weights=options.weights,
+            folder=folder,
+            provenance={
+                "campaign": campaign.sha256,
+                "arm file": fitted.arm.sha256,
+                "soft base": str(options.soft_base),
+                "number of starts": str(options.starts),
+            },
+            progress=progress("blocks of steps", options.steps // BLOCK),
+        )
     return SampleResult(fitted.arm, sampled, options)

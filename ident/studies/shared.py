@@ -138,11 +138,13 @@ def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -
         InputError: it is no arm, its file is wrong, or it stands on a base that gives already.
     """
     from ident.arm.arm import Arm
+    from ident.arm.checks import check_size
     from ident.description.file import ArmFile, read_arm
 
     if isinstance(arm, str | Path):
         arm = read_arm(arm)
     if isinstance(arm, Arm):
+        check_size(len(arm.joints), "arm")
         arm = ArmFile(arm, "", "", {})
     if not isinstance(arm, ArmFile):
         raise InputError(Problem("arm", f"a {type(arm).__name__}", "an arm, or its file", "see ident.read_arm"))

@@ -8,6 +8,7 @@ from arms import lcd_arm, posture_of, random_arm
 from ident.arm.arm import Arm
 from ident.arm.base import on_soft_base
 from ident.arm.chain import at_posture
+from ident.arm.checks import MOST_JOINTS
 from ident.arm.hinges import cut
 from ident.arm.mechanics import mass_matrix, point_positions, potential_energy
 from ident.arm.parts import Body, Joint, Payload
@@ -67,3 +68,8 @@ def test_a_last_joint_that_carries_nothing_but_a_payload_has_no_link_to_cut():
     pieces = cut(Arm("bare", bare, payloads=(Payload("last", Body("load", 1.0)),)))
     assert [hinge.beside for hinge in pieces.hinges] == [1, 1], "the base, and the first link"
     np.testing.assert_array_equal(pieces.link_end(pieces.own[-1]), np.zeros(3))
+
+
+def test_the_largest_arm_may_be_cut():
+    arm = random_arm(np.random.default_rng(0), MOST_JOINTS)
+    assert len(cut(arm).arm.joints) == 2 * MOST_JOINTS + 1

@@ -13,6 +13,8 @@ from chain_files import chain_file
 from commands import ARM, posterior
 
 import ident
+from ident.arm.arm import Arm
+from ident.arm.parts import Joint
 
 pytestmark = pytest.mark.slow
 
@@ -113,8 +115,12 @@ def test_steps_that_a_drive_asks_for_are_refused_where_they_would_never_end(run)
 
 @pytest.mark.parametrize("joints", [25, 300])
 def test_an_arm_of_too_many_joints_is_refused_before_anything_is_compiled(run, tmp_path, joints):
-    (tmp_path / "arm.toml").write_text(chain_file(joints))
-    assert f"got {joints} joints, expected at most 24" in refused(run, "predict", tmp_path / "arm.toml")
+    path = tmp_path / "arm.toml"
+    path.write_text(chain_file(joints))
+    assert f"arm.toml: got {joints} joints, expected at most 24" in refused(run, "predict", path)
+    arm = Arm("chain", [Joint(f"j{n}", k_bend=1e6, k_tors=1e6) for n in range(joints)])
+    with pytest.raises(ident.InputError, match=rf"^arm: got {joints} joints"):
+        ident.predict(arm)
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from arms import DATA
 from commands import files
 
 from ident.cli import running
+from ident.files import claimed
 from ident.studies.sample import SampleResult
 
 pytestmark = pytest.mark.slow
@@ -76,6 +77,17 @@ def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
     assert len(err.splitlines()) == 1
     assert {path: (tmp_path / path).read_bytes() for path in files(tmp_path)} == before
     assert run("sample", DATA / "table1.csv", *short, "--seed=1", "--restart")[0] == 3
+
+
+@pytest.mark.parametrize("command", ["sample", "diagnose"])
+def test_a_second_run_at_the_same_time_is_refused_by_its_folder(run, tmp_path, command):
+    folder = tmp_path / f"out/campaign.{command}.part"
+    with claimed(folder):
+        code, out, err = run(command, DATA / "campaign.csv", "--restart")
+        assert (code, out) == (2, "")
+        assert err.startswith(f"ident: out/campaign.{command}.part: got a folder in which another run is at work")
+        assert err.endswith("wait until it has ended, or choose another folder (--out)\n")
+        assert len(err.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -189,6 +189,15 @@ def test_another_format_is_refused(load):
         load("<sdf/>")
 
 
+def test_a_robot_of_too_many_joints_is_refused(load):
+    joint = (
+        '<joint name="s{n}" type="revolute"><parent link="{before}"/><child link="t{n}"/></joint><link name="t{n}"/>'
+    )
+    more = "".join(joint.format(n=n, before=f"t{n - 1}" if n else "tool0") for n in range(300))
+    with pytest.raises(InputError, match=r"urdf: got 30\d joints, expected at most 24"):
+        load(URDF.replace("</robot>", f"{more}</robot>"))
+
+
 def test_a_robot_without_moving_joints_is_refused(load):
     with pytest.raises(InputError, match="no moving joint"):
         load('<robot name="r"><link name="a"/></robot>')

@@ -10,6 +10,8 @@ from arms import DATA, lcd_arm
 from results import assert_comes_back, assert_plain
 
 import ident
+from ident.errors import InputError
+from ident.files import claimed
 from ident.identify.sample import sample_campaign
 from ident.inference.sample import Settings
 from ident.studies.fit import FitOptions, fit
@@ -187,3 +189,8 @@ def test_the_library_names_options_in_backticks(table_1):
         sample(lcd_arm(), table_1, SampleOptions(starts=1, walkers=6))
     with pytest.raises(ident.InputError, match=r"nor a prior that bound .* \(`prior`\), or fix it \(`fix`\)"):
         sample(lcd_arm(), table_1, SampleOptions(starts=1, no_prior=True))
+
+
+def test_a_folder_in_which_another_run_is_at_work_is_refused_at_once(tmp_path, arm_file, table_1):
+    with claimed(tmp_path / "part"), pytest.raises(InputError, match=r"another run .*or choose another folder"):
+        sample(arm_file, table_1, folder=tmp_path / "part", restart=True)
