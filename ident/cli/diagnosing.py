@@ -18,7 +18,7 @@ from ident.cli.command import (
 )
 from ident.cli.memory import let_go
 from ident.cli.output import output
-from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard, part_folder
+from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, check_browser, diagnose, discard, part_folder
 from ident.studies.diagnose_stages import STAGES
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def diagnose_command(
     path: PathOption = None,
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
+    pdf: Annotated[bool, typer.Option("--pdf", help="print the page as PDF as well, by Chromium")] = False,
     strict: StrictOption = False,
 ) -> None:
     """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
@@ -42,7 +43,12 @@ def diagnose_command(
     Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
     results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
     """
-    leave(run_diagnose(campaign, options, arm, path, restart, out), strict=strict)
+    if pdf:
+        check_browser()
+    result = run_diagnose(campaign, options, arm, path, restart, out)
+    if pdf:
+        output().wrote(result.save_pdf(out))
+    leave(result, strict=strict)
 
 
 def run_diagnose(

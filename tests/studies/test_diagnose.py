@@ -1,6 +1,7 @@
 """`ident.diagnose` from Python: its stages, that it comes back, and that an interrupted one goes on."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from results import assert_plain
 
 import ident
 from ident.assess.diagnosis import Diagnosis, ResonanceAssessment
+from ident.present.files.pdf import NAMES
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard
 from ident.studies.diagnose_stages import STAGES
 from ident.vibrate.redesign.binomial import BinomialEstimate
@@ -112,6 +114,13 @@ def test_its_page_has_every_stage(result):
     assert result.advice in page
     assert "ident explore " in page
     assert "--posterior=campaign.diagnose.nc" in page
+
+
+@pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no browser to print with")
+def test_its_page_is_printed(result, tmp_path):
+    path = result.save_pdf(tmp_path)
+    assert path.name == "campaign.diagnose.pdf"
+    assert path.read_bytes().startswith(b"%PDF-")
 
 
 def test_a_limit_that_is_kept_needs_no_remedy(result):
