@@ -31,6 +31,7 @@ def start() -> None:
     warnings.filterwarnings("ignore", category=FutureWarning)  # what a library will do is no news to who uses ident
     use_few_heaps()
     gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs slow compilation as an error
     atexit.register(gc.freeze)  # and 0.6 s less to stop: what is left goes with the process
     import jax
 
