@@ -28,9 +28,9 @@ QUICK = FleetOptions(starts=4)
 
 @pytest.fixture(scope="module")
 def robots(tmp_path_factory):
-    """Six robots, one of them faulty, and one file that is no campaign."""
+    """Eight robots, one of them faulty, and one file that is no campaign."""
     folder = tmp_path_factory.mktemp("robots")
-    worn = generate(folder, 6, 1, seed=1)
+    worn = generate(folder, 8, 1, seed=1)
     (folder / "broken.csv").write_text("kind,value\n")
     return folder, worn
 
@@ -43,7 +43,7 @@ def result(robots):
 def test_what_it_says(result, robots):
     (worn,) = robots[1]
     report = result.report()
-    assert report.startswith("Fleet of 7 robots\n  6 make the population; left out: 1 failed\n")
+    assert report.startswith("Fleet of 9 robots\n  8 make the population; left out: 1 failed\n")
     assert list(result.standing_out) == [worn]
     assert f"STANDS OUT: {worn}" in report
     assert list(result.failed) == ["broken"]
@@ -51,7 +51,7 @@ def test_what_it_says(result, robots):
     assert result.short
     assert result.doubtful
     rows = result.table()
-    assert len(rows) == 6 * 6
+    assert len(rows) == 8 * 6
     assert_plain(rows)
     off = max(rows, key=lambda row: row["probability_off"])
     assert (off["robot"], off["parameter"]) == (worn, robots[1][worn])
@@ -102,7 +102,7 @@ def test_another_design_is_none_of_the_fleet(robots, tmp_path):
 def test_what_is_done_is_not_done_again(robots, tmp_path):
     first = fleet(robots[0], options=QUICK, folder=tmp_path / "kept")
     before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in (tmp_path / "kept").iterdir()}
-    assert len(before) == 7
+    assert len(before) == 9
     damaged = min(before)
     damaged.write_bytes(before[damaged][1][:-20])
     again = fleet(robots[0], options=FleetOptions(starts=4, workers=2), folder=tmp_path / "kept")
@@ -111,7 +111,7 @@ def test_what_is_done_is_not_done_again(robots, tmp_path):
     assert {path: text for path, (_, text) in before.items()} == {path: text for path, (_, text) in after.items()}
     assert again.report() == first.report()
     fleet(robots[0], options=FleetOptions(starts=2), folder=tmp_path / "kept")
-    assert len(list((tmp_path / "kept").iterdir())) == 14, "other options, other files"
+    assert len(list((tmp_path / "kept").iterdir())) == 18, "other options, other files"
 
 
 def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
@@ -178,7 +178,7 @@ def test_a_worker_that_is_killed_costs_no_more_than_its_robot(robots, tmp_path, 
     result = fleet(robots[0], options=FleetOptions(starts=4, workers=2), folder=tmp_path / "kept")
     assert set(result.failed) == {"broken", "robot002"}
     assert "killed 3 times" in result.failed["robot002"]
-    assert len(result.fleet.members) == 5
+    assert len(result.fleet.members) == 7
 
 
 KILLER = """
