@@ -49,7 +49,7 @@ class FleetResult(Result):
 
     @property
     def standing_out(self) -> Mapping[str, float]:
-        """Robots of which a stiffness is off, with the probability of that, from the most probable on."""
+        """Robots of which a stiffness is off, with the probability [-] of that, from the most probable on."""
         fleet = self.fleet
         if fleet.population is None:
             return {}
