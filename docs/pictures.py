@@ -26,6 +26,7 @@ FIGURES = {
     "validate": "campaign.validate.png",
     "plan": "table1.plan.png",
     "compare": "campaign-after_a_year.compare.png",
+    "fleet": "robots.fleet.png",
     "resonance": "arm.extend-10.resonance.png",
     "simulate": "arm.extend-10.simulate.png",
     "spectrum": "arm.extend-10.spectrum.png",
@@ -57,7 +58,9 @@ def make(command: str, page: Path, folder: Path) -> None:
     """Write what a page shows of its command."""
     answer = ""
     for example in examples(page):
-        for words in example.commands if example.language == "sh" else []:
+        if example.language == "python" and not answer:  # makes what the command reads
+            subprocess.run([sys.executable, "-c", example.text], cwd=folder, env=environment(), check=True)
+        for words in example.commands if example.language == "sh" and not example.shown_only else []:
             printed = run(words, folder)
             answer = answer or (printed if words[1] == command else "")
     (PICTURES / f"{command}.txt").write_text(answer, encoding="utf-8")
@@ -73,10 +76,14 @@ def make(command: str, page: Path, folder: Path) -> None:
 
 def run(words: list[str], folder: Path) -> str:
     """Return what a command prints."""
-    environment = os.environ | {"PYTHONPATH": str(HERE.parent)}
     command = [sys.executable, "-m", "ident", *words[1:]]
-    done = subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(command, cwd=folder, env=environment(), stdout=subprocess.PIPE, text=True, check=True)
     return re.sub(r"[ \t]+$", "", done.stdout, flags=re.MULTILINE)
+
+
+def environment() -> dict[str, str]:
+    """Return the environment in which this ident is found."""
+    return os.environ | {"PYTHONPATH": str(HERE.parent)}
 
 
 def photograph(folder: Path, page: str, size: tuple[int, int], picture: Path) -> None:

@@ -17,6 +17,7 @@ In the order of use; every study is one function that returns one frozen result.
     validate        how far a fitted arm may be trusted where it was not measured
     plan            what to measure next, by what it would tell for its cost
     compare         which joint stiffness has changed between two campaigns
+    fleet           many robots of one design: how stiffnesses spread, and who stands out
     resonance       pulley frequencies against natural frequencies along a motion
     simulate        how far the end point vibrates while the arm carries out a motion
     spectrum        at which frequencies a trace vibrates
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
     from ident.studies.explore import ExploreOptions, ExploreResult, explore
     from ident.studies.fit import FitOptions, FitResult, fit
+    from ident.studies.fleet import FleetOptions, FleetResult, fleet
     from ident.studies.load import load
     from ident.studies.plan import PlanOptions, PlanResult, plan
     from ident.studies.predict import PredictOptions, PredictResult, predict

@@ -1,0 +1,190 @@
+"""Many robots of one design: what each one's data say, and the population of their stiffnesses."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.fields import STIFFNESS, field_of
+from ident.errors import InputError, Problem
+from ident.identify.fit import CampaignFit
+from ident.inference.population import Population, population
+from ident.inference.population_chains import Likelihood
+
+FEWEST = 3
+"""Robots that a spread needs."""
+WIDEST = 10.0
+"""Width in theta of the prior of a population's mean where the robots' own fits have none."""
+STANDS_OUT = 0.3
+"""Probability that one of its stiffnesses is off, from which a robot stands out: see tests/benchmarks/README.md."""
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that a robot's fit was made from.
+
+    Attributes:
+        path: as it was named.
+        sha256: hexadecimal digest of its bytes; empty where it could not be read.
+    """
+
+    path: str = ""
+    sha256: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """One robot: its own fit, and what its data say of its stiffnesses.
+
+    Attributes:
+        name: its file's, or its folder's.
+        campaign: the measurements.
+        arm: the description.
+        error: why it has no fit, a line for each reason; empty where it has one.
+        names: (P,) its stiffnesses.
+        theta: (P,) logarithms of its own estimates [ln N m/rad].
+        sd: (P,) their standard deviations by its data and the interim prior.
+        prior_mean: (P,) of that prior, in theta.
+        prior_sd: (P,) infinite for none.
+        likelihood: what its data say of theta, prior divided out.
+        measurements: number of them.
+        doubts: what speaks against the fit.
+    """
+
+    name: str
+    campaign: SourceFile
+    arm: SourceFile
+    error: str = ""
+    names: tuple[str, ...] = ()
+    theta: Float[np.ndarray, "P"] = field(default_factory=lambda: np.zeros(0))
+    sd: Float[np.ndarray, "P"] = field(default_factory=lambda: np.zeros(0))
+    prior_mean: Float[np.ndarray, "P"] = field(default_factory=lambda: np.zeros(0))
+    prior_sd: Float[np.ndarray, "P"] = field(default_factory=lambda: np.zeros(0))
+    likelihood: Likelihood = field(default_factory=lambda: Likelihood(np.zeros((0, 0)), np.zeros(0)))
+    measurements: int = 0
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> bool:
+        """Whether it has no fit."""
+        return bool(self.error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fleet:
+    """The robots of a fleet and their population.
+
+    Attributes:
+        robots: all, by name.
+        members: places of those whose fits make the population: they have one, and nothing speaks against it.
+        names: (P,) stiffnesses.
+        population: of the logarithms of the stiffnesses; None of fewer than three members.
+    """
+
+    robots: tuple[Robot, ...]
+    members: tuple[int, ...]
+    names: tuple[str, ...]
+    population: Population | None
+
+    @property
+    def failed(self) -> tuple[Robot, ...]:
+        """Robots without a fit."""
+        return tuple(robot for robot in self.robots if robot.failed)
+
+    @property
+    def doubted(self) -> tuple[Robot, ...]:
+        """Robots whose data contradict the model or each other: they are no part of the population."""
+        return tuple(robot for robot in self.robots if robot.doubts and not robot.failed)
+
+    @property
+    def standing_out(self) -> tuple[int, ...]:
+        """Members, by their place among these, of which a stiffness is off, from the most probable on."""
+        if self.population is None:
+            return ()
+        order = np.argsort(-self.population.any_off, kind="stable")
+        return tuple(int(r) for r in order if self.population.any_off[r] > STANDS_OUT)
+
+
+def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile) -> Robot:
+    """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors.
+
+    With residuals r and their slope J at the fit, the data say exp(-|r + J (theta - theta_fit)|^2 / 2): no prior is in
+    it, of whatever form, that would have to be divided out again.
+    """
+    parameters, theta = fit.problem.parameters, np.asarray(fit.best.theta)
+    sigma = np.asarray(fit.problem.sigma)
+    slope, residuals = np.asarray(fit.jacobian) / sigma[:, None], fit.residuals
+    places = [i for i, path in enumerate(parameters.names) if _is_stiffness(path)]
+    others = [i for i in range(len(theta)) if i not in places]
+    precision = slope.T @ slope
+    shift = precision @ theta - slope.T @ residuals
+    off, prior_slope = (np.asarray(part) for part in parameters.prior_residuals(theta))
+    precision[others, others] += prior_slope[others] ** 2
+    shift[others] += prior_slope[others] ** 2 * theta[others] - prior_slope[others] * off[others]
+    return Robot(
+        name=name,
+        campaign=campaign,
+        arm=arm,
+        names=tuple(parameters.names[i] for i in places),
+        theta=theta[places],
+        sd=fit.information.sd[places],
+        prior_mean=np.asarray(parameters.theta(np.asarray(parameters.column("centre"))))[places],
+        prior_sd=np.asarray(parameters.normal_sd)[places],
+        likelihood=_marginal(precision, shift, places, others),
+        measurements=len(fit.campaign),
+        doubts=fit.doubts,
+    )
+
+
+def _is_stiffness(path: str) -> bool:
+    known = field_of(path)
+    return known is not None and known.name in STIFFNESS
+
+
+def _marginal(precision: np.ndarray, shift: np.ndarray, kept: list[int], others: list[int]) -> Likelihood:
+    """Integrate other unknowns out of a normal density; what nothing bounds tells nothing."""
+    A, B, D = precision[np.ix_(kept, kept)], precision[np.ix_(kept, others)], precision[np.ix_(others, others)]
+    share = B @ np.linalg.pinv(D, hermitian=True)
+    return Likelihood(A - share @ B.T, shift[kept] - share @ shift[others])
+
+
+def fleet(robots: Iterable[Robot], *, seed: int = 0) -> Fleet:
+    """Infer the population of the stiffnesses of robots of one design.
+
+    A robot of other stiffnesses than most have is none of the fleet: it is counted as failed.
+
+    Args:
+        robots: fitted, or failed.
+        seed: of what is drawn.
+
+    Raises:
+        InputError: robots of one name.
+    """
+    robots = tuple(sorted(robots, key=lambda robot: robot.name))
+    _refuse_twice([robot.name for robot in robots])
+    most = Counter(robot.names for robot in robots if not robot.failed).most_common(1)
+    names = most[0][0] if most else ()
+    robots = tuple(_of_the_fleet(robot, names) for robot in robots)
+    members = tuple(i for i, robot in enumerate(robots) if not (robot.failed or robot.doubts))
+    inferred = None
+    if len(members) >= FEWEST:
+        first = robots[members[0]]
+        width = np.minimum(first.prior_sd, WIDEST)
+        inferred = population(tuple(robots[i].likelihood for i in members), first.prior_mean, width, seed=seed)
+    return Fleet(robots=robots, members=members, names=names, population=inferred)
+
+
+def _of_the_fleet(robot: Robot, names: tuple[str, ...]) -> Robot:
+    if robot.failed or robot.names == names:
+        return robot
+    other = sorted(set(robot.names) ^ set(names))
+    got = f"other stiffnesses than most robots of the fleet ({', '.join(other) or 'in another order'})"
+    problem = Problem(robot.arm.path, got, "one design", "fit it alone, or give it the same unknowns")
+    return replace(robot, error=str(problem))
+
+
+def _refuse_twice(names: Sequence[str]) -> None:
+    if twice := [name for name, times in Counter(names).items() if times > 1]:
+        raise InputError(Problem(twice[0], "two robots of this name", "a name for each", "rename a file or a folder"))

@@ -1,0 +1,39 @@
+"""A fleet as rows, and as priors for the next robot."""
+
+from typing import Any
+
+import numpy as np
+
+from ident.identify.fleet import Fleet
+from ident.present.text.units import unit_of
+
+
+def fleet_rows(fleet: Fleet) -> list[dict[str, Any]]:
+    """Return a row for each member and stiffness: its own estimate, the shrunk one, and the probability of a fault."""
+    if fleet.population is None:
+        return []
+    population = fleet.population
+    middle = population.next_mean
+    return [
+        {
+            "robot": fleet.robots[place].name,
+            "parameter": name,
+            "unit": unit_of(name),
+            "own": float(np.exp(fleet.robots[place].theta[i])),
+            "own_sd_log": float(fleet.robots[place].sd[i]),
+            "shrunk": float(np.exp(population.robot_mean[r, i])),
+            "shrunk_sd_log": float(population.robot_sd[r, i]),
+            "against_fleet_log": float(population.robot_mean[r, i] - middle[i]),
+            "probability_off": float(population.off[r, i]),
+        }
+        for r, place in enumerate(fleet.members)
+        for i, name in enumerate(fleet.names)
+    ]
+
+
+def fleet_priors(fleet: Fleet) -> dict[str, str]:
+    """Return the population's prediction of the next healthy robot as log-normal priors [SI], by stiffness."""
+    if fleet.population is None:
+        return {}
+    ends = zip(fleet.names, np.exp(fleet.population.next_mean), fleet.population.next_sd, strict=True)
+    return {name: f"log-normal:{median:.6g}:{sd:.3g}" for name, median, sd in ends}

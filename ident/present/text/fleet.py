@@ -1,0 +1,131 @@
+"""The printed report of a fleet: the population, who stands out, whose data are in doubt, each robot's estimates."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ident.identify.fleet import FEWEST, STANDS_OUT, Fleet, Robot
+from ident.inference.population import Population
+from ident.present.files.fleet import fleet_priors
+from ident.present.text.compare import ratio_words, stiffness_words
+from ident.present.text.units import in_paper_unit
+from ident.present.text.words import cut, kept, paragraphs, percent
+
+LISTED = 20
+"""Robots of a kind that are listed; the result's file has all."""
+MIXED = 1.02
+"""R-hat up to which chains agree."""
+BOUND = 0.25
+"""Spread in theta from which it is said that robots of one design differ less."""
+
+
+def fleet_report(fleet: Fleet) -> str:
+    """Return the report."""
+    known = [_population(fleet, fleet.population), _standing_out(fleet, fleet.population)] if fleet.population else []
+    estimates = [_estimates(fleet, fleet.population), _next(fleet)] if fleet.population else []
+    return paragraphs([_heading(fleet), *known, _failed(fleet), _doubted(fleet), *estimates])
+
+
+def _heading(fleet: Fleet) -> Iterator[str]:
+    yield f"Fleet of {len(fleet.robots)} robots"
+    left_out = [f"{len(fleet.failed)} failed"] * bool(fleet.failed)
+    left_out += [f"{len(fleet.doubted)} whose data are in doubt"] * bool(fleet.doubted)
+    yield f"  {len(fleet.members)} make the population" + (f"; left out: {', '.join(left_out)}" if left_out else "")
+    if fleet.population is None:
+        yield f"  NO population: it takes {FEWEST} robots"
+        return
+    if fleet.standing_out:
+        yield f"  STANDS OUT: {_some([_member(fleet, r).name for r in fleet.standing_out])}"
+    else:
+        yield "  No robot stands out."
+    if fleet.population.r_hat > MIXED:
+        yield f"  WARNING: the population's chains disagree (R-hat {fleet.population.r_hat:.3f}): its numbers are rough"
+
+
+def _member(fleet: Fleet, place: int) -> Robot:
+    return fleet.robots[fleet.members[place]]
+
+
+def _some(names: list[str]) -> str:
+    more = len(names) - LISTED
+    return ", ".join(cut(name, 30) for name in names[:LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _population(fleet: Fleet, population: Population) -> Iterator[str]:
+    unit = in_paper_unit(fleet.names[0], 1.0)[1]
+    yield f"{f'Population [{unit}]':24s}{'median':>11s}   {'95 % interval':25s}{'spread':>8s}   95 % interval"
+    for i, name in enumerate(fleet.names):
+        low, middle, high = (
+            f"{in_paper_unit(name, float(np.exp(x)))[0]:.4g}"
+            for x in np.quantile(population.mean[:, i], [0.025, 0.5, 0.975])
+        )
+        least, spread, most = map(percent, np.quantile(population.sd[:, i], [0.025, 0.5, 0.975]).tolist())
+        wide = "   WIDE" if np.median(population.sd[:, i]) > BOUND else ""
+        yield f"  {cut(name, 22):22s}{middle:>11s}   {f'{low} to {high}':25s}{spread:>8s}   {least} to {most}{wide}"
+    yield "  spread: standard deviation of ln(stiffness) from robot to robot, without those that are off"
+    low, high = map(percent, np.quantile(population.share, [0.025, 0.975]).tolist())
+    yield f"  share of stiffnesses that are off: {low} to {high}"
+    yield "  each robot's data by a normal approximation about its own fit, the prior of that divided out"
+
+
+def _standing_out(fleet: Fleet, population: Population) -> Iterator[str]:
+    if not fleet.standing_out:
+        return
+    yield f"{'Stands out':34s}{'against the fleet':>18s}{'probability':>13s}"
+    for r in fleet.standing_out[:LISTED]:
+        robot, off = _member(fleet, r), population.off[r]
+        yield f"  {cut(robot.name, 32):32s}{'':18s}{percent(float(population.any_off[r])):>13s}"
+        for i in np.argsort(-off, kind="stable"):
+            if off[i] > STANDS_OUT / len(off):
+                change = ratio_words(float(population.robot_mean[r, i] - population.next_mean[i]))
+                yield f"    {stiffness_words(fleet.names[i]):30s}{change:>18s}{percent(float(off[i])):>13s}"
+    yield f"  probability that one of its stiffnesses is none of the population's, from {STANDS_OUT:.0%} on"
+
+
+def _failed(fleet: Fleet) -> Iterator[str]:
+    if fleet.failed:
+        yield "Failed"
+    for robot in fleet.failed[:LISTED]:
+        first, *others = robot.error.splitlines()
+        yield f"  {cut(robot.name, 30)}: {first}" + (f" (and {len(others)} more)" if others else "")
+    if len(fleet.failed) > LISTED:
+        yield f"  and {len(fleet.failed) - LISTED} more"
+
+
+def _doubted(fleet: Fleet) -> Iterator[str]:
+    if fleet.doubted:
+        yield "Data in doubt: left out of the population; see ident fit"
+    for robot in fleet.doubted[:LISTED]:
+        yield f"  {cut(robot.name, 30)}: {'; '.join(robot.doubts).replace('see below', 'see ident fit')}"
+    if len(fleet.doubted) > LISTED:
+        yield f"  and {len(fleet.doubted) - LISTED} more"
+
+
+def _estimates(fleet: Fleet, population: Population) -> Iterator[str]:
+    yield f"{'Robots against the median':26s}" + "".join(f"{_short(name):>16s}" for name in fleet.names[:4])
+    rows = [*fleet.standing_out, *(r for r in range(len(fleet.members)) if r not in fleet.standing_out)]
+    for r in rows[:LISTED]:
+        away = population.robot_mean[r] - population.next_mean
+        parts = [
+            f"{ratio_words(float(x))} ± {percent(float(sd))}"
+            for x, sd in zip(away, population.robot_sd[r], strict=True)
+        ]
+        for start in range(0, len(parts), 4):
+            name = cut(_member(fleet, r).name, 22) if not start else ""
+            yield f"  {name:24s}" + "".join(f"{part:>16s}" for part in parts[start : start + 4])
+    if len(fleet.names) > 4:
+        second = ", ".join(_short(name) for name in fleet.names[4:])
+        yield f"  second lines: {second}"
+    if len(rows) > LISTED:
+        yield f"  and {len(rows) - LISTED} more: see the result's file"
+    yield "  shrunk: by the robot's own data and the fleet's; ± standard deviation"
+
+
+def _short(name: str) -> str:
+    return cut(name, 15)
+
+
+def _next(fleet: Fleet) -> Iterator[str]:
+    yield "The next robot: what the fleet says before its data, for ident fit (FLEET.fleet.prior holds these)"
+    for name, prior in fleet_priors(fleet).items():
+        yield f"  {kept(f'--prior={name}={prior}')}"

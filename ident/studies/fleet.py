@@ -1,0 +1,166 @@
+"""A fleet of robots of one design: each one's stiffnesses, their population, and who stands out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies.fit import FitOptions
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.text import one_line
+
+if TYPE_CHECKING:
+    from ident.identify.fleet import Fleet
+
+CAMPAIGN, ARM = "campaign.csv", "arm.toml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetOptions(FitOptions):
+    """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
+
+    workers: int = option(1, "processes that fit robots at the same time", low=1, high=1024)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class FleetResult(Result):
+    """A fleet: what each robot's data say, and the population of their stiffnesses.
+
+    Its table has a row for each robot and stiffness: its own estimate, the shrunk one, and the probability that it is
+    off. Its figure shows both beside the population.
+
+    Attributes:
+        label: what the fleet is called.
+        fleet: robots and population.
+        options: what was asked for.
+    """
+
+    label: str
+    fleet: "Fleet"
+    options: FleetOptions = field(default_factory=FleetOptions)
+
+    form = "ident-fleet/1"
+    subject = "label"
+    shown = ("fleet",)
+    summary = ("standing_out", "failed", "priors")
+
+    @property
+    def standing_out(self) -> Mapping[str, float]:
+        """Robots of which a stiffness is off, with the probability [-] of that, from the most probable on."""
+        fleet = self.fleet
+        if fleet.population is None:
+            return {}
+        probability = fleet.population.any_off
+        return {fleet.robots[fleet.members[r]].name: float(probability[r]) for r in fleet.standing_out}
+
+    @property
+    def failed(self) -> Mapping[str, str]:
+        """Robots without a fit, and why."""
+        return {robot.name: robot.error for robot in self.fleet.failed}
+
+    @property
+    def priors(self) -> Mapping[str, str]:
+        """What the fleet says of the next robot before its data, by stiffness, as `prior` takes it."""
+        from ident.present.files.fleet import fleet_priors
+
+        return fleet_priors(self.fleet)
+
+    @property
+    def short(self) -> bool:
+        """Whether a robot failed, or too few are left for a population."""
+        return bool(self.failed) or self.fleet.population is None
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a robot stands out, or its data contradict the model."""
+        return bool(self.standing_out or self.fleet.doubted)
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        """Write the result, and the priors for the next robot as flags of `ident fit`."""
+        from ident.files import replace_file
+
+        written = super()._write(path, head)
+        if not self.priors:
+            return written
+        flags = "".join(f"--prior={name}={prior}\n" for name, prior in self.priors.items())
+        beside = self._beside(path, ".prior")
+        replace_file(beside, lambda file: file.write(flags.encode("utf-8")))
+        return (*written, beside)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        robots = self.fleet.robots
+        return {f"{word} of {r.name}": getattr(r, word) for r in robots for word in ("campaign", "arm")}
+
+    def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
+        """Return the files of each robot, by its name."""
+        names = [robot.name for robot in self.fleet.robots]
+        files = [(name, inputs[f"campaign of {name}"], inputs[f"arm of {name}"]) for name in names]
+        return {"robots": files, "label": self.label}
+
+
+Files = tuple[str, Path, Path]
+"""A robot: its name, campaign and arm."""
+
+
+def fleet(
+    robots: str | Path | Sequence[Files],
+    arm: str | Path | None = None,
+    options: FleetOptions | None = None,
+    *,
+    folder: str | Path | None = None,
+    label: str = "",
+    progress: Progress = silent,
+) -> FleetResult:
+    """Fit each robot of a fleet, and infer the population of their stiffnesses.
+
+    Args:
+        robots: a folder with a CSV file, or a folder with one, for each robot; or name, campaign and arm of each. Of
+            several in a robot's folder, campaign.csv is the one. A folder's own arm.toml describes its robot.
+        arm: describes the others; by default arm.toml beside them.
+        options: of the fits, and how many are made at the same time.
+        folder: where each robot's fit is kept when it is done, so that a call after an interruption goes on.
+        label: what the fleet is called; by default after its folder.
+        progress: shows how far it is, over the robots.
+
+    Raises:
+        InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
+    """
+    from ident.identify.fleet import fleet as infer
+    from ident.studies.fleet_tasks import Task, outcomes
+
+    options = FleetOptions.of(options)
+    files = _found(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
+    if isinstance(robots, str | Path):
+        label = label or Path(robots).absolute().name
+    with TemporaryDirectory() as passing:
+        tasks = [Task(*each, options, Path(folder or passing)) for each in sorted(files)]
+        steps = progress("robots", len(tasks))(range(len(tasks)))
+        done = [robot for _, robot in zip(steps, outcomes(tasks, options.workers), strict=True)]
+    return FleetResult(label or "fleet", infer(done, seed=options.seed), options)
+
+
+def _found(folder: Path, arm: str | Path | None) -> list[Files]:
+    """Return the robots of a folder.
+
+    Raises:
+        InputError: it is none, or holds none.
+    """
+    where, expected = one_line(str(folder)), "a folder with a CSV file, or a folder with one, for each robot"
+    if not folder.is_dir():
+        raise InputError(Problem(where, "no such folder", expected, "check the path"))
+    shared = Path(arm) if arm is not None else folder / ARM
+    found: list[Files] = [(path.stem, path, shared) for path in folder.glob("*.csv") if path.is_file()]
+    for path in folder.iterdir():
+        if tables := list(path.glob("*.csv")):
+            own = path / ARM
+            campaign = tables[0] if len(tables) == 1 else path / CAMPAIGN
+            found.append((path.name, campaign, own if own.is_file() else shared))
+    if not found:
+        raise InputError(Problem(where, "no robots", expected, "put their campaigns there"))
+    if any(path == shared for _, _, path in found) and not shared.is_file():
+        remedy = "put arm.toml beside the robots, or name it (`arm`)"
+        raise InputError(Problem(one_line(str(shared)), "no such file", "the arm's description", remedy))
+    return found

@@ -1,0 +1,108 @@
+"""Populations of robots against a joint model sampled by NUTS, closed forms, and known truths."""
+
+import numpy as np
+import pytest
+from fleets import GaussianFleet, drawn, drawn_again, gaussian_fleet, joint_nuts
+from scipy.stats import binom
+
+from ident.inference.population import population
+from ident.inference.population_chains import Draws, Likelihood
+
+
+def test_an_interim_prior_is_divided_out():
+    rng = np.random.default_rng(1)
+    A, y = rng.standard_normal((5, 3)), rng.standard_normal(5)
+    prior_mean, prior_sd = np.array([0.2, -0.3, 1.0]), np.array([0.5, 1.0, 2.0])
+    covariance = np.linalg.inv(A.T @ A + np.diag(prior_sd**-2))
+    mean = covariance @ (A.T @ y + prior_mean / prior_sd**2)
+    likelihood = Likelihood.of_posterior(mean, covariance, prior_mean, prior_sd)
+    np.testing.assert_allclose(likelihood.precision, A.T @ A, atol=1e-10)
+    np.testing.assert_allclose(likelihood.shift, A.T @ y, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_the_joint_model_agrees():
+    fleet = gaussian_fleet(np.random.default_rng(5), robots=6, parameters=2, faulty=2)
+    ours = population(fleet.likelihoods, np.zeros(2), np.ones(2), seed=1, steps=6000)
+    theirs = joint_nuts(fleet, seed=2)
+    assert ours.r_hat < 1.02
+    assert_close(ours.mean, theirs["mean"])
+    assert_close(np.log(ours.sd), np.log(theirs["sd"]))
+    assert_close(ours.share[:, None], theirs["share"][:, None])
+    spread = theirs["theta"].std(0)
+    assert (np.abs(ours.robot_mean - theirs["theta"].mean(0)) < 0.15 * spread).all()
+    np.testing.assert_allclose(ours.robot_sd, spread, rtol=0.12)
+    np.testing.assert_allclose(ours.off, theirs["off"].mean(0), atol=0.05)
+
+
+def assert_close(ours, theirs):
+    """Demand equal means and quantiles, within an eighth of a standard deviation: the Monte Carlo error of both."""
+    sd = theirs.std(0)
+    assert (np.abs(ours.mean(0) - theirs.mean(0)) < 0.125 * sd).all()
+    for q in (0.1, 0.5, 0.9):
+        assert (np.abs(np.quantile(ours, q, 0) - np.quantile(theirs, q, 0)) < 0.2 * sd).all()
+
+
+def test_robots_known_by_draws_give_the_same_population():
+    fleet = gaussian_fleet(np.random.default_rng(2), robots=8, parameters=2)
+    exact = population(fleet.likelihoods, np.zeros(2), np.ones(2), steps=4000)
+    rng = np.random.default_rng(3)
+    robots = tuple(drawn(each, np.zeros(2), np.ones(2), rng, 8000) for each in fleet.likelihoods)
+    weighted = population(
+        robots,
+        np.zeros(2),
+        np.ones(2),
+        redraw=lambda r, *under: drawn_again(fleet.likelihoods[r], *under, rng),
+        steps=600,
+    )
+    assert not weighted.normal
+    assert weighted.log_likelihood_variance < 1
+    assert all(each.sound for each in weighted.weights.values())
+    assert_close(weighted.mean, exact.mean)
+    assert_close(weighted.sd, exact.sd)
+
+
+def test_a_robot_that_leaves_directions_open_is_drawn_again():
+    """As the issue has tried: four directions open, the population's sd a tenth of the interim prior's."""
+    rng = np.random.default_rng(4)
+    fleet = gaussian_fleet(rng, robots=6, parameters=4, sd=0.1)
+    blind = Likelihood(np.zeros((4, 4)), np.zeros(4))
+    asked = []
+
+    def redraw(r, mean, sd, share):
+        asked.append((r, sd.max()))
+        return drawn_again(blind, mean, sd, share, rng)
+
+    robots = (*fleet.likelihoods, drawn(blind, np.zeros(4), np.ones(4), rng))
+    result = population(robots, np.zeros(4), np.ones(4), redraw=redraw, steps=300)
+    assert asked
+    assert asked[0][0] == 6
+    assert asked[0][1] < 1.0, "narrower than the interim prior"
+    assert not result.normal
+    alone = population(robots, np.zeros(4), np.ones(4), steps=300)
+    assert alone.normal == (6,), "without a way to draw again, an approximation takes its place"
+    np.testing.assert_allclose(alone.robot_mean[6], alone.mean.mean(0), atol=0.05)
+
+
+def test_a_normal_approximation_of_draws_divides_their_prior_out():
+    rng = np.random.default_rng(8)
+    fleet = gaussian_fleet(rng, robots=5, parameters=2)
+    draws = drawn(fleet.likelihoods[0], np.zeros(2), np.ones(2), rng, 60_000)
+    few = Draws(draws.theta[:150], draws.log_prior[:150])  # never enough
+    result = population((few, *fleet.likelihoods[1:]), np.zeros(2), np.ones(2), steps=400)
+    assert result.normal == (0,)
+
+
+def test_small_rates(fleets):
+    """Spread and mean cover truth, shrinkage pays, faults are found: 12 fleets; the study is benchmarks/fleet.py."""
+    covered = np.array([each.covered for each in fleets]).ravel()
+    low, high = binom.ppf([0.0005, 0.9995], len(covered), 0.95)
+    assert low <= covered.sum() <= high
+    assert sum(each.shrunk_error for each in fleets) < 0.8 * sum(each.own_error for each in fleets)
+    assert sum(each.found for each in fleets) >= 8
+    assert sum(each.false_alarms for each in fleets) <= 4
+
+
+@pytest.fixture(scope="module")
+def fleets():
+    return [GaussianFleet.tried(seed) for seed in range(12)]

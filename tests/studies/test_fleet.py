@@ -1,0 +1,189 @@
+"""`ident.fleet` from Python and from the command line: robots in, population out, whatever becomes of one of them."""
+
+import os
+import runpy
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from arms import DATA
+from results import TIME, assert_comes_back, assert_plain
+
+from ident import InputError
+from ident.description.file import read_arm
+from ident.identify.fit import fit_campaign
+from ident.identify.fleet import SourceFile, robot_of
+from ident.identify.unknowns import Unknowns
+from ident.inference.priors import Prior
+from ident.measure import read_campaign
+from ident.studies.fleet import FleetOptions, fleet
+
+pytestmark = pytest.mark.slow
+generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
+QUICK = FleetOptions(starts=4)
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory):
+    """Eight robots, one of them faulty, and one file that is no campaign."""
+    folder = tmp_path_factory.mktemp("robots")
+    worn = generate(folder, 8, 1, seed=1)
+    (folder / "broken.csv").write_text("kind,value\n")
+    return folder, worn
+
+
+@pytest.fixture(scope="module")
+def result(robots):
+    return fleet(robots[0], options=QUICK)
+
+
+def test_what_it_says(result, robots):
+    (worn,) = robots[1]
+    report = result.report()
+    assert report.startswith("Fleet of 9 robots\n  8 make the population; left out: 1 failed\n")
+    assert list(result.standing_out) == [worn]
+    assert f"STANDS OUT: {worn}" in report
+    assert list(result.failed) == ["broken"]
+    assert "broken.csv" in result.failed["broken"]
+    assert result.short
+    assert result.doubtful
+    rows = result.table()
+    assert len(rows) == 8 * 6
+    assert_plain(rows)
+    off = max(rows, key=lambda row: row["probability_off"])
+    assert (off["robot"], off["parameter"]) == (worn, robots[1][worn])
+    assert off["against_fleet_log"] < np.log(0.75)
+
+
+def test_its_file_brings_it_back(result, tmp_path):
+    assert_comes_back(result, tmp_path)
+
+
+def test_the_next_robot_can_be_fitted_with_its_priors(result, robots):
+    arm = read_arm(robots[0] / "arm.toml").arm
+    priors = {name: Prior.parse(text) for name, text in result.priors.items()}
+    assert set(priors) == set(result.fleet.names)
+    few = Unknowns(priors=priors)
+    fit = fit_campaign(arm, read_campaign(robots[0] / "robot001.csv"), few, starts=1)
+    median = np.exp(result.fleet.population.mean.mean(0))
+    np.testing.assert_allclose([priors[name].low for name in result.fleet.names], median, rtol=1e-5)
+    assert all(fit.parameters[name] > 0 for name in priors)
+
+
+def test_what_data_say_is_free_of_the_prior(robots):
+    """The likelihood times the interim prior is the fit's own posterior, whatever the width of the prior."""
+    arm, campaign = read_arm(robots[0] / "arm.toml").arm, read_campaign(robots[0] / "robot001.csv")
+    for unknowns in (Unknowns(prior_sd=0.3), Unknowns(prior_sd=2.0, free={"link2.mass": 0.1})):
+        fit = fit_campaign(arm, campaign, unknowns, starts=1)
+        robot = robot_of(fit, "one", SourceFile(), SourceFile())
+        precision = robot.likelihood.precision + np.diag(robot.prior_sd**-2.0)
+        at = robot.likelihood.shift + robot.prior_mean / robot.prior_sd**2
+        np.testing.assert_allclose(np.linalg.solve(precision, at), robot.theta, atol=1e-4 * robot.sd.min())
+        np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(precision))), robot.sd, rtol=1e-6)
+
+
+def test_another_design_is_none_of_the_fleet(robots, tmp_path):
+    for path in robots[0].glob("robot*.csv"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "arm.toml").write_bytes((robots[0] / "arm.toml").read_bytes())
+    own = tmp_path / "other"
+    own.mkdir()
+    (own / "campaign.csv").write_bytes((robots[0] / "robot001.csv").read_bytes())
+    text = (robots[0] / "arm.toml").read_text()
+    (own / "arm.toml").write_text(text.replace('"joint3"', '"wrist"').replace("joint3.", "wrist."))
+    result = fleet(tmp_path, options=QUICK, folder=tmp_path / "kept")
+    assert list(result.failed) == ["other"]
+    assert "wrist.k_tors" in result.failed["other"]
+
+
+def test_what_is_done_is_not_done_again(robots, tmp_path):
+    first = fleet(robots[0], options=QUICK, folder=tmp_path / "kept")
+    before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in (tmp_path / "kept").iterdir()}
+    assert len(before) == 9
+    damaged = min(before)
+    damaged.write_bytes(before[damaged][1][:-20])
+    again = fleet(robots[0], options=FleetOptions(starts=4, workers=2), folder=tmp_path / "kept")
+    after = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in (tmp_path / "kept").iterdir()}
+    assert {path for path in before if before[path][0] != after[path][0]} == {damaged}
+    assert {path: text for path, (_, text) in before.items()} == {path: text for path, (_, text) in after.items()}
+    assert again.report() == first.report()
+    fleet(robots[0], options=FleetOptions(starts=2), folder=tmp_path / "kept")
+    assert len(list((tmp_path / "kept").iterdir())) == 18, "other options, other files"
+
+
+def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
+    line = [sys.executable, "-m", "ident", "fleet", str(robots[0]), "--starts=4", "--no-figure"]
+    line += [f"--soft-base={0.3}"]  # more unknowns: enough time to be killed in
+
+    def run(out, kill_at=None):
+        process = subprocess.Popen([*line, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        kept = out / f"{robots[0].name}.fleet.robots"
+        while kill_at is not None and process.poll() is None:
+            if kept.exists() and len(list(kept.glob("*.robot"))) >= kill_at:
+                process.send_signal(signal.SIGKILL)
+            time.sleep(0.005)
+        printed, _ = process.communicate()
+        return process.returncode, printed.decode()
+
+    codes = [run(tmp_path / "killed", kill_at)[0] for kill_at in (1, 3)]
+    assert -signal.SIGKILL in codes
+    code, printed = run(tmp_path / "killed")
+    assert code == 3, printed
+    assert run(tmp_path / "alone")[0] == 3
+    assert files(tmp_path / "killed") == files(tmp_path / "alone")
+
+
+def files(folder):
+    """The contents of all files by name, but for the time that a result was made."""
+    paths = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".ident-")]
+    return {path.relative_to(folder): TIME.sub("", path.read_text()) for path in paths}
+
+
+def test_the_command(run, robots, tmp_path):
+    code, out, _ = run("fleet", robots[0], "--starts=4", "--out", tmp_path / "out")
+    assert code == 3, "a robot failed"
+    name = robots[0].name
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {f"{name}.fleet{end}" for end in (".json", ".prior", ".png", ".robots")}
+    flags = (tmp_path / "out" / f"{name}.fleet.prior").read_text().split()
+    assert all(flag in out for flag in flags)
+    code, out, err = run("fit", robots[0] / "robot002.csv", "--starts=4", "--no-figure", *flags)
+    assert code == 0, err
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda folder: None, "got no robots"),
+        (lambda folder: (folder / "a.csv").write_text(""), "arm.toml: got no such file"),
+        (lambda folder: folder.rmdir(), "got no such folder"),
+    ],
+)
+def test_a_folder_without_robots_is_refused(tmp_path, make, words):
+    folder = tmp_path / "robots"
+    folder.mkdir()
+    make(folder)
+    with pytest.raises(InputError, match=words):
+        fleet(folder)
+
+
+def test_a_worker_that_is_killed_costs_no_more_than_its_robot(robots, tmp_path, monkeypatch):
+    """A robot at which the process ends each time is reported as failed; the others are done."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
+    hook = "import os, sys\n"
+    (tmp_path / "sitecustomize.py").write_text(hook + KILLER.format(name="robot002.csv"))
+    result = fleet(robots[0], options=FleetOptions(starts=4, workers=2), folder=tmp_path / "kept")
+    assert set(result.failed) == {"broken", "robot002"}
+    assert "killed 3 times" in result.failed["robot002"]
+    assert len(result.fleet.members) == 7
+
+
+KILLER = """
+def watch(event, args):
+    if event == "open" and str(args[0]).endswith("{name}") and "--multiprocessing-fork" in sys.orig_argv:
+        os.kill(os.getpid(), 9)
+sys.addaudithook(watch)
+"""

@@ -1,0 +1,135 @@
+"""Fleets whose robots have normal likelihoods, with known truths, and the joint model of all of them."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ident.inference.population import population
+from ident.inference.population_chains import FAULT, SHARE, Draws, Likelihood
+
+OFF_BY = 6.0
+"""A fault of the small form, in combined standard deviations of robot and population."""
+LIKELY = 0.3
+"""Probability from which a robot stands out."""
+
+
+@dataclass
+class Fleet:
+    """Truths and likelihoods: theta (R, P), mean (P,), sd (P,), and the standard deviation of each own fit."""
+
+    theta: np.ndarray
+    mean: np.ndarray
+    sd: np.ndarray
+    likelihoods: tuple[Likelihood, ...]
+
+
+def gaussian_fleet(rng, robots=20, parameters=4, faulty=None, sd=None, off_by=OFF_BY):
+    """Make a fleet, good and poor data mixed; robot `faulty` has its second parameter off by combined sds."""
+    mean = 0.3 * rng.standard_normal(parameters)
+    sd = np.full(parameters, sd) if sd else rng.uniform(0.03, 0.15, parameters)
+    theta = mean + sd * rng.standard_normal((robots, parameters))
+    likelihoods = []
+    for r in range(robots):
+        A = rng.standard_normal((parameters + 2, parameters)) * rng.choice([4.0, 15.0])
+        if r == faulty:
+            own = np.linalg.inv(A.T @ A + np.eye(parameters))[1, 1]
+            theta[r, 1] = mean[1] - off_by * np.hypot(sd[1], np.sqrt(own))
+        y = A @ theta[r] + rng.standard_normal(parameters + 2)
+        likelihoods.append(Likelihood(A.T @ A, A.T @ y))
+    return Fleet(theta, mean, sd, tuple(likelihoods))
+
+
+def own_estimates(fleet):
+    """Return each robot's own posterior mean under a standard normal prior."""
+    return np.array([np.linalg.solve(e.precision + np.eye(len(e.shift)), e.shift) for e in fleet.likelihoods])
+
+
+def drawn(likelihood, mean, sd, rng, count=2000):
+    """Draw a robot's posterior under normal priors."""
+    covariance = np.linalg.inv(likelihood.precision + np.diag(sd**-2.0))
+    theta = rng.multivariate_normal(covariance @ (likelihood.shift + mean / sd**2), covariance, count)
+    log_prior = -(((theta - mean) / sd) ** 2 / 2 + np.log(sd)).sum(1)
+    return Draws(theta, log_prior)
+
+
+def drawn_again(likelihood, mean, sd, share, rng, count=2000):
+    """Draw a robot's posterior under a population: exactly, from the mixture of all choices of what is off."""
+    parameters = len(mean)
+    choices = np.array(list(product((False, True), repeat=parameters)))
+    moments, log_mass = [], []
+    for off in choices:
+        width = np.where(off, FAULT, sd)
+        precision = likelihood.precision + np.diag(width**-2.0)
+        at = likelihood.shift + mean / width**2
+        centre = np.linalg.solve(precision, at)
+        moments.append((centre, np.linalg.inv(precision)))
+        prior = np.where(off, np.log(share), np.log1p(-share)) - np.log(width) - (mean / width) ** 2 / 2
+        log_mass.append(prior.sum() + at @ centre / 2 - np.linalg.slogdet(precision)[1] / 2)
+    mass = np.exp(np.array(log_mass) - max(log_mass))
+    counts = rng.multinomial(count, mass / mass.sum())
+    parts = [rng.multivariate_normal(*each, n) for each, n in zip(moments, counts, strict=True)]
+    return rng.permutation(np.concatenate(parts))
+
+
+@dataclass
+class GaussianFleet:
+    """How a fleet of 20 with one faulty robot came out."""
+
+    covered: np.ndarray
+    own_error: float
+    shrunk_error: float
+    any_off: np.ndarray
+    faulty: int
+
+    @property
+    def found(self):
+        return self.any_off[self.faulty] > LIKELY
+
+    @property
+    def false_alarms(self):
+        return int((np.delete(self.any_off, self.faulty) > LIKELY).sum())
+
+    @classmethod
+    def tried(cls, seed, off_by=OFF_BY, steps=600):
+        """Make the fleet of a seed, and infer its population."""
+        rng = np.random.default_rng(seed)
+        fleet = gaussian_fleet(rng, faulty=7, off_by=off_by)
+        result = population(fleet.likelihoods, np.zeros(4), np.ones(4), seed=seed, steps=steps)
+        covered = []
+        for draws, truth in ((result.mean, fleet.mean), (result.sd, fleet.sd)):
+            low, high = np.quantile(draws, [0.025, 0.975], 0)
+            covered.append((low < truth) & (truth < high))
+        own, shrunk = (np.mean((x - fleet.theta) ** 2) for x in (own_estimates(fleet), result.robot_mean))
+        return cls(np.array(covered), float(own), float(shrunk), result.any_off, 7)
+
+
+def joint_nuts(fleet, seed, count=1500):
+    """Sample the whole model at once by NumPyro's NUTS: what is off summed over, and told afterwards."""
+    import jax
+    import jax.numpy as jnp
+    import numpyro
+    import numpyro.distributions as dist
+    from numpyro.infer import MCMC, NUTS
+
+    precision = jnp.array([each.precision for each in fleet.likelihoods])
+    shift = jnp.array([each.shift for each in fleet.likelihoods])
+
+    def model():
+        with numpyro.plate("parameters", len(fleet.mean)):
+            mean = numpyro.sample("mean", dist.Normal(0.0, 1.0))
+            sd = numpyro.sample("sd", dist.Uniform(0.0, FAULT))
+        share = numpyro.sample("share", dist.Beta(*SHARE))
+        theta = numpyro.sample("theta", dist.Normal(0.0, 10.0).expand(shift.shape).to_event(2).mask(False))
+        healthy = jnp.log1p(-share) + dist.Normal(mean, sd).log_prob(theta)
+        off = jnp.log(share) + dist.Normal(mean, FAULT).log_prob(theta)
+        numpyro.factor("population", jnp.logaddexp(healthy, off).sum())
+        numpyro.factor("data", (-0.5 * jnp.einsum("rp,rpq,rq->", theta, precision, theta) + (shift * theta).sum()))
+        numpyro.deterministic("off", jax.nn.sigmoid(off - healthy))
+
+    kernel = NUTS(model, target_accept_prob=0.9, max_tree_depth=7)
+    chains = MCMC(
+        kernel, num_warmup=700, num_samples=count, num_chains=4, chain_method="vectorized", progress_bar=False
+    )
+    chains.run(jax.random.PRNGKey(seed))
+    return {name: np.asarray(values) for name, values in chains.get_samples().items()}
