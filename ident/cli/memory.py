@@ -2,6 +2,7 @@
 
 import ctypes
 import gc
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -28,6 +29,7 @@ def let_go(stage: str) -> None:
 
 def _call(name: str, *arguments: int) -> None:
     """Call a function of glibc; elsewhere nothing happens."""
-    function: Callable[..., Any] | None = getattr(ctypes.CDLL(None), name, None)
-    if function is not None:
-        function(*arguments)
+    if sys.platform == "linux":  # elsewhere there may be no such library to open
+        function: Callable[..., Any] | None = getattr(ctypes.CDLL(None), name, None)
+        if function is not None:
+            function(*arguments)

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float
 from ident.inference.fit import Fit
 from ident.inference.information import half_width
 from ident.inference.least_squares import look
+from ident.inference.verdicts import holm
 
 WIDE = 1.0
 """Standard deviation of the prior of a change in theta: for a stiffness, a factor of e."""
@@ -123,20 +124,6 @@ def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
         variance,
         np.array([_alone(joint, free, none, J, k) for k in range(len(names))]),
     )
-
-
-def holm(single: Sequence[float] | Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-    """Return chances that hold for all of several tests together.
-
-    References:
-        Holm, "A simple sequentially rejective multiple test procedure", Scandinavian Journal of Statistics 6, 1979.
-    """
-    single = np.asarray(single, float)
-    order = np.argsort(single)
-    stepwise = np.maximum.accumulate(single[order] * np.arange(len(single), 0, -1))
-    adjusted = np.empty_like(single)
-    adjusted[order] = np.minimum(stepwise, 1.0)
-    return adjusted
 
 
 def _alone(

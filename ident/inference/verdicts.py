@@ -15,15 +15,20 @@ IMPROBABLE = 1e-3
 
 
 def rare(chances: Sequence[float]) -> Bool[np.ndarray, "n"]:
-    """Tell which of several chances are too small, with one false alarm in 1 / RARE sets of them at most.
+    """Tell which of several chances are too small, with one false alarm in 1 / RARE sets of them at most (`holm`)."""
+    return holm(chances) < RARE
 
-    Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6, 1979: the smallest of n is
-    compared with RARE / n, the next one with RARE / (n - 1), until the first that is larger.
+
+def holm(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """Return chances that hold for all of several tests together.
+
+    Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6, 1979: the smallest of n times
+    n, the next one times n - 1, none less than those before it.
     """
-    p = np.asarray(chances, float)
-    order = np.argsort(p)
-    rejected = np.logical_and.accumulate(p[order] * np.arange(len(p), 0, -1) < RARE)
-    return rejected[np.argsort(order)]
+    single = np.asarray(chances, float)
+    order = np.argsort(single)
+    stepwise = np.maximum.accumulate(single[order] * np.arange(len(single), 0, -1))
+    return np.minimum(stepwise, 1.0)[np.argsort(order)]
 
 
 def outlying(residuals: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:

@@ -188,6 +188,7 @@ def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, Com
     """Return the fit that a result holds, or the draws of a posterior, and its file."""
     import hashlib
 
+    from ident.identify.compare import Posterior
     from ident.studies.diagnose import DiagnoseResult
     from ident.studies.fit import FitResult
     from ident.studies.load import load
@@ -196,12 +197,11 @@ def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, Com
     file = ComparedFile()
     if isinstance(result, str | Path):
         path = Path(result)
-        foreign = _foreign(path)
-        file = ComparedFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest() if foreign else "")
-        if foreign is not None:
-            return foreign, file
-        result = load(path)
+        known = _foreign(path) or load(path)
         file = ComparedFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
+        if isinstance(known, Posterior):
+            return known, file
+        result = known
     if isinstance(result, FitResult):
         return result.fit, file
     if isinstance(result, SampleResult):

@@ -7,7 +7,8 @@ import numpy as np
 
 from ident.identify.compare import Comparison
 from ident.identify.fit import CampaignFit
-from ident.inference.change import LEVEL, holm
+from ident.inference.change import LEVEL
+from ident.inference.verdicts import holm
 from ident.present.text.units import in_paper_unit
 from ident.present.text.words import cut, paragraphs
 

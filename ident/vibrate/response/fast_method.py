@@ -24,9 +24,10 @@ from ident.vibrate.response.time_intervals import TimeIntervals, Times, between_
 
 TOGETHER = 512
 """Times at which the response is computed together."""
-LEAST = 32 * TOGETHER
-"""Times of the least program: half a minute at 500 a second; those behind the samples cost next to nothing."""
-BLOCK = LEAST // 8
+LEAST = 40 * TOGETHER
+"""Times of the least program: 40 s at 500 a second, as the nominal arm's stroke at 10 % takes; those behind the samples
+cost next to nothing."""
+BLOCK = 4 * TOGETHER
 """Times of a program that is called as often as a batch of arms needs: for many arms, times behind the samples cost."""
 
 
