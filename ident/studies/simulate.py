@@ -207,6 +207,8 @@ def simulate(
         InputError: options that do not go together, a file that does not fit the arm, a motion that it can't make.
         ModelError: the arm collapses.
     """
+    from concurrent.futures import ThreadPoolExecutor
+
     from ident.assess.simulation import Simulation, simulated_over_phases
 
     options = SimulateOptions.of(options)
@@ -215,9 +217,10 @@ def simulate(
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     measured = _trace(trace)
     _check_time(options.at, basis)
-    study = _simulated(basis, options, "fast" if drawn else "both", progress)
+    with ThreadPoolExecutor(1) as beside:  # the exact method keeps one core busy
+        phases = beside.submit(simulated_over_phases, basis, options.elastic_belts, options.rate, options.step)
+        study = _simulated(basis, options, "fast" if drawn else "both", progress)
     _check_belts(basis, study)
-    phases = simulated_over_phases(basis, study, options.elastic_belts, options.rate, options.step)
     simulation = Simulation(
         basis,
         study,
@@ -227,7 +230,7 @@ def simulate(
         _draws(basis, options, progress) if study.interrupted is None else None,
         measured,
         _compared(study, measured, options.band) if measured else None,
-        phases,
+        phases.result() if study.interrupted is None else None,
     )
     return SimulateResult(simulation, options)
 
