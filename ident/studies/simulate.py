@@ -1,6 +1,7 @@
 """Simulate how the end point vibrates while the arm carries out a motion."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -207,8 +208,6 @@ def simulate(
         InputError: options that do not go together, a file that does not fit the arm, a motion that it can't make.
         ModelError: the arm collapses.
     """
-    from concurrent.futures import ThreadPoolExecutor
-
     from ident.assess.simulation import Simulation, simulated_over_phases
 
     options = SimulateOptions.of(options)
