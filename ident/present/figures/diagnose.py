@@ -77,8 +77,9 @@ def _sensitivities_figure(diagnosis: Diagnosis) -> Figure:
     sensitivities = diagnosis.sensitivities
     order = sensitivities.order[:SENSITIVITIES]
     figure, axes = _rows([sensitivities.paths[i] for i in order])
-    values = sensitivities.elasticity[order, int(np.argmax(sensitivities.amplitude))]
-    axes.barh(np.arange(len(order)), values, color=BLUE, height=0.6)
+    column = int(np.argmax(sensitivities.amplitude))
+    values, unsure = sensitivities.elasticity[order, column], sensitivities.unsure[order, column]
+    axes.barh(np.arange(len(order)), values, color=np.where(unsure, "white", BLUE), edgecolor=BLUE, height=0.6)
     axes.axvline(0, color="black", linewidth=0.8)
     axes.set_xscale("symlog", linthresh=1.0)
     reach = float(np.abs(values).max())
