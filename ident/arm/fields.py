@@ -132,6 +132,8 @@ FIELDS = (
     Field("Belt", "stiffness", "N/m", "non-negative", True),
     Field("Belt", "tau", "s", "non-negative", True),
     _length("Belt", "height"),
+    Field("Servo", "k_servo", "N m/rad", "positive", True, words="servo stiffness"),
+    Field("Servo", "tau", "s", "non-negative", True),
     Field("Stroke", "folded", "rad", "signed", False),
     Field("Stroke", "unfolded", "rad", "signed", False),
     Field("Stroke", "speed", "rad/s", "positive", True),

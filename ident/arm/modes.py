@@ -10,26 +10,19 @@ from jaxtyping import Array, Complex, Float, Inexact
 from ident.arm.chain import Chain
 from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
 from ident.arm.linalg import inverse_cholesky_factor, lowest_modes, lowest_modes_whitened
-from ident.arm.mechanics import (
-    Phi,
-    flatten_blocks,
-    mass_matrix,
-    point_positions,
-    potential_derivatives,
-    second_variations,
-    unflatten,
-)
+from ident.arm.mechanics import Phi, mass_matrix, unflatten
+from ident.arm.motors import coordinates, point_motion, servo_energy, system, variations
 from ident.arm.rotations import identity, matmul, matvec, transpose
 
 
 class Linearized(NamedTuple):
-    """Matrices of M d2x/dt2 + C dx/dt + H x = 0 about the equilibrium, x = phi - phi_s.
+    """Matrices of M d2x/dt2 + C dx/dt + H x = 0 about the equilibrium, x = phi - phi_s and the turns of the motors.
 
     Attributes:
         phi: (3, N, *batch) [rad] the equilibrium phi_s.
-        M: (3N, 3N, *batch) [kg m^2] mass matrix.
-        C: (3N, 3N, *batch) [N m s/rad] damping matrix.
-        H: (3N, 3N, *batch) [N m/rad] Hessian of the potential energy.
+        M: (n, n, *batch) [kg m^2] mass matrix; n is 3N and the number of motors that servos hold (`Chain.motors`).
+        C: (n, n, *batch) [N m s/rad] damping matrix.
+        H: (n, n, *batch) [N m/rad] Hessian of the potential energy.
     """
 
     phi: Phi
@@ -41,9 +34,7 @@ class Linearized(NamedTuple):
 def linearize(chain: Chain, at: StaticEquilibrium | None = None) -> Linearized:
     """Linearize the exact equations about the static equilibrium, which may be known; differentiable."""
     phi = (static_equilibrium(chain) if at is None else at).phi
-    own_joint = identity(phi.shape[1], phi.ndim - 2)
-    C = flatten_blocks(chain.damping[:, :, :, None] * own_joint)
-    return Linearized(phi, mass_matrix(chain, phi), C, potential_derivatives(chain, phi)[1])
+    return Linearized(phi, *system(chain, phi))
 
 
 @eqx.filter_custom_jvp
@@ -60,7 +51,10 @@ def lowest_eigenpairs(
     References:
         Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964.
     """
-    return lowest_modes_whitened(at.W, mass_matrix(chain, at.phi), count)
+    if chain.motors is None:
+        return lowest_modes_whitened(at.W, mass_matrix(chain, at.phi), count)
+    M, _, H = system(chain, at.phi)
+    return lowest_modes(H, M, count)
 
 
 @lowest_eigenpairs.def_jvp
@@ -71,7 +65,7 @@ def _lowest_eigenpairs_jvp(
     values, vectors = lowest_eigenpairs(chain, at, count=count)
 
     def gap(chain: Chain, phi: Phi, value: Array, shape: Array) -> Array:
-        H, M = second_variations(chain, phi, unflatten(shape))
+        H, M = variations(chain, phi, shape)
         return H - value * M
 
     def change(value: Array, shape: Array) -> Array | None:
@@ -101,9 +95,11 @@ class Modes(eqx.Module):
 
     Attributes:
         frequency: (m, *batch) [Hz] ascending.
-        shape: (3N, m, *batch) [rad/sqrt(kg m^2)] mass-normalised, V' M V = 1, components along the base axes.
+        shape: (n, m, *batch) [rad/sqrt(kg m^2)] mass-normalised, V' M V = 1, components along the base axes, then
+            those of the motors that servos hold.
         bend: (N, m, *batch) [-] share of the bushings' strain energy in the bending of each joint.
-        tors: (N, m, *batch) [-] share in the torsion of each joint; all shares of a mode sum to one.
+        tors: (N, m, *batch) [-] share in the torsion of each joint, to which the servo of its motor counts; all shares
+            of a mode sum to one.
         motion: (3, P, m, *batch) [m/sqrt(kg m^2)] displacement of the named points in each mode.
     """
 
@@ -124,23 +120,22 @@ def modes_about(chain: Chain, at: StaticEquilibrium, count: int | None = None) -
 
     The frequencies are differentiable; shapes, shares and motions are constants to differentiation.
     """
-    m = at.W.shape[0] if count is None else count
+    own, m = at.W.shape[0], coordinates(chain) if count is None else count
     values, vectors = lowest_eigenpairs(chain, at, count=m)
     still, phi = jax.lax.stop_gradient((chain, at.phi))
-    by_joint = unflatten(jnp.moveaxis(vectors, 1, -1))
+    shapes = jnp.moveaxis(vectors, 1, -1)
+    by_joint = unflatten(shapes[:own])
     energy = [(by_joint * matvec(K[..., None], by_joint)).sum(0) for K in (still.bend, still.tors)]
+    if (motors := still.motors) is not None:
+        energy[1] = energy[1] + jax.vmap(lambda v: servo_energy(motors, v), -1, -1)(shapes)
     total = (energy[0] + energy[1]).sum(0)
     return Modes(
         frequency=to_hertz(values),
         shape=vectors,
         bend=jnp.moveaxis(energy[0] / total, -1, 1),
         tors=jnp.moveaxis(energy[1] / total, -1, 1),
-        motion=jax.vmap(lambda shape: _motion(still, phi, shape), in_axes=-1, out_axes=2)(by_joint),
+        motion=jax.vmap(lambda v: point_motion(still, phi, v), in_axes=-1, out_axes=2)(shapes),
     )
-
-
-def _motion(chain: Chain, phi: Phi, direction: Phi) -> Float[Array, "3 P *#batch"]:
-    return jax.jvp(lambda p: point_positions(chain, p), (phi,), (direction,))[1]
 
 
 def in_shaft_axes(chain: Chain, phi: Phi) -> Phi:
