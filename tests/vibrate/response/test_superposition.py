@@ -170,7 +170,7 @@ def test_what_kinematic_errors_do_to_the_first_guess(arcsec: float, peak: float,
     [(first_guess_arm, 3.0, 1.252), (first_guess_arm, 30.0, 6.2025), (lcd_arm, 3.0, 1.6041)],
 )
 def test_kinematic_errors_by_the_exact_equations(arm: Callable[[], Arm], arcsec: float, expected: float) -> None:
-    """What docs/paper.md says of them, at 10 %, in mm; with 3 arc seconds at the worst phases, with 30 at the file's."""
+    """What docs/paper.md says, at 10 %, in mm: with 3 arc seconds at the worst phases, with 30 at those of the file."""
     here = arm().replace({f"{drive.name}.error": np.deg2rad(arcsec / 3600) for drive in arm().drives})
     motion = stroke(here.stroke, percent=10, dwell=1.0)
     if arcsec == 3.0:
