@@ -83,6 +83,7 @@ class Arm(eqx.Module):
                 jnp.shape(getattr(part, field.name))[field.rank :]
                 for part in self.parts()
                 for field in fields_of(type(part).__name__)
+                if getattr(part, field.name) is not None
             )
         )
 
@@ -181,7 +182,7 @@ class Arm(eqx.Module):
     def _places(self) -> Iterator[tuple[str, Any, str, tuple[int, ...]]]:
         for part in self.parts():
             for field in fields_of(type(part).__name__):
-                for end, component in field.ends.items():
+                for end, component in field.ends.items() if getattr(part, field.name) is not None else ():
                     yield f"{part.name}.{field.name}{end}", part, field.name, component
 
     def _split(self, path: str) -> tuple[str, str, tuple[int, ...]]:
@@ -189,7 +190,7 @@ class Arm(eqx.Module):
         part = next((part for part in self.parts() if part.name == name), None)
         for field in fields_of(type(part).__name__):
             for end, component in field.ends.items():
-                if rest == field.name + end:
+                if rest == field.name + end and getattr(part, field.name) is not None:
                     return name, field.name, component
         remedy = did_you_mean(path, self.paths(), "see `Arm.paths()`")
         raise InputError(Problem("", path or "no name", f"a number of the arm {self.name}", remedy))

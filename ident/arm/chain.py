@@ -15,6 +15,7 @@ from ident.arm.assembly import (
     bushings,
     carriers,
     lift,
+    losses,
     moments,
     no_loads,
     offsets,
@@ -46,6 +47,7 @@ class Chain(eqx.Module):
         gravity: (3,) [m/s^2]
         frame: (3, 3, N, *batch) axes of shaft j, columns, in the base frame.
         carrier: body that carries each named point.
+        loss: (3, 3, N, *batch) [N m/rad] what bushing j loses by its loss factors, see `Joint`; None without any.
         motors: those that servos hold, where some do; else the pins are fixed.
     """
 
@@ -61,6 +63,7 @@ class Chain(eqx.Module):
     gravity: Float[Array, "3"]
     frame: Float[Array, "3 3 N *#batch"]
     carrier: tuple[int, ...] = eqx.field(static=True)
+    loss: Float[Array, "3 3 N *#batch"] | None = None
     motors: "Motors | None" = None
 
     @property
@@ -139,6 +142,7 @@ def at_posture(
         gravity=arm.gravity,
         frame=before,
         carrier=carrier,
+        loss=losses(arm, bend, tors),
     )
     if servo is None or not arm.servos:
         return held

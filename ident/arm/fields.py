@@ -117,6 +117,8 @@ FIELDS = (
     _stiffness("k_tors", "torsional stiffness", "torsion"),
     Field("Joint", "tau_bend", "s", "non-negative", True, words="bending damping", redesigned=True),
     Field("Joint", "tau_tors", "s", "non-negative", True, words="torsion damping", redesigned=True),
+    Field("Joint", "loss_bend", "-", "non-negative", True, words="bending loss factor"),
+    Field("Joint", "loss_tors", "-", "non-negative", True, words="torsion loss factor"),
     _length("Point", "position", rank=1),
     Field("Drive", "ratio", "-", "non-zero", True, redesigned=True),
     Field("Drive", "rotor_inertia", "kg m^2", "non-negative", True),
@@ -144,6 +146,8 @@ FIELDS = (
 
 STIFFNESS = ("k_bend", "k_tors")
 DAMPING = ("tau_bend", "tau_tors")
+LOSS = ("loss_bend", "loss_tors")
+"""Loss factors, which most arms have none of: then they have no path either."""
 
 _BY_NAME = {field.name: field for field in FIELDS}
 

@@ -11,7 +11,7 @@ from ident.arm.chain import Chain
 from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
 from ident.arm.linalg import inverse_cholesky_factor, lowest_modes, lowest_modes_whitened
 from ident.arm.mechanics import Phi, mass_matrix, unflatten
-from ident.arm.motors import coordinates, point_motion, servo_energy, system, variations
+from ident.arm.motors import coordinates, point_motion, servo_energy, structural, system, variations
 from ident.arm.rotations import identity, matmul, matvec, transpose
 
 
@@ -23,18 +23,20 @@ class Linearized(NamedTuple):
         M: (n, n, *batch) [kg m^2] mass matrix; n is 3N and the number of motors that servos hold (`Chain.motors`).
         C: (n, n, *batch) [N m s/rad] damping matrix.
         H: (n, n, *batch) [N m/rad] Hessian of the potential energy.
+        L: (n, n, *batch) [N m/rad] structural damping: H + i L stands for H in harmonic motion; None for none.
     """
 
     phi: Phi
     M: Float[Array, "n n *#batch"]
     C: Float[Array, "n n *#batch"]
     H: Float[Array, "n n *#batch"]
+    L: Float[Array, "n n *#batch"] | None = None
 
 
 def linearize(chain: Chain, at: StaticEquilibrium | None = None) -> Linearized:
     """Linearize the exact equations about the static equilibrium, which may be known; differentiable."""
     phi = (static_equilibrium(chain) if at is None else at).phi
-    return Linearized(phi, *system(chain, phi))
+    return Linearized(phi, *system(chain, phi), structural(chain))
 
 
 @eqx.filter_custom_jvp
@@ -157,12 +159,20 @@ def mac(a: Inexact[Array, "n *#batch"], b: Inexact[Array, "n *#batch"]) -> Float
 def damped_eigenvalues(system: Linearized) -> Complex[Array, "n *#batch"]:
     """Return for each undamped mode, ascending, the eigenvalue s [rad/s] of (s^2 M + s C + H) x = 0 nearest in shape.
 
+    With structural damping it is that of (s^2 M + s C + H + i L) x = 0 with Im s > 0, the one that decays: a loss
+    factor eta of all that gives has the damping ratio sin(atan(eta) / 2), eta / 2 for small ones, at any frequency;
+    otherwise the loss factors of a mode's parts count by their strain energy. It is a model of harmonic motion: the
+    complex stiffness is no causal law, its poles do not come in conjugate pairs, and their decay is right only as
+    far as eta is small against 1.
+
     Of a conjugate pair it is the one with Im s >= 0. |s| / 2 pi is the natural frequency, -Re s / |s| the damping
     ratio; an overdamped mode has two real s, of which one is returned, with ratio 1. Once differentiable by
     ds = -y' (dH + s dC + s^2 dM) x, y the left eigenvector; infinite only at critical damping.
 
     References:
-        Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001.
+        Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001. Neumark, "Concept of complex
+        stiffness applied to problems of oscillations with viscous and hysteretic damping", R&M 3269, 1962. Crandall,
+        "The role of damping in vibration theory", J. Sound Vib. 11(1), 1970 (causality).
     """
     return _damped_modes(system)[0]
 
@@ -170,8 +180,9 @@ def damped_eigenvalues(system: Linearized) -> Complex[Array, "n *#batch"]:
 @damped_eigenvalues.defjvp
 def _damped_eigenvalues_jvp(primals: tuple[Linearized], tangents: tuple[Linearized]) -> tuple[Array, Array]:
     s, x, y = _damped_modes(primals[0])
-    _, dM, dC, dH = tangents[0]
-    lead = dH[:, :, None] + s * dC[:, :, None] + s * s * dM[:, :, None]
+    _, dM, dC, dH, dL = tangents[0]
+    dK = dH if dL is None else dH + 1j * dL
+    lead = dK[:, :, None] + s * dC[:, :, None] + s * s * dM[:, :, None]
     change = -(y * (lead * x[None]).sum(1)).sum(0)
     return s, change
 
@@ -180,9 +191,10 @@ def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
     """Return s, right and left eigenvectors (columns), computed in coordinates in which the mass matrix is 1."""
     n, batch = system.M.shape[0], system.M.shape[2:]
     W = inverse_cholesky_factor(system.M)
-    H, C = (matmul(matmul(W, X), transpose(W)) for X in (system.H, system.C))
+    K = system.H if system.L is None else system.H + 1j * system.L
+    K, C = (matmul(matmul(W, X), transpose(W)) for X in (K, system.C))
     unit = jnp.broadcast_to(identity(n, len(batch)), (n, n, *batch))
-    state = jnp.concatenate([jnp.concatenate([jnp.zeros_like(unit), unit], 1), jnp.concatenate([-H, -C], 1)], 0)
+    state = jnp.concatenate([jnp.concatenate([jnp.zeros_like(unit), unit], 1), jnp.concatenate([-K, -C], 1)], 0)
     # one after another: LAPACK must not run twice at the same time under jax 0.10
     one_by_one = jnp.moveaxis(state.reshape((2 * n, 2 * n, -1)), -1, 0)
     s, right, left = (jnp.moveaxis(out, 0, -1).reshape(out.shape[1:] + batch) for out in jax.lax.map(_eig, one_by_one))
@@ -199,7 +211,7 @@ def _nearest_in_shape(system: Linearized, s: Array, x: Array) -> Array:
     return jnp.argmax(jnp.where(s.imag < 0, -1.0, share / share.sum(0)), 1)
 
 
-def _eig(A: Float[Array, "k k"]) -> tuple[Array, Array, Array]:
+def _eig(A: Inexact[Array, "k k"]) -> tuple[Array, Array, Array]:
     """Return the eigenvalues by ascending |s|, their right vectors and the dual left vectors, as columns."""
     s, right = jnp.linalg.eig(A)
     left = jnp.linalg.inv(right).T

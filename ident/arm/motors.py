@@ -57,6 +57,14 @@ def coordinates(chain: Chain) -> int:
     return 3 * chain.offset.shape[1] + (len(chain.motors.joint) if chain.motors else 0)
 
 
+def structural(chain: Chain) -> Matrix | None:
+    """Return L of structural damping in the same coordinates; servos have none. None without any."""
+    if chain.loss is None:
+        return None
+    L = flatten_blocks(chain.loss[:, :, :, None] * identity(chain.loss.shape[2], chain.loss.ndim - 3))
+    return L if chain.motors is None else _beside(L, jnp.zeros_like(chain.motors.stiffness))
+
+
 def modal_mass(chain: Chain, phi: Phi) -> Matrix:
     """Return the mass matrix in the coordinates of the modes."""
     return mass_matrix(chain, phi) if chain.motors is None else system(chain, phi)[0]

@@ -194,6 +194,17 @@ class NonZero(Sourced):
         return np.asarray(self.value)
 
 
+class LossFactor(Sourced):
+    """A loss factor, without unit."""
+
+    value: Annotated[float, _range("loss_bend")]
+
+    @property
+    def number(self) -> Any:
+        """The factor."""
+        return np.asarray(self.value)
+
+
 class Inertia(Quantity[Annotated[str, _checked_unit("kg*m^2", "kg*mm^2")], Tensor]):
     """Principal moments along the frame's axes, or the full tensor, about the mass centre [kg m^2]."""
 

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from ident.arm.arm import GRAVITY, Arm
 from ident.arm.drive import Belt, Drive, Servo, Stroke
-from ident.arm.fields import names_of
+from ident.arm.fields import LOSS, names_of
 from ident.arm.parts import Body, Joint, Payload, Point, check_inertia
 from ident.arm.workspace import Workspace
 from ident.description.quantities import (
@@ -27,6 +27,7 @@ from ident.description.quantities import (
     Inertia,
     Limits,
     Line,
+    LossFactor,
     Lump,
     Mass,
     MassMoment,
@@ -101,6 +102,8 @@ class JointTable(Table):
     k_tors: Stiffness
     tau_bend: Time = UNDAMPED
     tau_tors: Time = UNDAMPED
+    loss_bend: LossFactor | None = None
+    loss_tors: LossFactor | None = None
     limits: Limits | None = None
     driven: bool = True
     shaft: list[BodyTable] = Field(default_factory=list)
@@ -112,6 +115,7 @@ class JointTable(Table):
         return Joint(
             self.name,
             **{key: getattr(self, key).number for key in quantities},
+            **_given(self, LOSS),
             shaft=tuple(body.body() for body in self.shaft),
             link=tuple(body.body() for body in self.link),
             driven=self.driven,
