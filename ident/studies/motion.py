@@ -144,7 +144,6 @@ def basis_of(
         fit: fitted values that the arm takes over: a result, or its file.
         posterior: draws; the arm takes over their medians, unless it has fitted values.
     """
-    from ident.arm.losses import refuse_losses
     from ident.assess.basis import Basis
     from ident.measure import Load, Log, read_log
 
@@ -157,7 +156,6 @@ def basis_of(
     motion, percent = _motion(described, options, log)
     name = f"{Path(arm_file.path).stem or arm_file.arm.name}.{_name(described, options, log, percent)}"
     load = Load.parse(options.load)
-    refuse_losses(described)
     described, unknown = options.unknown(described, arm_file.origins)
     basis = Basis(arm_file, described, motion, percent, load, log, fitted, posterior, options.set, name, unknown)
     if posterior and not basis.draws:
