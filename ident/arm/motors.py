@@ -14,6 +14,8 @@ References:
     assumption that rotors turn about their own axes only. Compared with MuJoCo in tests/arm/test_motors.py.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -87,10 +89,18 @@ def variations(chain: Chain, phi: Phi, v: Vector) -> tuple[Float[Array, "*#batch
 
 def point_motion(chain: Chain, phi: Phi, v: Vector) -> Float[Array, "3 P *#batch"]:
     """Return the displacement of the named points along a direction of all coordinates."""
+    return motion_of(point_positions, chain, phi, v)[1]
+
+
+def motion_of(places: Callable[[Chain, Phi], Array], chain: Chain, phi: Phi, v: Vector) -> tuple[Array, Array]:
+    """Return places on a chain, a function of it and its rotation vectors, and their displacement along a direction.
+
+    With motors that servos hold the chain has a bushing in place of each pin, see `Motors.free`.
+    """
     motors = chain.motors
     if motors is None:
-        return jax.jvp(lambda p: point_positions(chain, p), (phi,), (unflatten(v),))[1]
-    return jax.jvp(lambda p: point_positions(motors.free, p), (_between(phi),), (_ways(motors, v),))[1]
+        return jax.jvp(lambda p: places(chain, p), (phi,), (unflatten(v),))
+    return jax.jvp(lambda p: places(motors.free, p), (_between(phi),), (_ways(motors, v),))
 
 
 def servo_energy(motors: Motors, v: Vector) -> Float[Array, "N *#batch"]:

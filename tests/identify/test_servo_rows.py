@@ -19,6 +19,7 @@ from ident.arm.modes import linearize
 from ident.errors import InputError
 from ident.identify.conditions import bind
 from ident.identify.fit import CampaignFit, fit_campaign
+from ident.identify.modal_analysis import modal_analysis
 from ident.identify.parts import LARGE, in_parts
 from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns
@@ -155,3 +156,16 @@ def test_large_campaigns_keep_what_held_the_motors_and_what_is_measured():
         np.testing.assert_allclose(part.definitions, definitions[values[: len(frequencies)]])
         states = np.concatenate([np.asarray(whole.named.states), np.asarray(whole.unnamed.states)])[values]
         np.testing.assert_allclose(part.servo[frequencies], np.asarray(whole.servo)[states[: len(frequencies)]])
+
+
+def test_modes_with_the_servo_on_are_shown_with_their_names():
+    """The motor's own mode moves the tip as the pins turn: its line is that of the arm between bushings and pins."""
+    analysis = modal_analysis(arm(), UNFOLDED, modes=10, drives="servo")
+    np.testing.assert_allclose(analysis.modes.frequency, reference(UNFOLDED)[0], rtol=1e-9)
+    labels = [str(label) for label in analysis.labels]
+    assert {name: labels[place] for name, place in PLACES.items()} == {name: name for name in PLACES}
+    line, displacement = analysis.outline
+    np.testing.assert_allclose(displacement[:, -1], analysis.modes.motion[:, -1], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(line[:, -1], modal_analysis(arm(), UNFOLDED).outline[0][:, -1], rtol=1e-12)
+    with pytest.raises(InputError, match="drives: got servo, expected brake"):
+        modal_analysis(lcd_arm(), UNFOLDED, drives="servo")
