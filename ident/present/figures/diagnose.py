@@ -82,14 +82,8 @@ def _sensitivities_figure(diagnosis: Diagnosis) -> Figure:
     axes.barh(np.arange(len(order)), values, color=np.where(unsure, "white", BLUE), edgecolor=BLUE, height=0.6)
     axes.axvline(0, color="black", linewidth=0.8)
     for place, value in enumerate(values):
-        note(
-            axes,
-            f"{value:+.2f}",
-            (value, place),
-            (-3 if value < 0 else 3, 0),
-            ha="right" if value < 0 else "left",
-            va="center",
-        )
+        side, align = (-3, "right") if value < 0 else (3, "left")
+        note(axes, f"{value:+.2f}", (value, place), (side, 0), ha=align, va="center")
     axes.margins(x=0.15)
     axes.set_xlabel("percent of vibration per percent of the number", fontsize=9)
     return figure
