@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from ident.arm.drive import Belt, Drive, Servo, Stroke
 from ident.arm.drive_check import check_drives
-from ident.arm.fields import STIFFNESS, fields_of
+from ident.arm.fields import STIFFNESS, fields_in
 from ident.arm.parts import Body, Joint, Payload, Point
 from ident.arm.workspace import ANYWHERE, Workspace
 from ident.errors import InputError, Problem
@@ -79,12 +79,7 @@ class Arm(eqx.Module):
     def batch(self) -> tuple[int, ...]:
         """Batch axes `(*batch)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
         return jnp.broadcast_shapes(
-            *(
-                jnp.shape(getattr(part, field.name))[field.rank :]
-                for part in self.parts()
-                for field in fields_of(type(part).__name__)
-                if getattr(part, field.name) is not None
-            )
+            *(jnp.shape(getattr(part, field.name))[field.rank :] for part in self.parts() for field in fields_in(part))
         )
 
     def parts(self) -> Iterator[Joint | Body | Point | Drive | Belt | Servo | Stroke]:
@@ -181,16 +176,16 @@ class Arm(eqx.Module):
 
     def _places(self) -> Iterator[tuple[str, Any, str, tuple[int, ...]]]:
         for part in self.parts():
-            for field in fields_of(type(part).__name__):
-                for end, component in field.ends.items() if getattr(part, field.name) is not None else ():
+            for field in fields_in(part):
+                for end, component in field.ends.items():
                     yield f"{part.name}.{field.name}{end}", part, field.name, component
 
     def _split(self, path: str) -> tuple[str, str, tuple[int, ...]]:
         name, _, rest = path.partition(".")
         part = next((part for part in self.parts() if part.name == name), None)
-        for field in fields_of(type(part).__name__):
+        for field in fields_in(part) if part else ():
             for end, component in field.ends.items():
-                if rest == field.name + end and getattr(part, field.name) is not None:
+                if rest == field.name + end:
                     return name, field.name, component
         remedy = did_you_mean(path, self.paths(), "see `Arm.paths()`")
         raise InputError(Problem("", path or "no name", f"a number of the arm {self.name}", remedy))

@@ -15,7 +15,7 @@ What was decided by physics, where tables used to differ:
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -155,6 +155,11 @@ _BY_NAME = {field.name: field for field in FIELDS}
 def fields_of(part: str) -> tuple[Field, ...]:
     """Return the fields of a class of parts by its name, `Drive`; none if its parts have no numbers."""
     return tuple(field for field in FIELDS if field.part == part)
+
+
+def fields_in(part: Any) -> tuple[Field, ...]:
+    """Return the fields that a part has a number of: of a joint no loss factor, unless it has one."""
+    return tuple(field for field in fields_of(type(part).__name__) if getattr(part, field.name) is not None)
 
 
 def names_of(part: str) -> tuple[str, ...]:
