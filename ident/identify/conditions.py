@@ -73,6 +73,7 @@ class Conditions(eqx.Module):
         order: (D,) the value that each row measured: its place among named, unnamed and readings in turn.
         repeats: the rows of each value.
         definitions: what each frequency is, those with a label first.
+        servo: (S,) 1 where servos of the arm held its motors, 0 where brakes did; None where they did everywhere.
     """
 
     posture: Float[AnyArray, "joints S"]
@@ -83,6 +84,7 @@ class Conditions(eqx.Module):
     order: Int[AnyArray, "D"]
     repeats: Repeats
     definitions: NotAllUndamped = None
+    servo: Float[AnyArray, "S"] | None = None
 
     @property
     def labelled(self) -> NotAllUndamped:
@@ -146,6 +148,7 @@ class Conditions(eqx.Module):
             None
             if self.definitions is None
             else self.definitions[np.concatenate([values[0], values[2] - named.ratios])],
+            None if self.servo is None else np.asarray(self.servo)[state],
         )
         return more, np.asarray(self.repeats.first)[np.concatenate(values)], place[order]
 
@@ -187,8 +190,15 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         order,
         repeats(order, np.array([first[key] for key in values])),
         definitions_of([campaign.measurements[first[key]] for key in values]),
+        _servo(arm, states),
     )
     return jax.device_put(bound)
+
+
+def _servo(arm: Arm, states: dict[State, int]) -> Float[np.ndarray, "S"] | None:
+    """Return where servos held the motors; None where none did, or the arm file describes none: as brakes, then."""
+    on = np.array([drives == "servo" for *_, drives in states], float)
+    return on if arm.servos and on.any() else None
 
 
 def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple[Any, ...]:

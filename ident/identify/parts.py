@@ -152,4 +152,8 @@ def _part(conditions: Conditions, groups: Sequence[Int[np.ndarray, "_"]], states
         ),
         rows,
         repeats(rows, rows),
+        None
+        if conditions.definitions is None
+        else conditions.definitions[np.concatenate([groups[0], groups[2] - named.ratios])],
+        None if conditions.servo is None else conditions.servo[states],
     )

@@ -14,7 +14,6 @@ from jaxtyping import Array, Bool, Float, Int
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads, at_posture
 from ident.arm.equilibrium import StaticEquilibrium, deflection, static_equilibrium
-from ident.arm.mechanics import mass_matrix
 from ident.arm.modes import (
     Modes,
     damped_eigenvalues,
@@ -23,6 +22,7 @@ from ident.arm.modes import (
     modes_about,
     to_hertz,
 )
+from ident.arm.motors import coordinates, modal_mass
 from ident.identify.conditions import Conditions, Readings, Unnamed
 from ident.identify.definitions import NotAllUndamped, by_definition, defined
 from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
@@ -90,7 +90,8 @@ class ArmModel(eqx.Module, Choosing, Growing):
     def unheld(self) -> Held | None:
         """Return what is held before the first step; None where nothing is labelled."""
         count = len(self.conditions.named.states)
-        blank, no = np.zeros((3 * len(self.arm.joints), count)), np.array(False)
+        motors = 0 if self.conditions.servo is None else len(self.arm.servos)
+        blank, no = np.zeros((3 * len(self.arm.joints) + motors, count)), np.array(False)
         return Held(blank, blank, np.array(AT_FIRST), np.array(True), no) if count else None
 
     def holding(self, parameters: Mapping[str, Any], data: Data, held: Held) -> tuple[Float[Array, "D"], Choice]:
@@ -102,7 +103,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
         table = by_definition(modes.frequency, chain, at, self.conditions.definitions)
         hertz = defined(table, values.states, self.conditions.labelled)
         wanted = most_probable(values, modes, data, held.off, hertz=hertz)
-        shapes, M = modes.shape[:, :, values.states], mass_matrix(chain, at.phi)[:, :, values.states]
+        shapes, M = modes.shape[:, :, values.states], modal_mass(chain, at.phi)[:, :, values.states]
         likeness = jnp.where(held.in_order, held.place, overlap(shapes, M, held.shape))
         same = (jnp.argmax(likeness, 0) == jnp.arange(len(likeness))[:, None]).astype(float)
         chosen = jax.lax.stop_gradient(jnp.where(held.fresh, wanted, same))
@@ -169,7 +170,8 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
 
     loads = conditions.loads
     loads = Loads(lift(loads.payload), lift(loads.mass), lift(loads.force))
-    return at_posture(arm.replace(parameters), lift(conditions.posture), loads)
+    servo = None if conditions.servo is None else lift(conditions.servo)
+    return at_posture(arm.replace(parameters), lift(conditions.posture), loads, servo)
 
 
 def _values(
@@ -185,7 +187,7 @@ def _values(
     first = named.frequencies
     values: list[Array] = []
     if chosen is None and unnamed.highest:
-        count = min(unnamed.highest + 1, 3 * at.phi.shape[1])
+        count = min(unnamed.highest + 1, coordinates(chain))
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         table = by_definition(hertz, chain, at, conditions.definitions)
         own, above = (_nth(table, unnamed, beyond, conditions.unlabelled) for beyond in (0, 1))

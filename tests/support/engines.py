@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
-from ident.arm.parts import Body
+from ident.arm.parts import Body, Joint
 
 EIGHTH_ORDER = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 """Weights of the central difference that is exact for polynomials of degree eight."""
@@ -157,7 +157,7 @@ class MujocoArm:
                 held[name] = next(angles)
             for carrier, bodies in ((shaft, joint.shaft), (parent, joint.link)):
                 for body in bodies:
-                    add_mass(carrier, body)
+                    add_mass(turning(joint, carrier) if body.name.startswith("rotor") else carrier, body)
             if joint.name == end.joint:
                 parent.add_site(name="end", pos=np.asarray(end.position))
         self.model = spec.compile()
@@ -206,6 +206,13 @@ class MujocoArm:
     def point(self, x: np.ndarray) -> np.ndarray:
         self._place(x)
         return self.data.site("end").xpos.copy()
+
+
+def turning(joint: Joint, shaft: "mujoco.MjsBody") -> "mujoco.MjsBody":
+    """What turns on a shaft, about the axis of its pin."""
+    rotor = shaft.add_body(name=f"{joint.name} turning")
+    rotor.add_joint(name=f"{joint.name} rotor", type=mujoco.mjtJoint.mjJNT_HINGE, axis=np.asarray(joint.axis))
+    return rotor
 
 
 def add_mass(carrier: "mujoco.MjsBody", body: Body) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ident.arm.arm import Arm
 from ident.arm.fields import field_of
 from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
@@ -146,8 +147,10 @@ def _held(m: Measurement) -> str:
     return "" if m.drives == DRIVE_STATES[0] else f", {m.drives} on"
 
 
-def drive_states(campaign: Campaign) -> Iterator[str]:
-    """Warn in one line of rows whose motors a servo held, of which the model knows nothing."""
+def drive_states(arm: Arm, campaign: Campaign) -> Iterator[str]:
+    """Warn in one line of rows whose motors a servo held, where the arm file describes none."""
+    if arm.servos:
+        return
     own = [m.where.rpartition(":")[2] or str(i) for i, m in enumerate(campaign, 1) if m.drives == "servo"]
     if not own:
         return
