@@ -1,7 +1,7 @@
 """How many modes a test shows: those that the data ask for and no more, with why others were left out."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,22 +74,26 @@ def select(
     for _ in range(MOST_ADDED):
         if fit.chi_squared < EXPECTED * fit.freedom + SIGNIFICANT * math.sqrt(2 * fit.freedom):
             break
-        poles = [
-            *_beyond(frf, fit.model),
-            *(_where_it_lacks(frf, noise, fit, candidates) if candidates is not None else ()),
-        ]
-        fits = [
-            maximise(frf, noise, _start_with(frf, noise, fit.model, pole), real=real, steps=FIRST_STEPS)
-            for pole in poles
-        ]
-        best = min(fits, key=lambda each: each.chi_squared, default=fit)
-        if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
-            break
-        larger, lost = _pruned(frf, noise, maximise(frf, noise, best.model, real=real), real)
+        more = _with_one_more(frf, noise, fit, _beyond(frf), real)
+        if more is None and candidates is not None:
+            more = _with_one_more(frf, noise, fit, _where_it_lacks(frf, noise, fit, candidates), real)
+        larger, lost = (fit, []) if more is None else _pruned(frf, noise, more, real)
         if len(larger.model.pole) <= len(fit.model.pole):
             break
         fit, rejected = larger, [*rejected, *lost]
     return fit, tuple(rejected)
+
+
+def _with_one_more(
+    frf: Frf, noise: Noise, fit: Likelihood, poles: Iterable[np.ndarray], real: bool
+) -> Likelihood | None:
+    """Return the fit with the one of some poles that lowers chi-squared most; None where none lowers it enough."""
+    starts = [_start_with(frf, noise, fit.model, pole) for pole in poles]
+    fits = [maximise(frf, noise, start, real=real, steps=FIRST_STEPS) for start in starts]
+    best = min(fits, key=lambda each: each.chi_squared, default=fit)
+    if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
+        return None
+    return maximise(frf, noise, best.model, real=real)
 
 
 def _price(frf: Frf, model: ModalModel) -> float:
@@ -135,15 +139,10 @@ def _strength(fit: Likelihood, r: int) -> float:
     return float(vector @ np.linalg.pinv(fit.covariance[np.ix_(at, at)], hermitian=True) @ vector)
 
 
-def _beyond(frf: Frf, model: ModalModel) -> Iterator[np.ndarray]:
-    """Yield a pole below the band and one above, where the model has none yet."""
-    hertz = np.abs(model.pole) / (2 * np.pi)
-    for end, side, beside in (
-        (frf.frequency[0], -1, hertz < frf.frequency[0]),
-        (frf.frequency[-1], 1, hertz > frf.frequency[-1]),
-    ):
-        if not beside.any():
-            yield np.array([2 * np.pi * end * (1 + side * BEYOND) * (1j - 0.02)])
+def _beyond(frf: Frf) -> list[np.ndarray]:
+    """Return a pole below the band and one above."""
+    ends = 2 * np.pi * frf.frequency[[0, -1]] * np.array([1 - BEYOND, 1 + BEYOND])
+    return [np.array([end * (1j - 0.02)]) for end in ends]
 
 
 def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndarray) -> Iterator[np.ndarray]:
