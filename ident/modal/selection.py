@@ -147,14 +147,13 @@ def _beyond(frf: Frf) -> list[np.ndarray]:
 
 def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndarray) -> Iterator[np.ndarray]:
     """Yield poles that may be missing: candidates, and modes in two, where the surroundings don't fit."""
-    white = noise.whiten(channels_of(frf.mean - fit.model.accelerance(2j * np.pi * frf.frequency + frf.decay)))
-    lines = len(frf.frequency) - len(noise.lines) + 1
-    by_line = (white.reshape(-1, lines) ** 2).mean(0)
+    left = channels_of(frf.mean - fit.model.accelerance(2j * np.pi * frf.frequency + frf.decay))
+    by_line = (np.abs(noise.by_line(left)) ** 2).mean(0)
+    omega = 2 * np.pi * frf.frequency
     lacking = []
     for pole in [*fit.model.pole, *candidates]:
-        omega = 2 * np.pi * frf.frequency[len(noise.lines) - 1 :]
         near = np.abs(omega - pole.imag) < max(3 * abs(pole.real), 4 * (omega[1] - omega[0]))
-        expected = math.sqrt(2 / max(1, near.sum() * len(white) / lines))
+        expected = math.sqrt(2 / max(1, 2 * near.sum() * len(left)))
         lacking.append((by_line[near].mean() - 1) / expected if near.any() else 0.0)
     order = np.argsort(lacking)[::-1]
     for i in [i for i in order if lacking[i] > 3][:3]:
