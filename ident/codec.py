@@ -23,7 +23,7 @@ from ident.errors import IdentError
 
 KEPT_APART = 512
 """Numbers from which an array is kept apart from the document, where there is a place for it."""
-ROOMS = ("errors", "arm", "description", "measure", "inference", "identify", "vibrate", "assess", "studies")
+ROOMS = ("errors", "arm", "description", "measure", "inference", "modal", "identify", "vibrate", "assess", "studies")
 """Where the values lie that a file may hold."""
 KINDS = "fiubcU"
 """Kinds of numbers and text that an array may hold, as numpy has them."""

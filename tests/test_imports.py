@@ -12,11 +12,12 @@ MAY_USE = {
     "description": {"arm"},
     "measure": set(),
     "inference": set(),
-    "identify": {"arm", "measure", "inference"},
+    "modal": {"measure"},
+    "identify": {"arm", "measure", "inference", "modal"},
     "vibrate": {"arm"},
-    "assess": {"arm", "description", "measure", "inference", "identify", "vibrate"},
-    "present": {"arm", "description", "measure", "inference", "identify", "vibrate", "assess"},
-    "studies": {"arm", "description", "measure", "inference", "identify", "vibrate", "assess", "present"},
+    "assess": {"arm", "description", "measure", "inference", "modal", "identify", "vibrate"},
+    "present": {"arm", "description", "measure", "inference", "modal", "identify", "vibrate", "assess"},
+    "studies": {"arm", "description", "measure", "inference", "modal", "identify", "vibrate", "assess", "present"},
     "cli": {"studies", "description", "measure"},
 }
 """Which rooms each room may use, besides the ground: no licence to use all that lie below it."""

@@ -271,7 +271,9 @@ def _lacks(cell: Mapping[str, str], fields: Mapping[str, Any]) -> Iterator[Probl
     if frame not in FRAMES:
         yield Problem("", quoted(frame), f"one of {', '.join(FRAMES)}", "correct it", "frame")
     if quantity and quantity not in QUANTITIES[role]:
-        yield Problem("", quoted(quantity), f"one of {', '.join(QUANTITIES[role])}, of a {role}", "correct it", "quantity")
+        yield Problem(
+            "", quoted(quantity), f"one of {', '.join(QUANTITIES[role])}, of a {role}", "correct it", "quantity"
+        )
     if role in (FORCE, RESPONSE):
         yield from drive_state_problems(fields["drives"])
         for name, example in (("point", "a point of the arm"), ("direction", "x, -z, ... or three numbers")):

@@ -24,7 +24,8 @@ class Frf:
     """Accelerance, acceleration by force, of one posture of an arm.
 
     frequency: (F,) [Hz] lines, evenly spaced, ascending
-    hits: (H, O, I, F) [1/kg] complex; response of each of H hits (of a shaker test: of each block) at O responses, by I references
+    hits: (H, O, I, F) [1/kg] complex; response of each of H hits (of a shaker test: of each block) at O responses, by I
+        references
     responses: (O,) where and along what acceleration is measured
     references: (I,) where and along what the force acts
     decay: [1/s] what an exponential window has added to the decay rate of every pole; to be taken off again
@@ -40,7 +41,9 @@ class Frf:
         expected = (len(self.responses), len(self.references), len(self.frequency))
         if self.hits.ndim != 4 or self.hits.shape[1:] != expected:
             wanted = f"shape (hits, {', '.join(map(str, expected))})"
-            raise InputError(Problem("", f"hits of shape {self.hits.shape}", wanted, "see `responses`, `references`", "hits"))
+            raise InputError(
+                Problem("", f"hits of shape {self.hits.shape}", wanted, "see `responses`, `references`", "hits")
+            )
 
     @property
     def mean(self) -> np.ndarray:

@@ -1,99 +1,25 @@
-"""From hits to frequency responses: each test of a posture and load, with what was rejected and why."""
+"""From hits to frequency responses: the tests of a channel table, one for each posture and load."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from ident.errors import InputError, Problem
 from ident.measure.channels import ChannelTable
-from ident.measure.load import Load
 from ident.measure.recordings import Recording
+from ident.modal.checks import checks
 from ident.modal.estimates import coherence, contributions
 from ident.modal.frf import Frf, Place
-from ident.modal.hits import Hit, find_hits, overload
+from ident.modal.hits import Hit, find_hits
 from ident.modal.mains import mains_lines
+from ident.modal.modal_test import ModalTest, Processing
 from ident.modal.sources import Source, sources
-from ident.modal.windows import exponential_decay, exponential_window, force_window
+from ident.modal.spectra import Spectra, excited, spectra
+from ident.modal.windows import exponential_decay
 from ident.text import one_line, quoted
 
-ANTI_ALIAS = 2.56
-"""Sampling rate by the highest frequency that an analyser's filter leaves alone."""
-FALLEN = 0.1
-"""Share of its largest value to which the force's spectrum may fall within the band: 20 dB."""
-BEFORE = 0.05
-"""Largest share of a record that is kept from before the hit: the offset is taken there."""
 FEWEST = 32
 """Fewest samples of a record behind a hit."""
-
-
-@dataclass(frozen=True)
-class Processing:
-    """How records become frequency responses.
-
-    Attributes:
-        estimator: `h1`, `h2` or `hv`.
-        window_end: [-] share to which the exponential window fades a record; 1 for none.
-        rest: [s] between two hits of one record, at least.
-        band: [Hz] lowest and highest line that is kept; None for what the hammer excites.
-    """
-
-    estimator: str = "h1"
-    window_end: float = 0.01
-    rest: float = 1.0
-    band: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Rejected:
-    """A hit that does not count.
-
-    Attributes:
-        file: where it is.
-        number: of the hit in its file, from 1.
-        reason: why.
-    """
-
-    file: str
-    number: int
-    reason: str
-
-
-@dataclass(frozen=True)
-class ModalTest:
-    """What was measured at one posture under one load.
-
-    Attributes:
-        posture: (joints,) [rad]
-        load: the load case, sensors included.
-        drives: what held the motors.
-        files: from which.
-        frf: frequency responses with those of each hit.
-        coherence: (O, I, F) [-]; ones for a single hit.
-        duration: [s] of a record; 0 for finished frequency responses.
-        rejected: hits that do not count.
-        remarks: what else a reader should know.
-    """
-
-    posture: tuple[float, ...]
-    load: Load
-    drives: str
-    files: tuple[str, ...]
-    frf: Frf
-    coherence: np.ndarray
-    duration: float
-    rejected: tuple[Rejected, ...]
-    remarks: tuple[str, ...]
-
-
-@dataclass
-class _Spectra:
-    """Spectra of the good hits of one file: force (H, F), responses (H, O, F), both faded by the same window."""
-
-    source: Source
-    force: np.ndarray
-    response: np.ndarray
-    rejected: list[Rejected] = field(default_factory=list)
 
 
 def modal_tests(
@@ -118,7 +44,10 @@ def modal_tests(
 def _test(group: list[Source], processing: Processing) -> ModalTest:
     finished = [source for source in group if source.force is None]
     if finished and len(finished) < len(group):
-        got, remedy = f"samples and frequency responses of one posture, {quoted(group[0].file)} among them", "keep one kind"
+        got, remedy = (
+            f"samples and frequency responses of one posture, {quoted(group[0].file)} among them",
+            "keep one kind",
+        )
         raise InputError(Problem(one_line(finished[0].file), got, "one of them", remedy))
     _check_steps(group)
     return _of_responses(group, processing) if finished else _of_samples(group, processing)
@@ -131,20 +60,22 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
     count = min(_samples(hit) for each in hits for hit in each if not hit.flaw or hit.end) if any(hits) else 0
     if count < FEWEST:
         got = f"{max(count, 0)} samples behind a hit"
-        raise InputError(Problem(one_line(group[0].file), got, f"at least {FEWEST}", "record for longer after each hit"))
+        raise InputError(
+            Problem(one_line(group[0].file), got, f"at least {FEWEST}", "record for longer after each hit")
+        )
     decay = max(source.decay for source in group)
     decay += exponential_decay(count * step, processing.window_end, decay)
-    every = [_spectra(source, each, count, decay) for source, each in zip(group, hits, strict=True)]
+    every = [spectra(source, each, count, decay) for source, each in zip(group, hits, strict=True)]
     rejected = tuple(one for each in every for one in each.rejected)
     frequency = np.fft.rfftfreq(count, step)
-    low, high = processing.band or _excited(every, frequency, 1 / step)
+    low, high = processing.band or excited(every, frequency, 1 / step)
     kept = (frequency >= max(low, frequency[1])) & (frequency <= high)
     if kept.sum() < 2:
         got = f"{kept.sum()} lines from {low:.4g} to {high:.4g} Hz"
         raise InputError(Problem(one_line(group[0].file), got, "at least two", "widen the band (`band`)"))
     frf, quality, remarks = _assembled(every, frequency[kept], kept, decay, processing.estimator)
     remarks += mains_lines(group, frequency[kept])
-    return ModalTest(*group[0].state, _files(group), frf, quality, count * step, rejected, tuple(remarks))
+    return ModalTest(*group[0].state, _files(group), frf, quality, count * step, rejected, checks(frf), tuple(remarks))
 
 
 def _files(group: Iterable[Source]) -> tuple[str, ...]:
@@ -165,62 +96,8 @@ def _samples(hit: Hit) -> int:
     return hit.until - hit.begin
 
 
-def _spectra(source: Source, hits: list[Hit], count: int, decay: float) -> _Spectra:
-    """Return the spectra of a file's good hits."""
-    assert source.force is not None
-    rejected, force, response = [], [], []
-    window = exponential_window(count, source.step, decay - source.decay)
-    for number, hit in enumerate(hits, 1):
-        before = min(hit.begin, int(BEFORE * count))
-        begin = hit.begin - before
-        part = slice(begin, begin + count)
-        pushed = source.force[hit.block, part]
-        answers = np.stack([each.values[hit.block, part] for each in source.responses])
-        if flaw := hit.flaw or _overloaded(source, pushed, answers):
-            rejected.append(Rejected(source.file, number, flaw))
-            continue
-        alone = sum(other.block == hit.block for other in hits) == 1
-        offset = slice(begin, begin + before - 1) if alone and before > 3 else slice(None)
-        about = force_window(count, hit.begin - begin, hit.end - begin)
-        force.append(np.fft.rfft(about * window * (pushed - source.force[hit.block, offset].mean())) * source.step)
-        levels = [each.values[hit.block, offset].mean() for each in source.responses]
-        faded = np.fft.rfft(window * (answers - np.array(levels)[:, None])) * source.step
-        response.append(faded * _differentiation(source, count, decay))
-    if not force:
-        reasons = "; ".join(f"hit {each.number}: {each.reason}" for each in rejected) or "no pulse of the force"
-        raise InputError(Problem(one_line(source.file), f"no good hit ({reasons})", "at least one", "repeat the hits"))
-    return _Spectra(source, np.array(force), np.array(response), rejected)
-
-
-def _differentiation(source: Source, count: int, decay: float) -> np.ndarray:
-    """Return the factors (O, F) that make accelerations of velocities and displacements, on the window's line."""
-    s = decay - source.decay + 2j * np.pi * np.fft.rfftfreq(count, source.step)
-    return np.stack([s**each.order for each in source.responses])
-
-
-def _overloaded(source: Source, force: np.ndarray, answers: np.ndarray) -> str:
-    """Say which channel of a hit was overloaded; empty for none."""
-    if seen := overload(force, source.full_scale):
-        return f"overload of the force: {seen} N"
-    for each, values in zip(source.responses, answers, strict=True):
-        if seen := overload(values, each.full_scale):
-            return f"overload of {each.channel}: {seen}"
-    return ""
-
-
-def _excited(every: list[_Spectra], frequency: np.ndarray, rate: float) -> tuple[float, float]:
-    """Return the band that all hits excite [Hz]: from the first line on, until the force's spectrum has fallen by 20 dB."""
-    ends = []
-    for each in every:
-        size = np.abs(each.force).mean(0)
-        weak = np.flatnonzero(size < FALLEN * size.max())
-        weak = weak[weak > np.argmax(size)]
-        ends.append(frequency[weak[0] - 1] if len(weak) else frequency[-1])
-    return frequency[1], min(*ends, rate / ANTI_ALIAS)
-
-
 def _assembled(
-    every: list[_Spectra], frequency: np.ndarray, kept: np.ndarray, decay: float, estimator: str
+    every: list[Spectra], frequency: np.ndarray, kept: np.ndarray, decay: float, estimator: str
 ) -> tuple[Frf, np.ndarray, list[str]]:
     """Return the frequency responses of all files of a test together, with coherence and remarks."""
     references = tuple(dict.fromkeys(each.source.reference for each in every))
@@ -237,7 +114,9 @@ def _assembled(
     quality = np.stack([np.concatenate([coherence(f, a) for f, a in each], 0) for each in parts], 1)
     remarks = []
     if max(counts) > count:
-        remarks.append(f"{count} hits count at each point, as many as at the one with fewest; others have up to {max(counts)}")
+        remarks.append(
+            f"{count} hits count at each point, as many as at the one with fewest; others have up to {max(counts)}"
+        )
     if count == 1:
         remarks.append("one hit at each point: its scatter, and so the coherence, is not known")
     return Frf(frequency, hits, responses, references, decay), quality, remarks
@@ -247,7 +126,7 @@ _ByResponse = dict[Place, tuple[np.ndarray, np.ndarray]]
 """Force (H, F) and response (H, F) by the place of the response."""
 
 
-def _pooled(parts: list[_Spectra], kept: np.ndarray) -> _ByResponse:
+def _pooled(parts: list[Spectra], kept: np.ndarray) -> _ByResponse:
     """Return the hits at one reference by response, those of several files after each other."""
     pooled: _ByResponse = {}
     for part in parts:
@@ -261,7 +140,7 @@ def _pooled(parts: list[_Spectra], kept: np.ndarray) -> _ByResponse:
 
 
 def _check_complete(
-    every: list[_Spectra], sets: list[_ByResponse], responses: tuple[Place, ...], references: tuple[Place, ...]
+    every: list[Spectra], sets: list[_ByResponse], responses: tuple[Place, ...], references: tuple[Place, ...]
 ) -> None:
     """Refuse a response that was not measured by each force."""
     for by_response, force in zip(sets, references, strict=True):
@@ -284,12 +163,14 @@ def _of_responses(group: list[Source], processing: Processing) -> ModalTest:
     low, high = processing.band or (frequency[0], frequency[-1])
     kept = (frequency >= max(low, first.step / 2)) & (frequency <= high)
     every = [
-        _Spectra(
+        Spectra(
             source,
             np.ones((len(source.responses[0].values), len(frequency))),
-            np.stack([each.values * (source.decay + 2j * np.pi * frequency) ** each.order for each in source.responses], 1),
+            np.stack(
+                [each.values * (source.decay + 2j * np.pi * frequency) ** each.order for each in source.responses], 1
+            ),
         )
         for source in group
     ]
     frf, quality, remarks = _assembled(every, frequency[kept], kept, max(s.decay for s in group), "h1")
-    return ModalTest(*first.state, _files(group), frf, quality, 0.0, (), tuple(remarks))
+    return ModalTest(*first.state, _files(group), frf, quality, 0.0, (), checks(frf), tuple(remarks))

@@ -164,7 +164,9 @@ def _full_scale(row: ChannelRow) -> float | None:
     if row.full_scale is None:
         return None
     if not row.unit:
-        raise InputError(Problem(row.where, "a full scale without unit", "the unit that it is in", "fill the cell", "unit"))
+        raise InputError(
+            Problem(row.where, "a full scale without unit", "the unit that it is in", "fill the cell", "unit")
+        )
     return row.full_scale * quantity_and_factor(_bare(row), "")[1]
 
 
@@ -205,7 +207,9 @@ def _check_names(name: str, rows: list[ChannelRow], recording: Recording) -> Non
     names = [row.channel for row in rows]
     for row in rows:
         if names.count(row.channel) > 1 and names.index(row.channel) != rows.index(row):
-            problems.append(Problem(row.where, f"{quoted(row.channel)} twice", "each channel once", "keep one", "channel"))
+            problems.append(
+                Problem(row.where, f"{quoted(row.channel)} twice", "each channel once", "keep one", "channel")
+            )
     if problems:
         raise InputError(problems)
 
@@ -219,9 +223,7 @@ def _check_state(rows: list[ChannelRow]) -> None:
                 raise InputError(Problem(row.where, got, "the same", remedy, column))
 
 
-def _step(
-    name: str, rows: list[ChannelRow], recording: Recording, used: Iterable[Channel], finished: bool
-) -> float:
+def _step(name: str, rows: list[ChannelRow], recording: Recording, used: Iterable[Channel], finished: bool) -> float:
     """Return the step of a file's channels, which must be one, by the file or else by the table."""
     said = {channel.step for channel in used if channel.step}
     times = [row for row in rows if row.role == TIME]
@@ -235,7 +237,9 @@ def _step(
     where = (given or rows)[0].where
     if not said:
         remedy = "give the column rate [Hz], or the role time to the channel that holds the times"
-        raise InputError(Problem(where, f"no sampling rate of {quoted(name)}", "one: the file says none", remedy, "rate"))
+        raise InputError(
+            Problem(where, f"no sampling rate of {quoted(name)}", "one: the file says none", remedy, "rate")
+        )
     if max(said) > min(said) * (1 + SAME):
         got = f"sampling of {1 / max(said):.6g} and of {1 / min(said):.6g} Hz for {quoted(name)}"
         remedy = "correct the table, or export the channels with one sampling"

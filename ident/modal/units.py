@@ -24,7 +24,9 @@ def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
     """
     if not (row.unit or unit):
         expected = f"a unit such as {EXAMPLES[row.role]}: neither the file nor the table has one"
-        raise InputError(Problem(row.where, f"no unit of channel {quoted(row.channel)}", expected, "fill the cell", "unit"))
+        raise InputError(
+            Problem(row.where, f"no unit of channel {quoted(row.channel)}", expected, "fill the cell", "unit")
+        )
     quantity, factor = _measured(row, row.unit or unit)
     if row.sensitivity is not None:
         if not row.unit or _of(unit, quantity) is not None:
@@ -62,7 +64,7 @@ def _of(unit: str, quantity: str) -> float | None:
 
 def _check_agreement(row: ChannelRow, unit: str, quantity: str, factor: float) -> None:
     """Refuse a unit of the table that contradicts the file's."""
-    if not (row.unit and unit) or unit in GRAVITIES and quantity == "acceleration":
+    if not (row.unit and unit) or (unit in GRAVITIES and quantity == "acceleration"):
         return
     said = _of(unit, quantity)
     if said is None or not np.isclose(said, factor, rtol=1e-6):

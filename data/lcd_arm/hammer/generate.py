@@ -3,8 +3,8 @@
     python data/lcd_arm/hammer/generate.py          write the files beside this program
     python data/lcd_arm/hammer/generate.py --check  exit 0 if the files are those that it would write, 1 if not
 
-The force is a half sine, the response to it exact: the closed form of each complex mode of M, C and H at the posture, with
-the accelerometers' mass. Both then pass one filter, as in an analyser, noise is added, and the faults of `FAULTS`.
+The force is a half sine, the response to it exact: the closed form of each complex mode of M, C and H at the posture,
+with the accelerometers' mass. Both then pass one filter, as in an analyser, noise is added, and the faults of `FAULTS`.
 """
 
 import sys
@@ -96,7 +96,7 @@ def half_sine(time: np.ndarray, pulse: float) -> np.ndarray:
 
 
 def system(arm: Arm, posture: np.ndarray, load: str = LOAD) -> System:
-    """Return the arm's modes seen by the accelerometers in the axes of their bodies, and by the hammer in the base's."""
+    """Return the arm's modes seen by accelerometers along the axes of their bodies, and by the hammer."""
     M, C, H, outputs, inputs = (np.asarray(each) for each in _matrices(arm, jnp.asarray(posture), load))
     n = len(M)
     inverse = np.linalg.inv(M)
@@ -183,12 +183,20 @@ def _header() -> bytes:
 def _dataset(block: int, end: tuple[int, int], quantity: tuple[int, str], values: np.ndarray, binary: bool) -> bytes:
     """Return a dataset 58 of samples over time, binary (58b) with little end first."""
     data = values.astype("<f4").tobytes() if binary else _ascii(values)
-    kind = f"    58b{1:6d}{2:6d}{11:12d}{len(data):12d}" + "     0     0           0           0" if binary else "    58"
+    kind = (
+        f"    58b{1:6d}{2:6d}{11:12d}{len(data):12d}" + "     0     0           0           0" if binary else "    58"
+    )
     identity = ["SYNTHETIC", f"hit {block}", "NONE", "NONE", "NONE"]
     ends = f"{1:5d}{0:10d}{block:5d}{0:10d} {'NONE':>10}{end[0]:10d}{end[1]:4d} {'NONE':>10}{0:10d}{0:4d}"
     sampling = f"{2:10d}{len(values):10d}{1:10d}{0.0:13.5e}{1 / RATE:13.5e}{0.0:13.5e}"
     axes = [(17, "s"), quantity, (0, "NONE"), (0, "NONE")]
-    lines = [kind, *identity, ends, sampling, *(f"{code:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {unit:<20}" for code, unit in axes)]
+    lines = [
+        kind,
+        *identity,
+        ends,
+        sampling,
+        *(f"{code:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {unit:<20}" for code, unit in axes),
+    ]
     head = "".join(f"{line:<80}\n" for line in lines)
     return b"    -1\n" + head.encode() + data + b"\n    -1\n"
 
@@ -206,7 +214,7 @@ def table() -> str:
     for alpha in ALPHA:
         where = f"{WINDOW.get(alpha, '')},{alpha},{-2 * alpha},{alpha},{LOAD}"
         axes = ("x", "y", "z")
-        for force, (point, direction, number) in FORCES.items():
+        for force, (point, _, number) in FORCES.items():
             sign, axis = "-" if number < 0 else "+", axes[abs(number) - 1]
             words = f"{'-' if number < 0 else ''}{axis}"
             lines.append(f"{name(alpha, force)},{NODES[point]}:{sign}{axis.upper()} force,force,{point},{words},base,N,"

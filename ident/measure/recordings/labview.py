@@ -35,7 +35,9 @@ def read(path: Path, data: bytes) -> Contents:
 def _channels(path: Path, segments: list[dict[str, Any]]) -> list[Channel]:
     first = segments[0]
     names, table = [each.strip() for each in first["Channel names"]], [each["data"] for each in segments]
-    if any(each["Channel names"] != first["Channel names"] or each["data"].shape != table[0].shape for each in segments):
+    if any(
+        each["Channel names"] != first["Channel names"] or each["data"].shape != table[0].shape for each in segments
+    ):
         got, remedy = "segments that differ in channels or length", "put them into files of their own"
         raise InputError(Problem(one_line(str(path)), got, "segments that are alike", remedy))
     _check_rows(path, first, table[0])

@@ -69,14 +69,13 @@ def _function(path: Path, dataset: Mapping[str, Any]) -> Channel | None:
     values, count = np.asarray(dataset["data"]), int(dataset["num_pts"])
     if len(values) != count:  # more where the header says another precision than the numbers have
         damaged(path, KIND, f"{len(values)} values of {name}, its header says {count}")
-    common = {"step": float(dataset["abscissa_inc"]), "start": float(dataset["abscissa_min"])}
+    step, start = float(dataset["abscissa_inc"]), float(dataset["abscissa_min"])
     unit = _label(dataset["ordinate_axis_units_lab"])
     if kind == TIME:
-        return Channel(name, values[None].astype(float), unit, **common)
+        return Channel(name, values[None].astype(float), unit, step, start)
     reference, below = _degree_of_freedom(dataset, "ref", "orddenom"), _label(dataset["orddenom_axis_units_lab"])
     numerator = unit.removesuffix(f"/{below}") if below else unit
-    return Channel(name, values[None].astype(complex), numerator, **common, reference=reference,
-                   reference_unit=below)  # fmt: skip
+    return Channel(name, values[None].astype(complex), numerator, step, start, reference, below)
 
 
 def _degree_of_freedom(dataset: Mapping[str, Any], end: str, axis: str) -> str:
@@ -103,11 +102,11 @@ def _blocks(path: Path, group: list[Channel]) -> Channel:
     for each in group[1:]:
         if each.values.shape != first.values.shape or each.step != first.step or each.unit != first.unit:
             got = f"blocks of {first.name} that differ in length, sampling or unit"
-            raise InputError(Problem(one_line(str(path)), got, "blocks that are alike", "put them into files of their own"))
+            raise InputError(
+                Problem(one_line(str(path)), got, "blocks that are alike", "put them into files of their own")
+            )
     values = np.concatenate([each.values for each in group])
-    return Channel(
-        first.name, values, first.unit, first.step, first.start, first.reference, first.reference_unit
-    )
+    return Channel(first.name, values, first.unit, first.step, first.start, first.reference, first.reference_unit)
 
 
 def _shape(dataset: Mapping[str, Any]) -> Shape:
@@ -127,7 +126,7 @@ def _shape(dataset: Mapping[str, Any]) -> Shape:
 
 def _places(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[float, float, float]]:
     """Return the coordinates of nodes of datasets 15 and 2411."""
-    places = {}
+    places: dict[str, tuple[float, float, float]] = {}
     for each in sets:
         if each.get("type") in (15, 2411):
             rows = zip(each["node_nums"], each["x"], each["y"], each["z"], strict=True)
