@@ -20,9 +20,9 @@ def read(path: Path, data: bytes) -> Contents:
     found: list[Channel] = []
 
     def visit(name: str, item: Any) -> None:
-        text = item.attrs.get("MATLAB_class") in (b"char", b"cell")
+        text = _said(item, "MATLAB_class") in ("char", "cell")
         if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and not text and "#refs#" not in name:
-            found.extend(columns(name, item[()], unit=_unit(item)))
+            found.extend(columns(name, item[()], unit=next(filter(None, (_said(item, unit) for unit in UNITS)), "")))
 
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
@@ -32,7 +32,7 @@ def read(path: Path, data: bytes) -> Contents:
     return tuple(found), (), {}
 
 
-def _unit(item: Any) -> str:
-    """Return the unit that an attribute says, empty where none does."""
-    value = next((item.attrs[name] for name in UNITS if name in item.attrs), "")
+def _said(item: Any, name: str) -> str:
+    """Return what an attribute says, empty where there is none."""
+    value = item.attrs.get(name, "")
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -22,6 +22,8 @@ def read(path: Path, data: bytes) -> Contents:
     except ImportError:
         lacking(path, "lvm-read")
     text = decode(data, one_line(str(path)))
+    if not text.endswith("\n"):
+        damaged(path, KIND, "its last line has no end")
     try:
         content = lvm_read.read_str(text)
         segments = [content[i] for i in range(content["Segments"])]

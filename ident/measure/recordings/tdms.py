@@ -12,19 +12,26 @@ UNITS = ("unit_string", "NI_UnitDescription", "Unit")
 """Properties that say the unit of a channel."""
 
 
+KIND = "a LabVIEW file (TDMS)"
+LEAD_IN = 28
+"""Bytes before the first segment: npTDMS takes fewer for a file without channels."""
+
+
 def read(path: Path, data: bytes) -> Contents:
     """Return the channels of a TDMS file, by `group/channel`."""
     try:
         from nptdms import TdmsFile
     except ImportError:
         lacking(path, "npTDMS")
+    if len(data) < LEAD_IN:
+        damaged(path, KIND, f"{len(data)} bytes")
     try:
         file = TdmsFile.read(io.BytesIO(data))
         found = [_channel(group.name, channel) for group in file.groups() for channel in group.channels()]
     except Exception as error:  # npTDMS lets ValueError, struct and EOF errors of damaged files through
-        damaged(path, "a LabVIEW file (TDMS)", error)
+        damaged(path, KIND, error)
     if file.file_status.incomplete_final_segment:
-        damaged(path, "a LabVIEW file (TDMS)", "its last segment is cut off")
+        damaged(path, KIND, "its last segment is cut off")
     return tuple(each for each in found if each is not None), (), {}
 
 
