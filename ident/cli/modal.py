@@ -7,7 +7,7 @@ import typer
 
 from ident.cli.command import NoFigureOption, OutOption, StrictOption, command, finish, leave
 from ident.cli.output import output
-from ident.studies.modal import ModalOptions, modal, new_channels
+from ident.studies.modal import ModalOptions, modal_test, new_channels
 
 
 @command(ModalOptions)
@@ -35,6 +35,6 @@ def modal_command(
         output().wrote(path)
         output().say(f"{rows} channels to fill in; then: ident modal {tests}")
         return
-    result = modal(tests, channels, arm, options)
+    result = modal_test(tests, channels, arm, options)
     finish(result, out, no_figure)
     leave(result, strict=strict)

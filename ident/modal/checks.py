@@ -26,7 +26,8 @@ class Check:
     """One check of a test.
 
     Attributes:
-        name: which, in words.
+        name: `driving point` or `reciprocity`.
+        places: of the force, and of reciprocity of the other one.
         value: [-] what was found: of a driving point the share of lines that would feed energy into the hammer, of
             reciprocity the difference of both responses beyond their scatter, by the size of both driving points.
         limit: [-] beyond which it is doubtful.
@@ -34,6 +35,7 @@ class Check:
     """
 
     name: str
+    places: tuple[Place, ...]
     value: float
     limit: float
     remedy: str
@@ -41,7 +43,7 @@ class Check:
     @property
     def good(self) -> bool:
         """Whether it is within its limit."""
-        return self.value <= self.limit
+        return bool(self.value <= self.limit)
 
 
 def checks(frf: Frf) -> tuple[Check, ...]:
@@ -63,7 +65,7 @@ def _driving_points(frf: Frf) -> Iterator[Check]:
         below = mean.real < -SIGMAS * error
         share = float(abs(mean)[below].sum() / abs(mean).sum())
         remedy = "turn the direction of the force or the response, or check that both are at one point"
-        yield Check(f"driving point {frf.references[i].point}", share, SHARE, remedy)
+        yield Check("driving point", (frf.references[i],), share, SHARE, remedy)
 
 
 def _reciprocity(frf: Frf) -> Iterator[Check]:
@@ -76,10 +78,9 @@ def _reciprocity(frf: Frf) -> Iterator[Check]:
                 continue
             difference = sign * frf.hits[:, o, j] - other * frf.hits[:, p, i]
             size = np.sqrt(np.linalg.norm(mean[o, i]) * np.linalg.norm(mean[p, j]))
-            value = _beyond_scatter(difference) / size if size else 0.0
-            a, b = frf.references[i], frf.references[j]
-            name = f"reciprocity of {_named(a)} and {_named(b)}"
-            yield Check(name, value, APART, "check points, directions and sensitivities of both")
+            value = float(_beyond_scatter(difference) / size) if size else 0.0
+            both = frf.references[i], frf.references[j]
+            yield Check("reciprocity", both, value, APART, "check points, directions and sensitivities of both")
 
 
 def _beyond_scatter(difference: np.ndarray) -> float:
@@ -87,10 +88,6 @@ def _beyond_scatter(difference: np.ndarray) -> float:
     count = len(difference)
     scatter = difference.var(0, ddof=1).sum() / count if count > 1 else 0.0
     return float(np.sqrt(max((abs(difference.mean(0)) ** 2).sum() - scatter, 0.0)))
-
-
-def _named(place: Place) -> str:
-    return f"{place.point} ({' '.join(f'{each + 0:.3g}' for each in place.direction)})"
 
 
 def _same(responses: tuple[Place, ...], references: tuple[Place, ...]) -> Iterator[tuple[int, int, float]]:

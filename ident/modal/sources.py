@@ -1,7 +1,7 @@
 """A file of a modal test in SI: force and responses, each with its place, as the channel table says."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -136,7 +136,7 @@ def _source(
         raise InputError(Problem(force.where, got, "a channel of role response", "add its row to the table", "role"))
     used = [by_name[row.channel] for row in rows] + ([] if finished else [by_name[force.channel]])
     step = _step(name, every, recording, used, finished)
-    below = _factor_below(force, used[0].reference_unit) if finished else 1.0
+    below = quantity_and_factor(force, used[0].reference_unit)[1] if finished else 1.0
     responses = tuple(_response(name, row, by_name[row.channel], below) for row in rows)
     if len({each.values.shape for each in responses}) > 1:
         got = f"channels of different lengths in {quoted(name)}"
@@ -167,17 +167,7 @@ def _full_scale(row: ChannelRow) -> float | None:
         raise InputError(
             Problem(row.where, "a full scale without unit", "the unit that it is in", "fill the cell", "unit")
         )
-    return row.full_scale * quantity_and_factor(_bare(row), "")[1]
-
-
-def _bare(row: ChannelRow) -> ChannelRow:
-    from dataclasses import replace
-
-    return replace(row, sensitivity=None)
-
-
-def _factor_below(force: ChannelRow, unit: str) -> float:
-    return quantity_and_factor(force, unit)[1]
+    return row.full_scale * quantity_and_factor(replace(row, sensitivity=None), "")[1]
 
 
 def _place(row: ChannelRow) -> Place:
@@ -205,11 +195,10 @@ def _check_names(name: str, rows: list[ChannelRow], recording: Recording) -> Non
             expected = f"a channel of {quoted(name)}"
             problems.append(Problem(row.where, quoted(row.channel), expected, remedy, "channel"))
     names = [row.channel for row in rows]
-    for row in rows:
-        if names.count(row.channel) > 1 and names.index(row.channel) != rows.index(row):
-            problems.append(
-                Problem(row.where, f"{quoted(row.channel)} twice", "each channel once", "keep one", "channel")
-            )
+    for i, row in enumerate(rows):
+        if row.channel in names[:i]:
+            got = f"{quoted(row.channel)} twice"
+            problems.append(Problem(row.where, got, "each channel once", "keep one", "channel"))
     if problems:
         raise InputError(problems)
 

@@ -25,7 +25,7 @@ CHANNELS, ARM = "channels.csv", "arm.toml"
 
 @dataclass(frozen=True, kw_only=True)
 class ModalOptions(Options):
-    """Options of `ident.modal`: how records of hits become frequency responses."""
+    """Options of `ident.modal_test`: how records of hits become frequency responses."""
 
     estimator: str = option("h1", "h1 (noise of the responses), h2 (of the force) or hv", choices=("h1", "h2", "hv"))
     window_end: float = option(
@@ -124,7 +124,7 @@ class ModalResult(Result):
         return {"tests": first.parent, "channels": inputs["channels"], "arm": inputs["arm"]}
 
 
-def modal(
+def modal_test(
     tests: str | Path,
     channels: "ChannelTable | str | Path | None" = None,
     arm: "Arm | ArmFile | str | Path | None" = None,
@@ -158,6 +158,10 @@ def modal(
     used = {name for test in measured for name in test.files}
     files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
     return ModalResult(replace(arm_file, arm=placed), measured, files, options)
+
+
+modal = modal_test
+"""The study by the name that its result files say."""
 
 
 def new_channels(

@@ -38,7 +38,10 @@ def test_a_row_without_role_is_left_out_however_little_it_says(tmp_path):
 @pytest.mark.parametrize(
     ("row", "words"),
     [
-        ("a.uff,f,hammer,tip,,,z,,,N,,0,", "channels.csv:2, role: got 'hammer', expected one of force, response, time,"),
+        (
+            "a.uff,f,hammer,tip,,,z,,,N,,0,",
+            "channels.csv:2, role: got 'hammer', expected one of force, response, time,",
+        ),
         ("a.uff,f,force,,,,z,,,N,,0,", "channels.csv:2, point: got nothing, expected a point of the arm, of a force"),
         ("a.uff,f,force,tip,,,,,,N,,0,", "channels.csv:2, direction: got nothing, expected x, -z, ..."),
         ("a.uff,f,force,tip,,,z,,,N,,,", "channels.csv:2, q1: got nothing, expected a number"),
@@ -60,7 +63,10 @@ def test_a_row_that_is_wrong_has_one_line(tmp_path, row, words):
 def test_a_header_that_is_wrong(tmp_path):
     first, *others = lines(tmp_path, "", "x", head="file,chanel,role,point,direction,unit,q1")
     assert first.startswith("channels.csv:1: got the unknown column 'chanel', expected one of file, channel,")
-    assert others[0] == "channels.csv:1, q1: got no unit, expected a unit, as in 'q1 [deg]'; write the unit in square brackets"
+    assert (
+        others[0]
+        == "channels.csv:1, q1: got no unit, expected a unit, as in 'q1 [deg]'; write the unit in square brackets"
+    )
     assert others[1].startswith("channels.csv:1, channel: got no such column")
 
 

@@ -18,7 +18,7 @@ def _heading(tests: Sequence[ModalTest]) -> Iterator[str]:
     hits = sum(len(test.frf.hits) * len(test.frf.references) for test in tests)
     rejected = sum(len(test.rejected) for test in tests)
     states = f"{len(tests)} posture{'s' * (len(tests) > 1)}"
-    yield f"Hammer test at {states}: {hits} hits count, {rejected} do not"
+    yield f"Hammer test at {states}: {hits} hits count, {rejected} {'does' if rejected == 1 else 'do'} not"
     doubtful = sum(not check.good for test in tests for check in test.checks)
     if doubtful:
         fail = "s fail" if doubtful > 1 else " fails"
@@ -47,7 +47,8 @@ def _test(test: ModalTest) -> Iterator[str]:
         yield f"    {place_in_words(place):32s}{cells}"
     for check in test.checks:
         verdict = "good" if check.good else f"BAD: {check.remedy}"
-        yield f"  {check.name}: {100 * check.value:.2g} % (at most {100 * check.limit:.2g} %), {verdict}"
+        places = " and ".join(map(place_in_words, check.places))
+        yield f"  {check.name}, {places}: {100 * check.value:.1f} % (at most {100 * check.limit:.0f} %), {verdict}"
 
 
 def place_in_words(place: Place) -> str:
