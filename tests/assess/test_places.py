@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hammer import FOLDER
+from hammer_files import FOLDER
 
 from ident.arm.chain import at_posture
 from ident.assess.places import in_base_frame, with_places

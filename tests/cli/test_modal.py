@@ -4,7 +4,7 @@ from shutil import copy
 
 import pytest
 from commands import files
-from hammer import FOLDER
+from hammer_files import FOLDER
 
 
 @pytest.fixture

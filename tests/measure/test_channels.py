@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hammer import FOLDER, generator
+from hammer_files import FOLDER, generator
 
 from ident.errors import InputError
 from ident.measure.channel_template import recordings_of, write_template

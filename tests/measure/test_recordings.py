@@ -7,7 +7,7 @@ import lvm_read
 import numpy as np
 import pytest
 import pyuff
-from hammer import FOLDER, generator
+from hammer_files import FOLDER, generator
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat, wavfile
 

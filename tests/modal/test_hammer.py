@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hammer import oscillator
+from hammer_files import oscillator
 
 from ident.errors import InputError
 from ident.measure.channels import ChannelRow, ChannelTable

@@ -6,7 +6,7 @@ from shutil import copy
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hammer import FOLDER, generator
+from hammer_files import FOLDER, generator
 from scipy.integrate import solve_ivp
 
 import ident
