@@ -2,22 +2,16 @@
 
 import warnings
 
-import h5py
 import lvm_read
 import numpy as np
 import pytest
 import pyuff
 from hammer_files import FOLDER, generator
-from nptdms import ChannelObject, TdmsWriter
+from recording_files import ANSWER, FORCE, LVM, RATE, TIME, files, hdf5, tdms, uff
 from scipy.io import savemat, wavfile
 
 from ident.errors import InputError
 from ident.measure.recordings import read_recording
-
-RATE = 200.0
-TIME = np.arange(64) / RATE
-FORCE = np.exp(-(((TIME - 0.05) / 0.01) ** 2))
-ANSWER = np.sin(40 * TIME)
 
 
 def refused(path):
@@ -29,14 +23,6 @@ def refused(path):
 
 def values(recording, name):
     return next(channel for channel in recording.channels if channel.name == name)
-
-
-def uff(path, binary, data=ANSWER, kind=1, **more):
-    common = {"id1": "a", "id2": "b", "id3": "c", "id4": "d", "id5": "e", "func_type": kind, "abscissa_spacing": 1}
-    ends = {"rsp_node": 7, "rsp_dir": -3, "ref_node": 2, "ref_dir": 1}
-    axes = {"ordinate_spec_data_type": 12, "ordinate_axis_units_lab": "m/s^2", "orddenom_spec_data_type": 13}
-    sets = pyuff.prepare_58(binary=binary, data=data, x=TIME[: len(data)], **common, **ends, **axes, **more)
-    pyuff.UFF(str(path)).write_sets(sets, mode="add")
 
 
 @pytest.mark.parametrize("binary", [0, 1])
@@ -146,16 +132,6 @@ def test_matlab_5_vectors_matrices_and_structures(tmp_path):
     np.testing.assert_array_equal(values(recording, "hit.force").values[0], FORCE)
 
 
-def hdf5(path, block=0):
-    with h5py.File(path, "w", userblock_size=block) as file:
-        file["hit/force"] = FORCE
-        file["hit/force"].attrs["units"] = "N"
-        file["y"] = np.vstack([FORCE, ANSWER])
-        file["y"].attrs["MATLAB_class"] = b"double"
-        file["who"] = np.frombuffer(b"m\0e\0", np.uint16)
-        file["who"].attrs["MATLAB_class"] = b"char"
-
-
 def test_hdf5(tmp_path):
     hdf5(tmp_path / "a.h5")
     recording = read_recording(tmp_path / "a.h5")
@@ -172,26 +148,6 @@ def test_matlab_7_3_is_hdf5_behind_a_header(tmp_path):
     np.testing.assert_array_equal(values(read_recording(tmp_path / "a.mat"), "y:2").values[0], ANSWER)
 
 
-LVM = """LabVIEW Measurement
-Writer_Version\t2
-Reader_Version\t2
-Separator\tTab
-Decimal_Separator\t.
-X_Columns\tOne
-***End_of_Header***
-
-Channels\t2
-Samples\t3\t3
-Y_Unit_Label\tN\tm/s^2
-Delta_X\t0.005\t0.005
-***End_of_Header***
-X_Value\thammer\ttip\tComment
-0.000\t1.0\t-0.5
-0.005\t2.0\t-0.25
-0.010\t0.5\t0.125
-"""
-
-
 def test_lvm(tmp_path):
     (tmp_path / "a.lvm").write_text(LVM)
     hammer, tip = read_recording(tmp_path / "a.lvm").channels
@@ -204,13 +160,6 @@ def test_an_lvm_file_loads_no_pickle_that_lies_beside_it(tmp_path):
     (tmp_path / "a.lvm").write_text(LVM)
     (tmp_path / "a.lvm.pkl").write_bytes(b"cos\nabort\n(tR.")
     assert len(read_recording(tmp_path / "a.lvm").channels) == 2
-
-
-def tdms(path):
-    properties = {"wf_increment": 0.005, "unit_string": "N"}
-    channels = [ChannelObject("hits", "hammer", FORCE, properties), ChannelObject("hits", "tip", ANSWER)]
-    with TdmsWriter(str(path)) as writer:
-        writer.write_segment(channels)
 
 
 def test_tdms(tmp_path):
@@ -230,17 +179,6 @@ def test_wav_is_a_share_of_full_scale(tmp_path, kind):
     first, second = read_recording(tmp_path / "a.wav").channels
     assert (first.name, first.unit, first.step) == ("1", "", 1 / 8000)
     np.testing.assert_allclose([first.values[0], second.values[0]], share.T, atol=1 / top if whole else 1e-7)
-
-
-def files(folder):
-    """A good file of each format."""
-    uff(folder / "a.uff", 1)
-    savemat(folder / "a.mat", {"t": TIME})
-    hdf5(folder / "a.h5")
-    (folder / "a.lvm").write_text(LVM)
-    tdms(folder / "a.tdms")
-    wavfile.write(folder / "a.wav", 8000, FORCE.astype(np.float32))
-    return [folder / f"a.{end}" for end in ("uff", "mat", "h5", "lvm", "tdms", "wav")]
 
 
 @pytest.mark.parametrize("share", [0.02, 0.6, 0.97])

@@ -1,6 +1,7 @@
 """LabVIEW's binary files (TDMS), by npTDMS."""
 
 import io
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ def read(path: Path, data: bytes) -> Contents:
         from nptdms import TdmsFile
     except ImportError:
         lacking(path, "npTDMS")
+    logging.getLogger("nptdms").setLevel(logging.ERROR)  # it prints warnings of what is refused here
     if len(data) < LEAD_IN:
         damaged(path, KIND, f"{len(data)} bytes")
     try:
