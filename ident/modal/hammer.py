@@ -1,6 +1,6 @@
 """From hits to frequency responses: the tests of a channel table, one for each posture and load."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -74,8 +74,16 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
         got = f"{kept.sum()} lines from {low:.4g} to {high:.4g} Hz"
         raise InputError(Problem(one_line(group[0].file), got, "at least two", "widen the band (`band`)"))
     frf, quality, remarks = _assembled(every, frequency[kept], kept, decay, processing.estimator)
-    remarks += mains_lines(group, frequency[kept])
+    remarks += [*_moving(every), *mains_lines(group, frequency[kept])]
     return ModalTest(*group[0].state, _files(group), frf, quality, count * step, rejected, checks(frf), tuple(remarks))
+
+
+def _moving(every: Iterable[Spectra]) -> Iterator[str]:
+    """Yield before which hits the arm still moved."""
+    for each in every:
+        if each.moving:
+            hits = f"hit{'s' * (len(each.moving) > 1)} {', '.join(map(str, each.moving))}"
+            yield f"{each.source.file}: the arm still moved before {hits}; wait for longer"
 
 
 def _files(group: Iterable[Source]) -> tuple[str, ...]:

@@ -94,6 +94,13 @@ def test_a_long_record_gives_the_same_as_blocks():
     assert cut.duration == pytest.approx(long.duration, rel=0.02)
 
 
+def test_an_arm_that_still_moves_before_a_hit_is_said():
+    force, answer = blocks(3)
+    swing = 1.0 * np.sin(2 * np.pi * FREQUENCY * STEP * np.arange(COUNT))
+    (test,) = modal_tests(table(), recording(force, answer + swing * np.array([[0], [1], [0]])))
+    assert test.remarks == ("a.uff: the arm still moved before hit 2; wait for longer",)
+
+
 def test_an_offset_of_the_sensors_is_taken_off():
     force, answer = blocks()
     plain, moved = (
@@ -101,6 +108,17 @@ def test_an_offset_of_the_sensors_is_taken_off():
         for k in (0, 1)
     )
     np.testing.assert_allclose(moved, plain, rtol=0, atol=1e-3 * abs(plain).max())
+
+
+def test_a_window_of_the_analyser_counts_for_velocities_too():
+    force, answer = blocks(noise=0)
+    velocity, faded = np.cumsum(answer, 1) * STEP - answer * STEP / 2, np.exp(-0.4 * STEP * np.arange(COUNT))
+    rows = table(force={"decay": 0.4}, response={"decay": 0.4})
+    (test,) = modal_tests(
+        rows, recording(force * faded, velocity * faded, units=("m/s", "N")), Processing(band=(2.0, 30.0))
+    )
+    expected = truth(test.frf.decay + 2j * np.pi * test.frf.frequency)
+    np.testing.assert_allclose(test.frf.mean[0, 0], expected, rtol=0, atol=0.01 * abs(expected).max())
 
 
 def test_a_window_of_the_analyser_counts_in_the_decay():
