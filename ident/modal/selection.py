@@ -1,0 +1,153 @@
+"""How many modes a test shows: those that the data ask for and no more, with why others were left out."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.modal.frf import Frf
+from ident.modal.likelihood import Likelihood, maximise
+from ident.modal.modal_model import ModalModel
+from ident.modal.noise import Noise, channels_of
+from ident.modal.polynomial import Poles
+from ident.modal.residues import model_of
+from ident.modal.stabilisation import MOST_DAMPED, Diagram
+
+FIRST_STEPS = 12
+"""Steps of the search that compares one number of modes with another."""
+MOST_ADDED = 8
+"""Modes that are added to those of the diagram at most."""
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A pole that was taken for no mode.
+
+    Attributes:
+        frequency: [Hz] undamped.
+        damping: [-] damping ratio.
+        why: in words.
+    """
+
+    frequency: float
+    damping: float
+    why: str
+
+
+def starting_model(frf: Frf, noise: Noise, diagram: Diagram) -> ModalModel:
+    """Return the chosen poles of a diagram with their shapes."""
+    residues = diagram.shape[:, diagram.chosen].T.reshape(-1, len(frf.responses), len(frf.references))
+    participation = np.linalg.svd(residues)[2][:, 0].T if len(residues) else np.zeros((len(frf.references), 0))
+    return model_of(frf, noise, Poles(0, diagram.pole[diagram.chosen], participation.astype(complex)))
+
+
+def select(
+    frf: Frf, noise: Noise, start: ModalModel, candidates: np.ndarray, *, real: bool = False
+) -> tuple[Likelihood, tuple[Rejected, ...]]:
+    """Add modes to a start while the data ask for more, and leave out those that they don't.
+
+    A mode stays where it lowers chi-squared by more than its numbers cost (Schwarz's criterion), is damped, lies within
+    the band and has a frequency that is known to within its resonance.
+
+    Args:
+        frf: of the test.
+        noise: of the functions.
+        start: modes of the stabilisation diagram.
+        candidates: poles [rad/s] that were found, but not in enough orders.
+        real: whether shapes are real.
+
+    References:
+        Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978.
+    """
+    fit, rejected = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
+    for _ in range(MOST_ADDED):
+        tried = [_start_with(frf, noise, fit.model, pole) for pole in _where_it_lacks(frf, noise, fit, candidates)]
+        fits = [maximise(frf, noise, each, real=real, steps=FIRST_STEPS) for each in tried]
+        best = min(fits, key=lambda each: each.chi_squared, default=fit)
+        if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
+            break
+        larger, lost = _pruned(frf, noise, maximise(frf, noise, best.model, real=real), real)
+        if len(larger.model.pole) <= len(fit.model.pole):
+            break
+        fit, rejected = larger, [*rejected, *lost]
+    return fit, tuple(rejected)
+
+
+def _price(frf: Frf, model: ModalModel) -> float:
+    """Return by how much a mode has to lower chi-squared."""
+    return model.size * math.log(2 * frf.mean.size)
+
+
+def _pruned(frf: Frf, noise: Noise, fit: Likelihood, real: bool) -> tuple[Likelihood, list[Rejected]]:
+    rejected: list[Rejected] = []
+    while len(fit.model.pole):
+        worst, why = min(((_standing(frf, fit, r)) for r in range(len(fit.model.pole))), key=lambda x: x[0][0])
+        if not why:
+            break
+        pole = fit.model.pole[worst[1]]
+        rejected.append(Rejected(abs(pole) / (2 * np.pi), -pole.real / abs(pole), why))
+        fit = maximise(frf, noise, fit.model.without(worst[1]), real=real)
+    return fit, rejected
+
+
+def _standing(frf: Frf, fit: Likelihood, r: int) -> tuple[tuple[float, int], str]:
+    """Return what speaks for a mode, and why it is none where that is too little."""
+    model = fit.model
+    pole, outputs = model.pole[r], len(model.shape)
+    at = r * model.size + np.arange(2, 2 + 2 * outputs)
+    block = fit.covariance[np.ix_(at, at)]
+    vector = model.vector()[at]
+    strength = float(vector @ np.linalg.pinv(block, hermitian=True) @ vector)
+    hertz, ratio = abs(pole) / (2 * np.pi), -pole.real / abs(pole)
+    sd = math.sqrt(fit.covariance[r * model.size + 1, r * model.size + 1]) / abs(pole)
+    price = _price(frf, model)
+    if not frf.frequency[0] <= hertz <= frf.frequency[-1]:
+        return (-2e9, r), "left the band"
+    if not 0 < ratio < MOST_DAMPED:
+        return (-1e9, r), f"damping ratio not between 0 and {MOST_DAMPED:g}"
+    if strength < price:
+        return (strength / price - 2, r), f"chi-squared falls by {strength:.0f} only, where {price:.0f} is asked for"
+    if sd > max(ratio, 0.005):
+        return (-sd, r), "its frequency is not known to within its resonance"
+    return (strength, r), ""
+
+
+def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield poles that may be missing: candidates, and modes in two, where the surroundings don't fit."""
+    white = noise.whiten(channels_of(frf.mean - fit.model.accelerance(2j * np.pi * frf.frequency + frf.decay)))
+    lines = len(frf.frequency) - len(noise.lines) + 1
+    by_line = (white.reshape(-1, lines) ** 2).mean(0)
+    lacking = []
+    for pole in [*fit.model.pole, *candidates]:
+        omega = 2 * np.pi * frf.frequency[len(noise.lines) - 1 :]
+        near = np.abs(omega - pole.imag) < max(3 * abs(pole.real), 4 * (omega[1] - omega[0]))
+        expected = math.sqrt(2 / max(1, near.sum() * len(white) / lines))
+        lacking.append((by_line[near].mean() - 1) / expected if near.any() else 0.0)
+    order = np.argsort(lacking)[::-1]
+    for i in [i for i in order if lacking[i] > 3][:3]:
+        if i < len(fit.model.pole):
+            pole = fit.model.pole[i]
+            yield np.array([pole - 0.7j * pole.real, pole + 0.7j * pole.real])
+        else:
+            yield candidates[i - len(fit.model.pole)][None]
+
+
+def _start_with(frf: Frf, noise: Noise, model: ModalModel, poles: np.ndarray) -> ModalModel:
+    """Return a start with one pole more: a new one, or two in place of the one that lies between them."""
+    pole, participation = model.pole, model.participation
+    if len(poles) == 2:
+        split = np.argmin(np.abs(pole - poles.mean()))
+        beside = participation[:, [split, split]]
+        pole, participation = np.delete(pole, split), np.delete(participation, split, 1)
+    else:
+        beside = _participation(frf, noise, model, poles[0])
+    return model_of(frf, noise, Poles(0, np.append(pole, poles), np.concatenate([participation, beside], 1)))
+
+
+def _participation(frf: Frf, noise: Noise, model: ModalModel, pole: complex) -> np.ndarray:
+    """Return how the references move by the residuals about a pole."""
+    left = frf.mean - model.accelerance(2j * np.pi * frf.frequency + frf.decay)
+    near = np.abs(2 * np.pi * frf.frequency - pole.imag) <= max(2 * abs(pole.real), np.pi * np.ptp(frf.frequency[:3]))
+    rows = np.moveaxis(left[..., near], 1, 2).reshape(-1, left.shape[1])
+    return np.linalg.svd(rows, full_matrices=False)[2][0][:, None]
