@@ -3,13 +3,14 @@
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.special import chdtri
 
 from ident.modal.sources import Source
 
 MAINS = (50.0, 60.0, 100.0, 120.0)
 """Frequencies [Hz] at which the mains may be heard."""
-ABOVE = 30.0
-"""Power of such a line by the median power about it, at least."""
+CHANCE = 1e-6
+"""Chance of noise alone to stand out so far, at one line of one channel."""
 ABOUT = 3.0
 """Width [Hz] to either side of the line of what lies about it."""
 
@@ -32,14 +33,15 @@ def mains_lines(group: Iterable[Source], frequency: np.ndarray) -> list[str]:
 
 def _lines(quiet: np.ndarray, step: float) -> list[float]:
     """Return the lines that stand out of what lies about them."""
-    count = quiet.shape[1]
+    blocks, count = quiet.shape
+    level = chdtri(2 * blocks, CHANCE) / chdtri(2 * blocks, 0.5)  # of a sum of squares of Gaussian noise
     power = (np.abs(np.fft.rfft(np.hanning(count) * (quiet - quiet.mean(1, keepdims=True)))) ** 2).mean(0)
     frequency, resolution = np.fft.rfftfreq(count, step), 1 / (count * step)
     lines = []
     for line in MAINS:
         at = abs(frequency - line) <= 1.5 * resolution
         about = (abs(frequency - line) <= max(ABOUT, 12 * resolution)) & (abs(frequency - line) > 3 * resolution)
-        if at.any() and about.sum() > 4 and power[at].max() > ABOVE * np.median(power[about]):
+        if at.any() and about.sum() > 4 and power[at].max() > level * np.median(power[about]):
             lines.append(line)
     return lines
 

@@ -21,7 +21,7 @@ class Processing:
     """
 
     estimator: str = "h1"
-    window_end: float = 0.01
+    window_end: float = 0.001
     rest: float = 1.0
     band: tuple[float, float] | None = None
 

@@ -14,6 +14,8 @@ from ident.text import one_line
 
 ANTI_ALIAS = 2.56
 """Sampling rate by the highest frequency that an analyser's filter leaves alone."""
+PERIODS = 4
+"""Fewest periods of a line that a record holds."""
 FALLEN = 0.1
 """Share of its largest value to which the force's spectrum may fall within the band: 20 dB."""
 BEFORE = 0.05
@@ -77,12 +79,15 @@ class _Record(NamedTuple):
 
 
 def _cut(source: Source, hit: Hit, count: int, *, alone: bool) -> _Record:
-    """Return the record of a hit: its offset is that before it, or of the whole block where that holds several hits."""
+    """Return the record of a hit.
+
+    Its offset is that well before it, where filters do not ring yet, or of a whole block that holds several hits.
+    """
     assert source.force is not None
     before = min(hit.begin, int(BEFORE * count))
     start = hit.begin - before
     channels = np.stack([source.force[hit.block], *(each.values[hit.block] for each in source.responses)])
-    still = channels[:, start : hit.begin - 1] if alone and before > 3 else channels
+    still = channels[:, start : start + before // 2] if alone and before > 7 else channels
     part = channels[:, start : start + count]
     return _Record(part[0], part[1:], still.mean(1), before, hit.end - start)
 
@@ -126,4 +131,4 @@ def excited(every: list[Spectra], frequency: np.ndarray, rate: float) -> tuple[f
         weak = np.flatnonzero(size < FALLEN * size.max())
         weak = weak[weak > np.argmax(size)]
         ends.append(frequency[weak[0] - 1] if len(weak) else frequency[-1])
-    return frequency[1], min(*ends, rate / ANTI_ALIAS)
+    return PERIODS * frequency[1], min(*ends, rate / ANTI_ALIAS)

@@ -29,7 +29,7 @@ class ModalOptions(Options):
 
     estimator: str = option("h1", "h1 (noise of the responses), h2 (of the force) or hv", choices=("h1", "h2", "hv"))
     window_end: float = option(
-        0.01, "share to which an exponential window fades each record, 1 for none", above=0.0, high=1.0
+        0.001, "share to which an exponential window fades each record, 1 for none", above=0.0, high=1.0
     )
     rest: float = option(1.0, "time [s] between two hits of one record: closer ones are one double hit", above=0.0)
     band: tuple[float, float] | None = option(

@@ -51,7 +51,7 @@ def test_a_reversed_sensor_is_seen(run, folder):
     code, out, _ = run("modal", folder, "--no-figure", "--strict")
     assert code == 3
     assert "WARNING: 2 checks fail, see below" in out
-    assert "driving point, tip z: 100.0 % (at most 10 %), BAD: turn the direction" in " ".join(out.split())
+    assert "(at most 10 %), BAD: turn the direction of the force or the response" in " ".join(out.split())
 
 
 def test_bad_files_are_refused_all_at_once(run, folder):

@@ -38,14 +38,14 @@ POINTS = {"elbow": "[0.9, 0.09, 0.105]"}
 NODES = {"tip": 1, "elbow": 2}
 FORCES = {"z": ("tip", (0.0, 0.0, -1.0), -3), "y": ("tip", (0.0, 1.0, 0.0), 2)}
 """Where the hammer hits, along what, and the direction's number in a universal file."""
-RATE, DURATION, TRIGGER, FINER = 200.0, 10.24, 0.1, 16
+RATE, DURATION, TRIGGER, FINER = 200.0, 10.24, 0.25, 16
 """Sampling rate [Hz], duration of a record [s], time before the hit [s], and how much finer the exact solution is."""
 HITS = 5
 PEAK, SPREAD, PULSE = 150.0, 0.15, 0.025
 """Force of a hit [N], its relative spread, and its duration [s]."""
-NOISE = {"force": 0.05, "acceleration": 0.005}
-"""Standard deviation of the sensors' noise [N, m/s^2]."""
-MAINS = (60.0, 0.01)
+NOISE = {"force": 0.5, "acceleration": 0.1}
+"""Standard deviation of noise [N, m/s^2]: of the sensors, and of what a factory floor shakes."""
+MAINS = (60.0, 0.05)
 """Frequency [Hz] and amplitude [m/s^2] of what the accelerometers' cables pick up."""
 FULL_SCALE = 250.0
 """Largest force [N] of the hammer's input."""
