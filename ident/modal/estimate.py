@@ -34,7 +34,7 @@ class Modes:
         ratio: of the scatter between hits to the covariance by maximum likelihood, which has scaled it.
         misfit: [-] chi-squared over degrees of freedom: one where the model explains all but the scatter of the hits.
         converged: whether the search for the most probable modes ended by its own criterion.
-        model: modes with residuals of those outside the band.
+        model: modes with residuals of those outside the band, among which are modes where they are near.
         frf: the functions within the band.
         diagram: poles over orders.
         rejected: poles that were taken for no mode, with why.
@@ -98,10 +98,10 @@ def modes_of(
     diagram = diagram_of(frf, noise)
     if near is not None:
         diagram = chosen_near(diagram, near)
-    candidates = diagram.pole[diagram.passing] if near is None else np.zeros(0, complex)
     start = starting_model(frf, noise, diagram)
+    candidates = None if near is not None else diagram.pole[diagram.passing]
     fit, rejected = select(frf, noise, start, candidates, real=real)
-    if not len(fit.model.pole):
+    if not len(fit.model.inside(frf.frequency)):
         raise InputError(
             Problem("", "functions without a mode", "a resonance", "look at the functions and the band", "frf")
         )
@@ -143,13 +143,13 @@ def together(tests: Sequence[Modes]) -> tuple[Modes, ...]:
 
 def _modes(fit: Likelihood, frf: Frf, diagram: Diagram, rejected: tuple[Rejected, ...], ratio: Ratio) -> Modes:
     model = fit.model
-    order = np.argsort(np.abs(model.pole))
-    frequency, damping = np.abs(model.pole) / (2 * np.pi), -model.pole.real / np.abs(model.pole)
+    order = model.inside(frf.frequency)
+    pole = model.pole[order]
     slopes = _slopes(model, order)
     covariance = slopes @ fit.covariance @ slopes.T * ratio.scale
     return Modes(
-        frequency[order],
-        damping[order],
+        np.abs(pole) / (2 * np.pi),
+        -pole.real / np.abs(pole),
         model.shape[:, order],
         model.participation[:, order],
         covariance,

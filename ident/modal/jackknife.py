@@ -56,7 +56,7 @@ def jackknife(frf: Frf, noise: Noise, fit: Likelihood, *, real: bool = False) ->
         Efron, Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11.
     """
     count, size = len(frf.hits), fit.model.size
-    poles = np.ravel([[r * size, r * size + 1] for r in range(len(fit.model.pole))])
+    poles = np.ravel([[r * size, r * size + 1] for r in fit.model.inside(frf.frequency)])
     others = [replace(frf, hits=np.delete(frf.hits, h, 0)) for h in range(count)]
     without = [maximise(each, noise, fit.model, real=real, steps=STEPS).model.vector()[poles] for each in others]
     apart = np.array(without) - np.mean(without, 0)

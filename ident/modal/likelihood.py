@@ -12,7 +12,7 @@ from ident.modal.noise import Noise, channels_of
 
 STEPS = 60
 """Steps of a search at most."""
-SMALL = 1e-6
+SMALL = 1e-4
 """Last change of chi-squared at which a search ends; one is a standard deviation."""
 
 

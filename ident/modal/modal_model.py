@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,12 @@ class ModalModel:
         largest = np.argmax(np.abs(self.participation), 0)
         size = np.take_along_axis(self.participation, largest[None], 0)[0]
         return ModalModel(self.pole, self.shape * size, self.participation / size, self.lower, self.upper)
+
+    def inside(self, frequency: Float[np.ndarray, "F"]) -> Int[np.ndarray, "k"]:
+        """Return the modes within a band [Hz], ascending in frequency; others are residuals, as near its ends."""
+        hertz = np.abs(self.pole) / (2 * np.pi)
+        order = np.argsort(hertz)
+        return order[(hertz[order] >= frequency[0]) & (hertz[order] <= frequency[-1])]
 
     def without(self, mode: int) -> "ModalModel":
         """Return the same without a mode."""

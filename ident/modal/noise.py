@@ -21,6 +21,8 @@ MEMORY = 8
 
 UNCORRELATED = 0.02
 """Share of the variance that is taken for uncorrelated between lines, so that no line is told by its neighbours."""
+NO_CORRELATION = 0.05
+"""Correlation of neighbouring lines that is none."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,10 @@ class Noise:
         mixed = self.channels @ (values / self.sd)
         order = len(self.lines) - 1
         count = values.shape[-1] - order
-        white = sum(c * mixed[..., order - k : order - k + count] for k, c in enumerate(self.lines))
-        flat = np.asarray(white).reshape(*values.shape[:-2], -1)
+        white = self.lines[0] * mixed[..., order:]
+        for k, factor in enumerate(self.lines[1:], 1):
+            white += factor * mixed[..., order - k : order - k + count]
+        flat = white.reshape(*values.shape[:-2], -1)
         return math.sqrt(2) * np.concatenate([flat.real, flat.imag], -1)
 
     def count(self, values: Complex[np.ndarray, "K F"]) -> int:
@@ -134,7 +138,7 @@ def _line_filter(scaled: Complex[np.ndarray, "H K F"]) -> Complex[np.ndarray, "p
     """Return the prediction error filter of the correlation between lines (Yule-Walker)."""
     lags = _lags(scaled)
     lags[1:] /= 1 + UNCORRELATED
-    if len(lags) == 1:
+    if (np.abs(lags[1:]) < NO_CORRELATION).all():
         return np.ones(1, complex)
     ahead = scipy.linalg.solve_toeplitz((lags[:-1], lags[:-1].conj()), lags[1:])
     left = 1 - (ahead * lags[1:].conj()).sum().real

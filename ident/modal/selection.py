@@ -9,13 +9,19 @@ import numpy as np
 from ident.modal.frf import Frf
 from ident.modal.likelihood import Likelihood, maximise
 from ident.modal.modal_model import ModalModel
-from ident.modal.noise import Noise, channels_of
+from ident.modal.noise import SMOOTHED, Noise, channels_of
 from ident.modal.polynomial import Poles
 from ident.modal.residues import model_of
 from ident.modal.stabilisation import MOST_DAMPED, Diagram
 
-FIRST_STEPS = 12
+FIRST_STEPS = 8
 """Steps of the search that compares one number of modes with another."""
+EXPECTED, SIGNIFICANT = SMOOTHED / (SMOOTHED - 2), 3.0
+"""Chi-squared over degrees of freedom where variances are estimated; how many sd more there are where a mode lacks."""
+ABOUT = 5
+"""Lines about a pole that tell how the references move."""
+BEYOND = 0.15
+"""How far outside the band a mode is sought first, as a share of its end."""
 MOST_ADDED = 8
 """Modes that are added to those of the diagram at most."""
 
@@ -43,18 +49,20 @@ def starting_model(frf: Frf, noise: Noise, diagram: Diagram) -> ModalModel:
 
 
 def select(
-    frf: Frf, noise: Noise, start: ModalModel, candidates: np.ndarray, *, real: bool = False
+    frf: Frf, noise: Noise, start: ModalModel, candidates: np.ndarray | None, *, real: bool = False
 ) -> tuple[Likelihood, tuple[Rejected, ...]]:
     """Add modes to a start while the data ask for more, and leave out those that they don't.
 
-    A mode stays where it lowers chi-squared by more than its numbers cost (Schwarz's criterion), is damped, lies within
-    the band and has a frequency that is known to within its resonance.
+    A mode stays where it lowers chi-squared by more than its numbers cost (Schwarz's criterion), is damped, and has a
+    frequency that is known to within its resonance. What is added is a pole that was found in few orders, a mode split
+    in two, or one just outside the band, where its tail is more than residuals can be.
 
     Args:
         frf: of the test.
         noise: of the functions.
         start: modes of the stabilisation diagram.
-        candidates: poles [rad/s] that were found, but not in enough orders.
+        candidates: poles [rad/s] that were found, but not in enough orders; None where a person chose the modes, so
+            that only such outside the band are added.
         real: whether shapes are real.
 
     References:
@@ -62,8 +70,16 @@ def select(
     """
     fit, rejected = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
     for _ in range(MOST_ADDED):
-        tried = [_start_with(frf, noise, fit.model, pole) for pole in _where_it_lacks(frf, noise, fit, candidates)]
-        fits = [maximise(frf, noise, each, real=real, steps=FIRST_STEPS) for each in tried]
+        if fit.chi_squared < EXPECTED * fit.freedom + SIGNIFICANT * math.sqrt(2 * fit.freedom):
+            break
+        poles = [
+            *_beyond(frf, fit.model),
+            *(_where_it_lacks(frf, noise, fit, candidates) if candidates is not None else ()),
+        ]
+        fits = [
+            maximise(frf, noise, _start_with(frf, noise, fit.model, pole), real=real, steps=FIRST_STEPS)
+            for pole in poles
+        ]
         best = min(fits, key=lambda each: each.chi_squared, default=fit)
         if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
             break
@@ -99,18 +115,27 @@ def _standing(frf: Frf, fit: Likelihood, r: int) -> tuple[tuple[float, int], str
     block = fit.covariance[np.ix_(at, at)]
     vector = model.vector()[at]
     strength = float(vector @ np.linalg.pinv(block, hermitian=True) @ vector)
-    hertz, ratio = abs(pole) / (2 * np.pi), -pole.real / abs(pole)
+    ratio = -pole.real / abs(pole)
     sd = math.sqrt(fit.covariance[r * model.size + 1, r * model.size + 1]) / abs(pole)
     price = _price(frf, model)
-    if not frf.frequency[0] <= hertz <= frf.frequency[-1]:
-        return (-2e9, r), "left the band"
     if not 0 < ratio < MOST_DAMPED:
         return (-1e9, r), f"damping ratio not between 0 and {MOST_DAMPED:g}"
     if strength < price:
         return (strength / price - 2, r), f"chi-squared falls by {strength:.0f} only, where {price:.0f} is asked for"
-    if sd > max(ratio, 0.005):
+    if r in model.inside(frf.frequency) and sd > max(ratio, 0.005):
         return (-sd, r), "its frequency is not known to within its resonance"
     return (strength, r), ""
+
+
+def _beyond(frf: Frf, model: ModalModel) -> Iterator[np.ndarray]:
+    """Yield a pole below the band and one above, where the model has none yet."""
+    hertz = np.abs(model.pole) / (2 * np.pi)
+    for end, side, beside in (
+        (frf.frequency[0], -1, hertz < frf.frequency[0]),
+        (frf.frequency[-1], 1, hertz > frf.frequency[-1]),
+    ):
+        if not beside.any():
+            yield np.array([2 * np.pi * end * (1 + side * BEYOND) * (1j - 0.02)])
 
 
 def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndarray) -> Iterator[np.ndarray]:
@@ -148,6 +173,7 @@ def _start_with(frf: Frf, noise: Noise, model: ModalModel, poles: np.ndarray) ->
 def _participation(frf: Frf, noise: Noise, model: ModalModel, pole: complex) -> np.ndarray:
     """Return how the references move by the residuals about a pole."""
     left = frf.mean - model.accelerance(2j * np.pi * frf.frequency + frf.decay)
-    near = np.abs(2 * np.pi * frf.frequency - pole.imag) <= max(2 * abs(pole.real), np.pi * np.ptp(frf.frequency[:3]))
+    apart = np.abs(2 * np.pi * frf.frequency - pole.imag)
+    near = apart <= max(2 * abs(pole.real), np.sort(apart)[ABOUT])
     rows = np.moveaxis(left[..., near], 1, 2).reshape(-1, left.shape[1])
     return np.linalg.svd(rows, full_matrices=False)[2][0][:, None]
