@@ -1,4 +1,4 @@
-"""From the files of a hammer test to frequency responses: what was measured, what was rejected and why."""
+"""From the files of a hammer test to a campaign: frequency responses, modes with their covariance, labels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import Options, option
+from ident.studies.options import option
 from ident.studies.result import Result
-from ident.studies.shared import as_file
+from ident.studies.shared import ProblemOptions, as_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
+    from ident.assess.identified_modes import IdentifiedModes, ModalCampaign
     from ident.description.file import ArmFile
     from ident.measure.channels import ChannelTable
     from ident.modal.modal_test import ModalTest, Processing
@@ -24,8 +25,11 @@ CHANNELS, ARM = "channels.csv", "arm.toml"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModalOptions(Options):
-    """Options of `ident.modal_test`: how records of hits become frequency responses."""
+class ModalOptions(ProblemOptions):
+    """Options of `ident.modal_test`: how records become frequency responses, and what is known before the data.
+
+    The unknowns and their priors say how far a computed shape may be off, by which measured modes are named.
+    """
 
     estimator: str = option("h1", "h1 (noise of the responses), h2 (of the force) or hv", choices=("h1", "h2", "hv"))
     window_end: float = option(
@@ -35,6 +39,14 @@ class ModalOptions(Options):
     band: tuple[float, float] | None = option(
         None, "frequencies LOW:HIGH [Hz]; default: what the hammer excites, to 20 dB below its most", read=reading.band
     )
+
+    modes: dict[str, tuple[float, ...]] = option(
+        {},
+        "frequencies [Hz] of the modes to take at a posture, by its number, as 2=4.45,5.01; may be repeated",
+        repeated=True,
+        read=reading.frequencies,
+    )
+    no_modes: bool = option(False, "frequency responses only")
 
     @property
     def processing(self) -> "Processing":
@@ -59,26 +71,30 @@ class SourceFile:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ModalResult(Result):
-    """Frequency responses of a hammer test.
+    """Frequency responses and modes of a hammer test.
 
-    Its figures show each posture's frequency responses with their coherence; its table has a row for each pair of
-    response and force: posture [deg], load, hits, coherence.
+    Its figures show each posture's frequency responses, and of which poles its modes were chosen; its table has a row
+    for each mode: posture [deg], frequency [Hz], damping ratio, their standard deviations, label.
 
     Attributes:
         arm: the arm as its file has it, with the points that the channel table adds.
         tests: what was measured, by posture and load.
+        identified: modes of each test; none where they were not asked for.
+        modal_campaign: the modes that have a name, as a campaign with covariance; None where none were asked for.
         files: recordings, by name, and the channel table.
         options: what was asked for.
     """
 
     arm: "ArmFile"
     tests: "tuple[ModalTest, ...]"
+    identified: "tuple[IdentifiedModes, ...]" = ()
+    modal_campaign: "ModalCampaign | None" = None
     files: Mapping[str, SourceFile] = field(default_factory=dict)
     options: ModalOptions = field(default_factory=ModalOptions)
 
     form = "ident-modal/1"
     suffix = ".nc"
-    shown = ("tests",)
+    shown = ("tests", "identified", "modal_campaign")
     summary = ("hits", "rejected")
 
     @property
@@ -98,22 +114,40 @@ class ModalResult(Result):
 
     @property
     def doubtful(self) -> bool:
-        """Whether a driving point or a pair of reciprocal responses is off."""
-        return any(not check.good for test in self.tests for check in test.checks)
+        """Whether a driving point, reciprocal responses, or the scatter of the hits contradict each other."""
+        scattered = any(each.modes.ratio.doubtful for each in self.identified)
+        return scattered or any(not check.good for test in self.tests for check in test.checks)
+
+    @property
+    def short(self) -> bool:
+        """Whether a search for the most probable modes has not ended."""
+        return any(not each.modes.converged for each in self.identified)
 
     def figures(self) -> "dict[str, Figure]":
-        """Return the frequency responses with coherence, a figure for each posture: the first without a word."""
+        """Return for each posture its frequency responses, and of which poles its modes were chosen (`modes`)."""
         from ident.present.figures.modal import modal_figure
+        from ident.present.figures.stabilisation import stabilisation_figure
 
-        return {"" if i == 1 else str(i): modal_figure(test) for i, test in enumerate(self.tests, 1)}
+        words = ["" if i == 1 else str(i) for i in range(1, len(self.tests) + 1)]
+        found = self.identified or (None,) * len(self.tests)
+        figures = {word: modal_figure(test, each) for word, test, each in zip(words, self.tests, found, strict=True)}
+        diagrams = {
+            f"modes{word}": stabilisation_figure(test, each)
+            for word, test, each in zip(words, self.tests, self.identified, strict=False)
+        }
+        return figures | diagrams
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.modal import write_netcdf
+        from ident.present.files.modal import write_campaign_files, write_netcdf
 
         document = self._beside(path, ".json")
         encoded = self._write_netcdf(path, lambda part: write_netcdf(self.tests, head, part))
         self._write_json(document, head, encoded)
-        return path, document
+        tables = self._beside(path, ".csv"), self._beside(path, ".covariance.csv")
+        if self.modal_campaign is None or not self.modal_campaign.campaign:
+            return path, document
+        write_campaign_files(self.modal_campaign, head, *tables)
+        return *tables, path, document
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, **self.files}
@@ -130,13 +164,13 @@ def modal_test(
     arm: "Arm | ArmFile | str | Path | None" = None,
     options: ModalOptions | None = None,
 ) -> ModalResult:
-    """Make frequency responses of the hits of a hammer test, and say which hits do not count.
+    """Make frequency responses of the hits of a hammer test, identify the modes, and name them by their shapes.
 
     Args:
         tests: folder of the recordings; other files in it are passed over.
         channels: what each channel measured; by default channels.csv in that folder.
         arm: the arm; by default arm.toml in that folder.
-        options: windows, estimator and band.
+        options: windows, estimator and band, which modes to take, and what is known of the arm before the data.
 
     Raises:
         InputError: a file is damaged, the table is wrong, or both do not fit together; each mistake has a line.
@@ -151,13 +185,29 @@ def modal_test(
     options, folder = ModalOptions.of(options), Path(tests)
     recordings = recordings_of(folder)
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
-    arm_file = as_file(arm if arm is not None else folder / ARM)
+    arm_file = as_file(arm if arm is not None else folder / ARM, options.soft_base)
     placed = with_places(arm_file.arm, table)
     measured = modal_tests(in_base_frame(placed, table), recordings, options.processing)
     files = {"channels": SourceFile(table.path, table.sha256)}
     used = {name for test in measured for name in test.files}
     files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
-    return ModalResult(replace(arm_file, arm=placed), measured, files, options)
+    identified, campaign = _identified(folder.absolute().name, placed, measured, options)
+    return ModalResult(replace(arm_file, arm=placed), measured, identified, campaign, files, options)
+
+
+def _identified(
+    name: str, arm: "Arm", tests: "tuple[ModalTest, ...]", options: ModalOptions
+) -> "tuple[tuple[IdentifiedModes, ...], ModalCampaign | None]":
+    """Return the modes of each test and their campaign, where they are asked for."""
+    from ident.assess.identified_modes import identify_modes, modal_campaign
+    from ident.identify.unknowns import stiffness_parameters
+
+    if options.no_modes:
+        return (), None
+    near = {int(number): frequencies for number, frequencies in options.modes.items()}
+    parameters = stiffness_parameters(arm, options.unknowns)
+    identified = identify_modes(arm, tests, parameters, near=near, seed=options.seed)
+    return identified, modal_campaign(f"{name}.modal", tests, identified)
 
 
 modal = modal_test

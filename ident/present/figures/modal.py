@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ident.assess.identified_modes import IdentifiedModes
 from ident.modal.modal_test import ModalTest
 from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PINK, key_below, plain, titled
 from ident.present.text.modal import place_in_words
@@ -18,8 +19,11 @@ DECADES = 5
 """Decades that a panel shows at most."""
 
 
-def modal_figure(test: ModalTest) -> Figure:
-    """Draw accelerance of mean and single hits, and coherence, of each response; a colour for each force."""
+def modal_figure(test: ModalTest, identified: IdentifiedModes | None = None) -> Figure:
+    """Draw accelerance of mean, single hits and identified modes, and coherence, of each response.
+
+    A colour stands for each force.
+    """
     frf = test.frf
     count = len(frf.responses)
     rows = -(-count // 2)
@@ -30,6 +34,8 @@ def modal_figure(test: ModalTest) -> Figure:
         if o < count:
             _response(upper, test, o)
             _coherence(lower, test, o)
+            if identified:
+                _fitted(upper, identified, o)
         else:
             upper.set_visible(False)
             lower.set_visible(False)
@@ -41,7 +47,9 @@ def modal_figure(test: ModalTest) -> Figure:
         for place, color in zip(frf.references, COLORS, strict=False)
     ]
     handles.append(Line2D([], [], color=PALE, label="single hits"))
-    key_below(figure, handles, _note(test), columns=4)
+    if identified:
+        handles.append(Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="identified modes"))
+    key_below(figure, handles, _note(test), columns=3)
     return figure
 
 
@@ -57,6 +65,12 @@ def _response(axes: Axes, test: ModalTest, o: int) -> None:
     plain(axes, grid=True)
     axes.set_title(f"response {place_in_words(frf.responses[o])}", fontsize=9, loc="left", parse_math=False)
     axes.set_ylabel("accelerance [1/kg]", fontsize=8)
+
+
+def _fitted(axes: Axes, identified: IdentifiedModes, o: int) -> None:
+    """Draw the responses of the identified modes over the measured ones."""
+    frequency = identified.modes.frf.frequency
+    axes.semilogy(frequency, np.abs(identified.fitted[o]).T, color="black", linewidth=0.8, linestyle="--", zorder=3)
 
 
 def _coherence(axes: Axes, test: ModalTest, o: int) -> None:
