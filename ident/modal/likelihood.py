@@ -75,7 +75,7 @@ def free_numbers(model: ModalModel, real: bool) -> Bool[np.ndarray, "n"]:
     if real:
         own[2 + outputs : 2 + 2 * outputs] = False
         own[2 + 2 * outputs + others :] = False
-    return np.concatenate([np.tile(own, len(model.pole)), np.ones(2 * model.lower.size, bool)])
+    return np.concatenate([np.tile(own, len(model.pole)), np.ones(model.residual.size, bool)])
 
 
 def _moved(vector: np.ndarray, free: np.ndarray, step: np.ndarray) -> np.ndarray:

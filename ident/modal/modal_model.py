@@ -5,10 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+EXPONENTS = (-2, -1, 0, 2, 3, 4)
+"""Powers of s in the accelerance of modes outside the band: s^2 / (s - p) in s / p for those above, in p / s below."""
+
 
 @dataclass(frozen=True)
 class ModalModel:
-    """Accelerances of m modes, H(s) = s^2 sum_r [P_r / (2 i b_r (s - p_r)) + c.c.] + L + s^2 U, at s = i omega + decay.
+    """Accelerances of m modes and of what lies beyond the band, at s = i omega + decay.
+
+    H(s) = s^2 sum_r [P_r / (2 i b_r (s - p_r)) + c.c.] + sum_e R_e s^e
 
     p = a + i b is a pole, P = shape participation' its residue as a product, which for a real mode is that of
     P / (s^2 - 2 a s + a^2 + b^2). An exponential window multiplies every impulse response by exp(-decay t), so that it
@@ -18,8 +23,8 @@ class ModalModel:
         pole: (m,) [rad/s] complex.
         shape: (O, m) [1/kg] complex: motion of each response, scaled so that the participation is one at a reference.
         participation: (I, m) [-] complex: motion of each reference.
-        lower: (O, I) [1/kg] residual of the modes below the band, real: they move as a mass.
-        upper: (O, I) [m/N] of those above, real: they give way as a spring.
+        residual: (E, O, I) [s^e/kg] real, by the power of s: modes below the band move as a mass (0) and, near it, less
+            so (-1, -2); those above it give way as a spring (2) and, near it, the more so (3, 4).
 
     References:
         Ewins, "Modal Testing", 2nd ed. 2000, sections 2.4 (complex modes), 4.4 (residuals).
@@ -28,8 +33,7 @@ class ModalModel:
     pole: Complex[np.ndarray, "m"]
     shape: Complex[np.ndarray, "O m"]
     participation: Complex[np.ndarray, "I m"]
-    lower: Float[np.ndarray, "O I"]
-    upper: Float[np.ndarray, "O I"]
+    residual: Float[np.ndarray, "E O I"]
 
     @property
     def reference(self) -> np.ndarray:
@@ -40,7 +44,7 @@ class ModalModel:
         """Return the same with the participation one where it is largest."""
         largest = np.argmax(np.abs(self.participation), 0)
         size = np.take_along_axis(self.participation, largest[None], 0)[0]
-        return ModalModel(self.pole, self.shape * size, self.participation / size, self.lower, self.upper)
+        return ModalModel(self.pole, self.shape * size, self.participation / size, self.residual)
 
     def inside(self, frequency: Float[np.ndarray, "F"]) -> Int[np.ndarray, "k"]:
         """Return the modes within a band [Hz], ascending in frequency; others are residuals, as near its ends."""
@@ -51,18 +55,18 @@ class ModalModel:
     def without(self, mode: int) -> "ModalModel":
         """Return the same without a mode."""
         shape, participation = (np.delete(x, mode, -1) for x in (self.shape, self.participation))
-        return ModalModel(np.delete(self.pole, mode), shape, participation, self.lower, self.upper)
+        return ModalModel(np.delete(self.pole, mode), shape, participation, self.residual)
 
     def accelerance(self, s: Complex[np.ndarray, "F"]) -> Complex[np.ndarray, "O I F"]:
         """Return the frequency response functions at s."""
         own, mirror = _terms(self.pole, s)
         residue = self.shape[:, None] * self.participation[None]
         modes = residue @ own + residue.conj() @ mirror
-        return modes + self.lower[..., None] + self.upper[..., None] * s**2
+        return modes + np.einsum("eoi,ef->oif", self.residual, powers(s))
 
     def vector(self) -> Float[np.ndarray, "n"]:
         """Return all real numbers, by mode: pole, shape, participation less the reference; then the residuals."""
-        return np.concatenate([*map(self._mode_vector, range(len(self.pole))), self.lower.ravel(), self.upper.ravel()])
+        return np.concatenate([*map(self._mode_vector, range(len(self.pole))), self.residual.ravel()])
 
     def _mode_vector(self, r: int) -> np.ndarray:
         parts = self.pole[r : r + 1], self.shape[:, r], np.delete(self.participation[:, r], self.reference[r])
@@ -79,8 +83,8 @@ class ModalModel:
         participation = np.ones((inputs, modes), complex)
         for r, reference in enumerate(self.reference):
             participation[np.arange(inputs) != reference, r] = others[r]
-        lower, upper = vector[modes * self.size :].reshape(2, outputs, inputs)
-        return ModalModel(pole, shape, participation, lower, upper)
+        residual = vector[modes * self.size :].reshape(-1, outputs, inputs)
+        return ModalModel(pole, shape, participation, residual)
 
     @property
     def size(self) -> int:
@@ -91,14 +95,13 @@ class ModalModel:
         """Return the derivative of the accelerances by each number of the vector."""
         own, mirror = _terms(self.pole, s)
         (outputs, modes), inputs = self.shape.shape, len(self.participation)
-        out = np.zeros((modes * self.size + 2 * outputs * inputs, outputs, inputs, len(s)), complex)
+        out = np.zeros((modes * self.size + self.residual.size, outputs, inputs, len(s)), complex)
         for r, reference in enumerate(self.reference):
             block = out[r * self.size : (r + 1) * self.size]
             self._mode_slopes(block, r, int(reference), (s, own[r], mirror[r]))
-        residuals = out[modes * self.size :].reshape(2, outputs * inputs, outputs * inputs, len(s))
+        residuals = out[modes * self.size :].reshape(-1, outputs * inputs, outputs * inputs, len(s))
         each = np.arange(outputs * inputs)
-        residuals[0, each, each] = 1.0
-        residuals[1, each, each] = s**2
+        residuals[:, each, each] = powers(s)[:, None]
         return out
 
     def _mode_slopes(self, block: np.ndarray, r: int, reference: int, terms: tuple[np.ndarray, ...]) -> None:
@@ -118,6 +121,11 @@ class ModalModel:
         for k, i in enumerate(others):
             block[2 + 2 * outputs + k, :, i] = forward + back
             block[2 + 2 * outputs + len(others) + k, :, i] = 1j * (forward - back)
+
+
+def powers(s: Complex[np.ndarray, "F"]) -> Complex[np.ndarray, "E F"]:
+    """Return the powers of s that residuals of modes outside the band have."""
+    return s ** np.array(EXPONENTS, float)[:, None]
 
 
 def _terms(pole: Complex[np.ndarray, "m"], s: Complex[np.ndarray, "F"]) -> tuple[np.ndarray, np.ndarray]:

@@ -3,9 +3,9 @@
     python tests/benchmarks/modal.py [--tests 200] [--seed 0]
 
 Each test is another structure of six modes, of which the first two are 2 % apart and one lies beyond the band; six
-responses, one reference, five hits, noise of 1 to 5 %, every other test with an exponential window. Counted: frequencies,
-damping ratios and shapes whose 95 % interval covers the truth; the sum of chi-squared with the joint covariance and
-with its diagonal alone; tests in which another number of modes is found.
+responses, one reference, five hits, noise of 1 to 5 %, every other test with an exponential window. Counted:
+frequencies, damping ratios and shapes whose 95 % interval covers the truth; the sum of chi-squared with the joint
+covariance and with its diagonal alone; tests in which another number of modes is found.
 """
 
 import argparse
@@ -60,7 +60,7 @@ def summed(name: str, squared: np.ndarray, size: int) -> None:
     passing = int((squared < chi2.ppf(0.95, size)).sum())
     ratio = squared.sum() / freedom
     print(
-        f"{name:<18} {ratio:.3f} of {freedom}; {low:.3f} to {high:.3f} expected; {passing} of {len(squared)} tests pass at 95 %"
+        f"{name:<18} {ratio:.3f} of {freedom}; {low:.3f} to {high:.3f} expected; {passing} of {len(squared)} pass at 95 %"
     )
 
 
@@ -84,9 +84,8 @@ def main() -> None:
         summed(f"{name}, joint", np.array([e @ np.linalg.solve(C, e) for e, C in blocks]), size)
         summed(f"{name}, diagonal", np.array([(e**2 / np.diag(C)).sum() for e, C in blocks]), size)
     ratios = np.array([modes.ratio.value for _, modes in right])
-    print(
-        f"jackknife ratio    mean {ratios.mean():.3f}, sd {ratios.std():.3f}; doubtful {sum(m.ratio.doubtful for _, m in right)}"
-    )
+    doubtful = sum(modes.ratio.doubtful for _, modes in right)
+    print(f"jackknife ratio    mean {ratios.mean():.3f}, sd {ratios.std():.3f}; doubtful {doubtful}")
 
 
 if __name__ == "__main__":

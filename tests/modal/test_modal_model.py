@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from ident.modal.modal_model import ModalModel
+from ident.modal.modal_model import EXPONENTS, ModalModel
 
 S = 1j * np.linspace(20.0, 120.0, 50) + 0.5
 
@@ -13,8 +13,8 @@ def random_model(rng, inputs=2):
     def pair(*size):
         return rng.normal(size=size) + 1j * rng.normal(size=size)
 
-    lower, upper = rng.normal(size=(2, 3, inputs)) * np.array([1.0, 1e-3])[:, None, None]
-    return ModalModel(np.array([-1 + 50j, -2 + 90j]), pair(3, 2), pair(inputs, 2), lower, upper).normalised()
+    residual = rng.normal(size=(len(EXPONENTS), 3, inputs)) * 50.0 ** -np.array(EXPONENTS, float)[:, None, None]
+    return ModalModel(np.array([-1 + 50j, -2 + 90j]), pair(3, 2), pair(inputs, 2), residual).normalised()
 
 
 def test_poles_of_a_chain_with_dampers_make_its_accelerance():
@@ -26,7 +26,7 @@ def test_poles_of_a_chain_with_dampers_make_its_accelerance():
     pole, right = pole[pole.imag > 0], right[:3, pole.imag > 0]
     modal = np.array([v @ (2 * p * M + C) @ v for p, v in zip(pole, right.T, strict=True)])
     shape = right * 2j * pole.imag / modal
-    model = ModalModel(pole, shape, right, np.zeros((3, 3)), np.zeros((3, 3))).normalised()
+    model = ModalModel(pole, shape, right, np.zeros((len(EXPONENTS), 3, 3))).normalised()
     direct = np.moveaxis([s**2 * np.linalg.inv(M * s**2 + C * s + K) for s in S], 0, -1)
     assert model.accelerance(S) == pytest.approx(direct, rel=1e-9)
 
