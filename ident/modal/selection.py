@@ -69,8 +69,9 @@ def select(
         Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978.
     """
     fit, rejected = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
+    expected = EXPECTED * _misfit_of_hits(frf, noise)
     for _ in range(MOST_ADDED):
-        if fit.chi_squared < EXPECTED * fit.freedom + SIGNIFICANT * math.sqrt(2 * fit.freedom):
+        if fit.chi_squared < expected * fit.freedom + SIGNIFICANT * math.sqrt(2 * fit.freedom):
             break
         poles = [
             *_beyond(frf, fit.model),
@@ -88,6 +89,12 @@ def select(
             break
         fit, rejected = larger, [*rejected, *lost]
     return fit, tuple(rejected)
+
+
+def _misfit_of_hits(frf: Frf, noise: Noise) -> float:
+    """Return the mean square of the whitened scatter of the hits: below one where the filter over lines is careful."""
+    deviations = noise.whiten(channels_of(frf.hits - frf.mean))
+    return float((deviations**2).mean()) / (len(frf.hits) - 1)
 
 
 def _price(frf: Frf, model: ModalModel) -> float:
@@ -143,12 +150,12 @@ def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndar
     white = noise.whiten(channels_of(frf.mean - fit.model.accelerance(2j * np.pi * frf.frequency + frf.decay)))
     lines = len(frf.frequency) - len(noise.lines) + 1
     by_line = (white.reshape(-1, lines) ** 2).mean(0)
-    lacking = []
+    lacking, level = [], _misfit_of_hits(frf, noise)
     for pole in [*fit.model.pole, *candidates]:
         omega = 2 * np.pi * frf.frequency[len(noise.lines) - 1 :]
         near = np.abs(omega - pole.imag) < max(3 * abs(pole.real), 4 * (omega[1] - omega[0]))
         expected = math.sqrt(2 / max(1, near.sum() * len(white) / lines))
-        lacking.append((by_line[near].mean() - 1) / expected if near.any() else 0.0)
+        lacking.append((by_line[near].mean() / level - 1) / expected if near.any() else 0.0)
     order = np.argsort(lacking)[::-1]
     for i in [i for i in order if lacking[i] > 3][:3]:
         if i < len(fit.model.pole):
