@@ -96,7 +96,8 @@ def label_modes(
             for d in range(shapes.shape[-1])
         ]
     )
-    pairs, weight = pair_probabilities(logs)
+    band = modes.frf.frequency[[0, -1]]
+    pairs, weight = pair_probabilities(logs, ((frequency > band[0]) & (frequency < band[1])).T)
     names = _names(solution, count, np.flatnonzero(sound))
     labels, probability = _by_label(names, pairs, weight)
     return _verdict(

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from scipy.special import gammaln, logsumexp
 
 INEXACT = 0.15
@@ -12,6 +12,8 @@ COUPLING = 0.05
 """How far squared frequencies are off, as a share: it mixes the shapes of modes that are near each other."""
 FREQUENCY_SD = 0.3
 """How far computed frequencies are off beyond their draws, in ln."""
+UNSEEN = 0.1
+"""Probability that a test does not show a mode within its band."""
 NONE = 0.02
 """Probability that a measured mode is none of the computed ones, before its shape is seen."""
 
@@ -95,13 +97,16 @@ def _log_density(
     return -(squared + determinants + free * math.log(2 * math.pi)) / 2
 
 
-def pair_probabilities(logs: Float[np.ndarray, "D R m"]) -> tuple[Float[np.ndarray, "D R m"], Float[np.ndarray, "D"]]:
+def pair_probabilities(
+    logs: Float[np.ndarray, "D R m"], within: Bool[np.ndarray, "D m"]
+) -> tuple[Float[np.ndarray, "D R m"], Float[np.ndarray, "D"]]:
     """Return the probability of each pair, and of each draw, over all ways to pair measured modes with computed ones.
 
     No computed mode is two measured ones, and a measured one may be none: what is missing of a row's sum to one.
 
     Args:
         logs: ln(likelihood) of each pair over that of no mode, for D draws.
+        within: which computed modes lie in the band: there one rarely goes unseen.
     """
     draws, rows, count = logs.shape
     height = np.maximum(logs.max(2), 0.0)
@@ -112,7 +117,8 @@ def pair_probabilities(logs: Float[np.ndarray, "D R m"]) -> tuple[Float[np.ndarr
     ahead[0][:, 0] = 1.0
     for r in range(rows):
         ahead.append(_next(ahead[-1], weight[:, r], none[:, r], masks))
-    behind = np.ones((draws, 2**count))
+    unseen = (masks[:, None] >> np.arange(count)) & 1 == 0
+    behind = UNSEEN ** (within.astype(float) @ unseen.T)
     pairs = np.zeros((draws, rows, count))
     for r in reversed(range(rows)):
         before = none[:, r, None] * behind

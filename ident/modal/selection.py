@@ -20,6 +20,8 @@ EXPECTED, SIGNIFICANT = SMOOTHED / (SMOOTHED - 2), 3.0
 """Chi-squared over degrees of freedom where variances are estimated; how many sd more there are where a mode lacks."""
 ABOUT = 5
 """Lines about a pole that tell how the references move."""
+SHARPEST = 0.005
+"""Relative standard deviation of a frequency that is good enough, however sharp its resonance."""
 BEYOND = 0.15
 """How far outside the band a mode is sought first, as a share of its end."""
 MOST_ADDED = 8
@@ -103,35 +105,41 @@ def _price(frf: Frf, model: ModalModel) -> float:
 
 
 def _pruned(frf: Frf, noise: Noise, fit: Likelihood, real: bool) -> tuple[Likelihood, list[Rejected]]:
+    """Leave out modes that are none, one at a time, the most doubtful first."""
     rejected: list[Rejected] = []
-    while len(fit.model.pole):
-        worst, why = min(((_standing(frf, fit, r)) for r in range(len(fit.model.pole))), key=lambda x: x[0][0])
-        if not why:
-            break
-        pole = fit.model.pole[worst[1]]
-        rejected.append(Rejected(abs(pole) / (2 * np.pi), -pole.real / abs(pole), why))
-        fit = maximise(frf, noise, fit.model.without(worst[1]), real=real)
-    return fit, rejected
+    while True:
+        for r, why in _doubtful(frf, fit):
+            without = maximise(frf, noise, fit.model.without(r), real=real)
+            gain, price = without.chi_squared - fit.chi_squared, _price(frf, fit.model)
+            if why or gain < price:
+                why = why or f"chi-squared falls by {gain:.0f} only, where {price:.0f} is asked for"
+                pole = fit.model.pole[r]
+                rejected.append(Rejected(float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole)), why))
+                fit = without
+                break
+        else:
+            return fit, rejected
 
 
-def _standing(frf: Frf, fit: Likelihood, r: int) -> tuple[tuple[float, int], str]:
-    """Return what speaks for a mode, and why it is none where that is too little."""
-    model = fit.model
-    pole, outputs = model.pole[r], len(model.shape)
-    at = r * model.size + np.arange(2, 2 + 2 * outputs)
-    block = fit.covariance[np.ix_(at, at)]
-    vector = model.vector()[at]
-    strength = float(vector @ np.linalg.pinv(block, hermitian=True) @ vector)
-    ratio = -pole.real / abs(pole)
-    sd = math.sqrt(fit.covariance[r * model.size + 1, r * model.size + 1]) / abs(pole)
-    price = _price(frf, model)
-    if not 0 < ratio < MOST_DAMPED:
-        return (-1e9, r), f"damping ratio not between 0 and {MOST_DAMPED:g}"
-    if strength < price:
-        return (strength / price - 2, r), f"chi-squared falls by {strength:.0f} only, where {price:.0f} is asked for"
-    if r in model.inside(frf.frequency) and sd > max(ratio, 0.005):
-        return (-sd, r), "its frequency is not known to within its resonance"
-    return (strength, r), ""
+def _doubtful(frf: Frf, fit: Likelihood) -> list[tuple[int, str]]:
+    """Return modes that may be none, the weakest first, with why where it is certain."""
+    model, inside = fit.model, fit.model.inside(frf.frequency)
+    ratio = -model.pole.real / np.abs(model.pole)
+    rows = np.arange(len(model.pole)) * model.size + 1
+    sd = np.sqrt(np.diag(fit.covariance))[rows] / np.abs(model.pole)
+    why = {r: "its frequency is not known to within its resonance" for r in inside if sd[r] > max(ratio[r], SHARPEST)}
+    why |= {r: f"damping ratio not between 0 and {MOST_DAMPED:g}" for r in inside if not 0 < ratio[r] < MOST_DAMPED}
+    strength = [_strength(fit, r) for r in range(len(model.pole))]
+    weak = [r for r in np.argsort(strength) if r in why or strength[r] < _price(frf, model)]
+    return [(int(r), why.get(r, "")) for r in sorted(weak, key=lambda r: r not in why)]
+
+
+def _strength(fit: Likelihood, r: int) -> float:
+    """Return by about how much chi-squared falls by a mode: its shape as chi-squared (Wald)."""
+    outputs = len(fit.model.shape)
+    at = r * fit.model.size + np.arange(2, 2 + 2 * outputs)
+    vector = fit.model.vector()[at]
+    return float(vector @ np.linalg.pinv(fit.covariance[np.ix_(at, at)], hermitian=True) @ vector)
 
 
 def _beyond(frf: Frf, model: ModalModel) -> Iterator[np.ndarray]:

@@ -60,7 +60,7 @@ def summed(name: str, squared: np.ndarray, size: int) -> None:
     passing = int((squared < chi2.ppf(0.95, size)).sum())
     ratio = squared.sum() / freedom
     print(
-        f"{name:<18} {ratio:.3f} of {freedom}; {low:.3f} to {high:.3f} expected; {passing} of {len(squared)} pass at 95 %"
+        f"{name:<18} {ratio:.3f} of {freedom}; {low:.3f} to {high:.3f} expected; {passing} of {len(squared)} tests pass"
     )
 
 
