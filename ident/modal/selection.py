@@ -98,7 +98,7 @@ def _with_one_more(
 
 
 def _misfit_of_hits(frf: Frf, noise: Noise) -> float:
-    """Return the mean square of the whitened scatter of the hits: below one where the course over the record is careful."""
+    """Return the mean square of the whitened scatter of the hits: below one where the noise is taken too high."""
     deviations = noise.whiten(channels_of(frf.hits - frf.mean))
     return float((deviations**2).mean()) / (len(frf.hits) - 1)
 
