@@ -7,11 +7,9 @@ import numpy as np
 from scipy.stats import chi2, t
 
 from ident.modal.frf import Frf
-from ident.modal.likelihood import Likelihood, maximise
+from ident.modal.likelihood import Likelihood, chords
 from ident.modal.noise import Noise
 
-STEPS = 8
-"""Steps of a search from the estimate with all hits."""
 BAND = 0.99
 """Probability of the band that a ratio lies in, where the covariance is right."""
 
@@ -58,8 +56,8 @@ def jackknife(frf: Frf, noise: Noise, fit: Likelihood, *, real: bool = False) ->
     count, size = len(frf.hits), fit.model.size
     poles = np.ravel([[r * size, r * size + 1] for r in fit.model.inside(frf.frequency)])
     others = [replace(frf, hits=np.delete(frf.hits, h, 0)) for h in range(count)]
-    without = [maximise(each, noise, fit.model, real=real, steps=STEPS).model.vector()[poles] for each in others]
-    apart = np.array(without) - np.mean(without, 0)
+    without = chords(frf, noise, fit, others, real=real)[:, poles]
+    apart = without - without.mean(0)
     precision = np.linalg.inv(fit.covariance[np.ix_(poles, poles)])
     value = (count - 1) / count * (apart @ precision * apart).sum() / len(poles)
     return Ratio(float(value), len(poles) * (count - 1))

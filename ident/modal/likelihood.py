@@ -1,5 +1,6 @@
 """All modes at once by maximum likelihood, with their joint covariance."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,9 @@ STEPS = 60
 """Steps of a search at most."""
 SMALL = 1e-4
 """Last change of chi-squared at which a search ends; one is a standard deviation."""
+
+CHORDS = 3
+"""Steps to an estimate nearby."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +68,20 @@ def maximise(frf: Frf, noise: Noise, start: ModalModel, *, real: bool = False, s
         if gained < SMALL:
             converged = True
             break
-    _, information = _normal_equations(mean, noise, model, s, free)
     return Likelihood(model, _covariance(information, free), cost, 2 * mean.size - int(free.sum()), converged)
+
+
+def chords(frf: Frf, noise: Noise, fit: Likelihood, others: Sequence[Frf], *, real: bool) -> Float[np.ndarray, "h n"]:
+    """Return the vectors of estimates from functions that differ little, by the slopes and information of this one."""
+    s, free, vector = 2j * np.pi * frf.frequency + frf.decay, free_numbers(fit.model, real), fit.model.vector()
+    gain = fit.covariance[:, free] @ noise.whiten(channels_of(fit.model.slopes(s)[free]))
+    vectors = []
+    for other in others:
+        own, mean = vector, channels_of(other.mean)
+        for _ in range(CHORDS):
+            own = own + gain @ noise.whiten(mean - channels_of(fit.model.replace(own).accelerance(s)))
+        vectors.append(own)
+    return np.array(vectors)
 
 
 def free_numbers(model: ModalModel, real: bool) -> Bool[np.ndarray, "n"]:

@@ -58,7 +58,9 @@ class Noise:
 
     def whiten(self, values: Complex[np.ndarray, "*rest K F"]) -> Float[np.ndarray, "*rest N"]:
         """Return real and imaginary parts that have unit covariance where the values scatter as the averages do."""
-        white = scipy.fft.ifft(self.by_line(values), norm="ortho") / self.course
+        white = self.by_line(values)
+        if np.ptp(self.course):
+            white = scipy.fft.ifft(white, norm="ortho") / self.course
         flat = white.reshape(*values.shape[:-2], -1)
         return math.sqrt(2) * np.concatenate([flat.real, flat.imag], -1)
 
