@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.labels import Label, labels_of_shares, torsion_share, vertical_share
+from ident.arm.modes import Modes as Computed
 from ident.errors import InputError, Problem
-from ident.identify.modal_analysis import ModalSolution, modal_solution
+from ident.identify.modal_analysis import modal_solution
 from ident.inference.parameters import Parameters
 from ident.measure import OWN_WEIGHT, Load
 from ident.modal.assignment import likelihoods, pair_probabilities
@@ -83,10 +83,10 @@ def label_modes(
     """
     directions = _directions(arm, modes.frf.responses)
     count = min(len(modes.frequency) + MORE, 3 * len(arm.joints), MOST)
-    solution = jax.device_get(modal_solution(drawn_arms(arm, parameters, draws, seed), posture, load))
-    sound = np.isfinite(solution.modes.frequency[:count]).all(0)
-    shapes = np.einsum("opc,cpmd->omd", directions, solution.modes.motion[:, :, :count])[..., sound]
-    frequency = solution.modes.frequency[:count, sound]
+    computed = modal_solution(drawn_arms(arm, parameters, draws, seed), posture, load).modes
+    hertz, motion = (np.asarray(x) for x in (computed.frequency[:count], computed.motion[:, :, :count]))
+    sound = np.isfinite(hertz).all(0)
+    shapes, frequency = np.einsum("opc,cpmd->omd", directions, motion)[..., sound], hertz[:, sound]
     logs = np.array(
         [
             [
@@ -98,7 +98,7 @@ def label_modes(
     )
     band = modes.frf.frequency[[0, -1]]
     pairs, weight = pair_probabilities(logs, ((frequency > band[0]) & (frequency < band[1])).T)
-    names = _names(solution, count, np.flatnonzero(sound))
+    names = _names(computed, count, np.flatnonzero(sound))
     labels, probability = _by_label(names, pairs, weight)
     return _verdict(
         labels, probability, mac(modes.shape, shapes[..., 0].astype(complex)), tuple(names[0]), shapes[..., 0]
@@ -126,9 +126,9 @@ def _directions(arm: Arm, places: Sequence[Place]) -> Float[np.ndarray, "O P 3"]
     return out
 
 
-def _names(solution: ModalSolution, count: int, draws: np.ndarray) -> list[list[Label]]:
+def _names(computed: Computed, count: int, draws: np.ndarray) -> list[list[Label]]:
     """Return what the lowest modes of each draw are called."""
-    torsion, vertical = np.asarray(torsion_share(solution.modes)), np.asarray(vertical_share(solution.modes))
+    torsion, vertical = np.asarray(torsion_share(computed)), np.asarray(vertical_share(computed))
     return [labels_of_shares(torsion[:, d], vertical[:, d])[:count] for d in draws]
 
 
@@ -152,7 +152,7 @@ def _verdict(
 ) -> ModeLabels:
     given, why = [], []
     for row in probability:
-        first, second = np.argsort(row)[::-1][:2]
+        first, second = np.argsort(row)[::-1][:2].tolist()
         sure = bool(row[first] >= CERTAIN)
         given.append(labels[first] if sure else None)
         why.append("" if sure else _doubt(labels, row, (first, second), computed, shapes))

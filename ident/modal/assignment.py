@@ -20,7 +20,7 @@ NONE = 0.02
 
 def likelihoods(
     shape: Complex[np.ndarray, "O"],
-    covariance: Float[np.ndarray, "2O 2O"],
+    covariance: Float[np.ndarray, "n n"],
     computed: Float[np.ndarray, "O m"],
     frequency: Float[np.ndarray, "m"],
     measured: float,
@@ -66,7 +66,7 @@ def _by_frequency(frequency: Float[np.ndarray, "m"], measured: float) -> Float[n
     return -((np.log(frequency / measured) / FREQUENCY_SD) ** 2) / 2
 
 
-def _doubled(blocks: Float[np.ndarray, "m O O"]) -> Float[np.ndarray, "m 2O 2O"]:
+def _doubled(blocks: Float[np.ndarray, "m O O"]) -> Float[np.ndarray, "m n n"]:
     """Return covariances of real and imaginary parts that are alike."""
     count, outputs, _ = blocks.shape
     out = np.zeros((count, 2 * outputs, 2 * outputs))
@@ -74,7 +74,7 @@ def _doubled(blocks: Float[np.ndarray, "m O O"]) -> Float[np.ndarray, "m 2O 2O"]
     return out
 
 
-def _doubled_columns(shapes: Float[np.ndarray, "O m"]) -> Float[np.ndarray, "m 2O 2"]:
+def _doubled_columns(shapes: Float[np.ndarray, "O m"]) -> Float[np.ndarray, "m n 2"]:
     """Return what the real and the imaginary part of a factor do."""
     outputs, count = shapes.shape
     out = np.zeros((count, 2 * outputs, 2))

@@ -12,7 +12,7 @@ from ident.modal.frf import Frf
 from ident.modal.jackknife import Ratio, jackknife, pooled
 from ident.modal.likelihood import Likelihood
 from ident.modal.modal_model import ModalModel
-from ident.modal.noise import noise_of
+from ident.modal.noise import WEIGHED, noise_of
 from ident.modal.selection import Rejected, select, starting_model
 from ident.modal.stabilisation import Diagram, diagram_of
 
@@ -30,7 +30,7 @@ class Modes:
         shape: (O, m) [1/kg] complex motion of each response, as product with that of the reference of the mode.
         participation: (I, m) [-] complex motion of each reference, one at the reference of the mode.
         covariance: (n, n) of frequencies, damping ratios, real and imaginary parts of the shapes mode by mode, scaled
-            by the ratio; n = 2 m + 2 O m.
+            by the ratio and for the weights' own uncertainty; n = 2 m + 2 O m.
         ratio: of the scatter between hits to the covariance by maximum likelihood, which has scaled it.
         misfit: [-] chi-squared over degrees of freedom: one where the model explains all but the scatter of the hits.
         converged: whether the search for the most probable modes ended by its own criterion.
@@ -146,7 +146,7 @@ def _modes(fit: Likelihood, frf: Frf, diagram: Diagram, rejected: tuple[Rejected
     order = model.inside(frf.frequency)
     pole = model.pole[order]
     slopes = _slopes(model, order)
-    covariance = slopes @ fit.covariance @ slopes.T * ratio.scale
+    covariance = slopes @ fit.covariance @ slopes.T * (WEIGHED * ratio.scale)
     return Modes(
         np.abs(pole) / (2 * np.pi),
         -pole.real / np.abs(pole),

@@ -65,7 +65,7 @@ def maximise(frf: Frf, noise: Noise, start: ModalModel, *, real: bool = False, s
             converged = True
             break
     _, information = _normal_equations(mean, noise, model, s, free)
-    return Likelihood(model, _covariance(information, free), cost, noise.count(mean) - int(free.sum()), converged)
+    return Likelihood(model, _covariance(information, free), cost, 2 * mean.size - int(free.sum()), converged)
 
 
 def free_numbers(model: ModalModel, real: bool) -> Bool[np.ndarray, "n"]:

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 import scipy.linalg
 from jaxtyping import Complex, Float
 from scipy.ndimage import uniform_filter1d
@@ -14,15 +15,17 @@ from ident.modal.frf import Frf
 
 FEWEST_HITS = 3
 """Fewest hits of which a scatter is made."""
-SMOOTHED = 60
+SMOOTHED = 100
 """Degrees of freedom that a smoothed variance has at least."""
-MEMORY = 8
-"""Lines over which neighbours are correlated at most, through a window."""
-
-UNCORRELATED = 0.02
-"""Share of the variance that is taken for uncorrelated between lines, so that no line is told by its neighbours."""
-NO_CORRELATION = 0.05
-"""Correlation of neighbouring lines that is none."""
+COURSE = 240
+"""Degrees of freedom of the scatter's course over the record, at each of its times."""
+STEADY = 1.5
+"""Largest variance at a time over the mean one where lines are independent."""
+WEIGHED = SMOOTHED / (SMOOTHED - 4)
+"""By how much estimates vary more than their nominal variance, as their weights are estimated: E[1/x^2] / E[1/x] of a
+chi-squared x."""
+FAINTEST = 1e-3
+"""Least variance of a part of the record, as a share of the largest."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +33,15 @@ class Noise:
     """The covariance of averaged frequency response functions, as a product of what whitens it.
 
     The scatter of the hits has a variance for each channel and line, a correlation between channels that is the same
-    at all lines, and one between lines (an exponential window makes neighbours alike) that is the same in all channels,
-    as an autoregression. Five hits alone give a covariance matrix of rank four: the variances are averages over
-    neighbouring lines, the correlations over all of them, and shrunk to none as far as they are uncertain.
+    at all lines, and one between lines that is the same in all channels: a window makes neighbours alike, as noise that
+    has a course over the record, which the inverse transform shows. Five hits alone give a covariance matrix of rank
+    four: the variances are averages over neighbouring lines, the correlations over all of them, and shrunk to none as
+    far as they are uncertain.
 
     Attributes:
         sd: (K, F) [1/kg] standard deviation of each channel of the average, E|n|^2 = sd^2.
         channels: (K, K) inverse Cholesky factor of the correlation between channels.
-        lines: (p + 1,) prediction error filter over lines, of unit output.
+        course: (F,) standard deviation over the record, of mean square one.
 
     References:
         Schäfer, Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005, section 2.4, target D (shrinkage).
@@ -46,22 +50,17 @@ class Noise:
 
     sd: Float[np.ndarray, "K F"]
     channels: Complex[np.ndarray, "K K"]
-    lines: Complex[np.ndarray, "p"]
+    course: Float[np.ndarray, "F"]
+
+    def by_line(self, values: Complex[np.ndarray, "*rest K F"]) -> Complex[np.ndarray, "*rest K F"]:
+        """Return values in their standard deviations, channels independent of each other."""
+        return self.channels @ (values / self.sd)
 
     def whiten(self, values: Complex[np.ndarray, "*rest K F"]) -> Float[np.ndarray, "*rest N"]:
         """Return real and imaginary parts that have unit covariance where the values scatter as the averages do."""
-        mixed = self.channels @ (values / self.sd)
-        order = len(self.lines) - 1
-        count = values.shape[-1] - order
-        white = self.lines[0] * mixed[..., order:]
-        for k, factor in enumerate(self.lines[1:], 1):
-            white += factor * mixed[..., order - k : order - k + count]
+        white = scipy.fft.ifft(self.by_line(values), norm="ortho") / self.course
         flat = white.reshape(*values.shape[:-2], -1)
         return math.sqrt(2) * np.concatenate([flat.real, flat.imag], -1)
-
-    def count(self, values: Complex[np.ndarray, "K F"]) -> int:
-        """Return how many real numbers are left of whitened values."""
-        return 2 * values.shape[0] * (values.shape[1] - len(self.lines) + 1)
 
 
 def noise_of(frf: Frf) -> Noise:
@@ -80,9 +79,9 @@ def noise_of(frf: Frf) -> Noise:
         raise InputError(Problem("", "hits without scatter", "hits that differ", "give measured hits", "hits"))
     freedom = 2 * (count - 1)
     broad = deviations / np.sqrt(_average(raw, len(raw[0]) // 4))
-    variance = smoothed(raw, freedom, alike=float((np.abs(_lags(broad)) ** 2).sum() * 2 - 1))
+    variance = smoothed(raw, freedom, alike=float((_course(broad) ** 4).mean()))
     scaled = deviations / np.sqrt(variance) * math.sqrt(count / (count - 1))
-    return Noise(np.sqrt(variance / count), _channel_factor(scaled), _line_filter(scaled))
+    return Noise(np.sqrt(variance / count), _channel_factor(scaled), _course(scaled))
 
 
 def channels_of(values: Complex[np.ndarray, "*rest O I F"]) -> Complex[np.ndarray, "*rest K F"]:
@@ -108,15 +107,6 @@ def _average(raw: Float[np.ndarray, "K F"], width: int) -> Float[np.ndarray, "K 
     return uniform_filter1d(raw, max(1, min(width, raw.shape[-1])), axis=-1, mode="nearest")
 
 
-def _lags(scaled: Complex[np.ndarray, "H K F"]) -> Complex[np.ndarray, "p"]:
-    """Return the correlation of neighbouring lines."""
-    lines = scaled.shape[-1]
-    order = min(MEMORY, lines // 10)
-    products = [(scaled[..., k:] * scaled[..., : lines - k].conj()).mean() for k in range(order + 1)]
-    lags = np.array(products) * (1 - np.arange(order + 1) / lines)
-    return lags / lags[0].real
-
-
 def _channel_factor(scaled: Complex[np.ndarray, "H K F"]) -> Complex[np.ndarray, "K K"]:
     """Return the inverse Cholesky factor of the correlation of channels, shrunk towards none."""
     _, channels, _ = scaled.shape
@@ -134,12 +124,12 @@ def _channel_factor(scaled: Complex[np.ndarray, "H K F"]) -> Complex[np.ndarray,
     return scipy.linalg.solve_triangular(factor, np.eye(channels), lower=True).astype(complex)
 
 
-def _line_filter(scaled: Complex[np.ndarray, "H K F"]) -> Complex[np.ndarray, "p"]:
-    """Return the prediction error filter of the correlation between lines (Yule-Walker)."""
-    lags = _lags(scaled)
-    lags[1:] /= 1 + UNCORRELATED
-    if (np.abs(lags[1:]) < NO_CORRELATION).all():
-        return np.ones(1, complex)
-    ahead = scipy.linalg.solve_toeplitz((lags[:-1], lags[:-1].conj()), lags[1:])
-    left = 1 - (ahead * lags[1:].conj()).sum().real
-    return np.concatenate([[1.0], -ahead]) / math.sqrt(left)
+def _course(scaled: Complex[np.ndarray, "H K F"]) -> Float[np.ndarray, "F"]:
+    """Return how the scatter goes over the record: the same throughout where lines are independent."""
+    power = (np.abs(scipy.fft.ifft(scaled, norm="ortho")) ** 2).mean((0, 1))
+    freedom = 2 * (len(scaled) - 1) * scaled.shape[1]
+    course = _average(power[None], 2 * math.ceil(COURSE / freedom / 2) + 1)[0]
+    if course.max() < STEADY * course.mean():
+        return np.ones(len(course))
+    course = np.maximum(course, FAINTEST * course.max())
+    return np.sqrt(course / course.mean())

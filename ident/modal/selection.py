@@ -1,7 +1,7 @@
 """How many modes a test shows: those that the data ask for and no more, with why others were left out."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,32 +71,29 @@ def select(
         Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978.
     """
     fit, rejected = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
-    expected = EXPECTED * _misfit_of_hits(frf, noise)
     for _ in range(MOST_ADDED):
-        if fit.chi_squared < expected * fit.freedom + SIGNIFICANT * math.sqrt(2 * fit.freedom):
+        if fit.chi_squared < EXPECTED * fit.freedom + SIGNIFICANT * math.sqrt(2 * fit.freedom):
             break
-        poles = [
-            *_beyond(frf, fit.model),
-            *(_where_it_lacks(frf, noise, fit, candidates) if candidates is not None else ()),
-        ]
-        fits = [
-            maximise(frf, noise, _start_with(frf, noise, fit.model, pole), real=real, steps=FIRST_STEPS)
-            for pole in poles
-        ]
-        best = min(fits, key=lambda each: each.chi_squared, default=fit)
-        if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
-            break
-        larger, lost = _pruned(frf, noise, maximise(frf, noise, best.model, real=real), real)
+        more = _with_one_more(frf, noise, fit, _beyond(frf), real)
+        if more is None and candidates is not None:
+            more = _with_one_more(frf, noise, fit, _where_it_lacks(frf, noise, fit, candidates), real)
+        larger, lost = (fit, []) if more is None else _pruned(frf, noise, more, real)
         if len(larger.model.pole) <= len(fit.model.pole):
             break
         fit, rejected = larger, [*rejected, *lost]
     return fit, tuple(rejected)
 
 
-def _misfit_of_hits(frf: Frf, noise: Noise) -> float:
-    """Return the mean square of the whitened scatter of the hits: below one where the filter over lines is careful."""
-    deviations = noise.whiten(channels_of(frf.hits - frf.mean))
-    return float((deviations**2).mean()) / (len(frf.hits) - 1)
+def _with_one_more(
+    frf: Frf, noise: Noise, fit: Likelihood, poles: Iterable[np.ndarray], real: bool
+) -> Likelihood | None:
+    """Return the fit with the one of some poles that lowers chi-squared most; None where none lowers it enough."""
+    starts = [_start_with(frf, noise, fit.model, pole) for pole in poles]
+    fits = [maximise(frf, noise, start, real=real, steps=FIRST_STEPS) for start in starts]
+    best = min(fits, key=lambda each: each.chi_squared, default=fit)
+    if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
+        return None
+    return maximise(frf, noise, best.model, real=real)
 
 
 def _price(frf: Frf, model: ModalModel) -> float:
@@ -142,28 +139,22 @@ def _strength(fit: Likelihood, r: int) -> float:
     return float(vector @ np.linalg.pinv(fit.covariance[np.ix_(at, at)], hermitian=True) @ vector)
 
 
-def _beyond(frf: Frf, model: ModalModel) -> Iterator[np.ndarray]:
-    """Yield a pole below the band and one above, where the model has none yet."""
-    hertz = np.abs(model.pole) / (2 * np.pi)
-    for end, side, beside in (
-        (frf.frequency[0], -1, hertz < frf.frequency[0]),
-        (frf.frequency[-1], 1, hertz > frf.frequency[-1]),
-    ):
-        if not beside.any():
-            yield np.array([2 * np.pi * end * (1 + side * BEYOND) * (1j - 0.02)])
+def _beyond(frf: Frf) -> list[np.ndarray]:
+    """Return a pole below the band and one above."""
+    ends = 2 * np.pi * frf.frequency[[0, -1]] * np.array([1 - BEYOND, 1 + BEYOND])
+    return [np.array([end * (1j - 0.02)]) for end in ends]
 
 
 def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndarray) -> Iterator[np.ndarray]:
     """Yield poles that may be missing: candidates, and modes in two, where the surroundings don't fit."""
-    white = noise.whiten(channels_of(frf.mean - fit.model.accelerance(2j * np.pi * frf.frequency + frf.decay)))
-    lines = len(frf.frequency) - len(noise.lines) + 1
-    by_line = (white.reshape(-1, lines) ** 2).mean(0)
-    lacking, level = [], _misfit_of_hits(frf, noise)
+    left = channels_of(frf.mean - fit.model.accelerance(2j * np.pi * frf.frequency + frf.decay))
+    by_line = (np.abs(noise.by_line(left)) ** 2).mean(0)
+    omega = 2 * np.pi * frf.frequency
+    lacking = []
     for pole in [*fit.model.pole, *candidates]:
-        omega = 2 * np.pi * frf.frequency[len(noise.lines) - 1 :]
         near = np.abs(omega - pole.imag) < max(3 * abs(pole.real), 4 * (omega[1] - omega[0]))
-        expected = math.sqrt(2 / max(1, near.sum() * len(white) / lines))
-        lacking.append((by_line[near].mean() / level - 1) / expected if near.any() else 0.0)
+        expected = math.sqrt(2 / max(1, 2 * near.sum() * len(left)))
+        lacking.append((by_line[near].mean() - 1) / expected if near.any() else 0.0)
     order = np.argsort(lacking)[::-1]
     for i in [i for i in order if lacking[i] > 3][:3]:
         if i < len(fit.model.pole):

@@ -17,11 +17,11 @@ BAND = (3.0, 24.0)
 def test_clean_functions_give_the_modes_to_many_digits():
     rng = np.random.default_rng(0)
     truth = arm_like(rng, inputs=2, close=CLOSE)
-    modes = modes_of(hammer_test(truth, rng, noise=1e-5), band=(3.0, 55.0))
-    assert modes.frequency == pytest.approx(truth.frequency[:5], rel=1e-5)
+    modes = modes_of(hammer_test(truth, rng, noise=1e-3))
+    assert modes.frequency == pytest.approx(truth.frequency[:5], rel=2e-5)
     assert modes.damping == pytest.approx(truth.damping[:5], rel=1e-3)
     overlap = (modes.shape * truth.shape[:, :5]).sum(0) / np.linalg.norm(truth.shape[:, :5], axis=0)
-    assert np.abs(overlap) / np.linalg.norm(modes.shape, axis=0) == pytest.approx(np.ones(5), abs=1e-5)
+    assert np.abs(overlap) / np.linalg.norm(modes.shape, axis=0) == pytest.approx(np.ones(5), abs=1e-3)
     assert not modes.rejected
 
 
