@@ -71,8 +71,9 @@ def select(
         Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978.
     """
     fit, rejected = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
+    expected = EXPECTED * _misfit_of_hits(frf, noise)
     for _ in range(MOST_ADDED):
-        if fit.chi_squared < EXPECTED * fit.freedom + SIGNIFICANT * math.sqrt(2 * fit.freedom):
+        if fit.chi_squared < expected * fit.freedom + SIGNIFICANT * math.sqrt(2 * fit.freedom):
             break
         more = _with_one_more(frf, noise, fit, _beyond(frf), real)
         if more is None and candidates is not None:
@@ -94,6 +95,12 @@ def _with_one_more(
     if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
         return None
     return maximise(frf, noise, best.model, real=real)
+
+
+def _misfit_of_hits(frf: Frf, noise: Noise) -> float:
+    """Return the mean square of the whitened scatter of the hits: below one where the course over the record is careful."""
+    deviations = noise.whiten(channels_of(frf.hits - frf.mean))
+    return float((deviations**2).mean()) / (len(frf.hits) - 1)
 
 
 def _price(frf: Frf, model: ModalModel) -> float:
