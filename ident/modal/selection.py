@@ -9,15 +9,13 @@ import numpy as np
 from ident.modal.frf import Frf
 from ident.modal.likelihood import Likelihood, maximise
 from ident.modal.modal_model import ModalModel
-from ident.modal.noise import SMOOTHED, Noise, channels_of
+from ident.modal.noise import Noise, channels_of
 from ident.modal.polynomial import Poles
 from ident.modal.residues import model_of
 from ident.modal.stabilisation import MOST_DAMPED, Diagram
 
 FIRST_STEPS = 8
 """Steps of the search that compares one number of modes with another."""
-EXPECTED, SIGNIFICANT = SMOOTHED / (SMOOTHED - 2), 3.0
-"""Chi-squared over degrees of freedom where variances are estimated; how many sd more there are where a mode lacks."""
 ABOUT = 5
 """Lines about a pole that tell how the references move."""
 SHARPEST = 0.005
@@ -71,10 +69,7 @@ def select(
         Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978.
     """
     fit, rejected = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
-    expected = EXPECTED * _misfit_of_hits(frf, noise)
     for _ in range(MOST_ADDED):
-        if fit.chi_squared < expected * fit.freedom + SIGNIFICANT * math.sqrt(2 * fit.freedom):
-            break
         more = _with_one_more(frf, noise, fit, _beyond(frf), real)
         if more is None and candidates is not None:
             more = _with_one_more(frf, noise, fit, _where_it_lacks(frf, noise, fit, candidates), real)
@@ -95,12 +90,6 @@ def _with_one_more(
     if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
         return None
     return maximise(frf, noise, best.model, real=real)
-
-
-def _misfit_of_hits(frf: Frf, noise: Noise) -> float:
-    """Return the mean square of the whitened scatter of the hits: below one where the noise is taken too high."""
-    deviations = noise.whiten(channels_of(frf.hits - frf.mean))
-    return float((deviations**2).mean()) / (len(frf.hits) - 1)
 
 
 def _price(frf: Frf, model: ModalModel) -> float:
@@ -157,11 +146,11 @@ def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndar
     left = channels_of(frf.mean - fit.model.accelerance(2j * np.pi * frf.frequency + frf.decay))
     by_line = (np.abs(noise.by_line(left)) ** 2).mean(0)
     omega = 2 * np.pi * frf.frequency
-    lacking = []
+    lacking, level = [], float(np.median(by_line))
     for pole in [*fit.model.pole, *candidates]:
         near = np.abs(omega - pole.imag) < max(3 * abs(pole.real), 4 * (omega[1] - omega[0]))
         expected = math.sqrt(2 / max(1, 2 * near.sum() * len(left)))
-        lacking.append((by_line[near].mean() - 1) / expected if near.any() else 0.0)
+        lacking.append((by_line[near].mean() / level - 1) / expected if near.any() else 0.0)
     order = np.argsort(lacking)[::-1]
     for i in [i for i in order if lacking[i] > 3][:3]:
         if i < len(fit.model.pole):

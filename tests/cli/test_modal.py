@@ -25,12 +25,20 @@ def test_modal_writes_what_it_says(run, folder, tmp_path):
     assert "Hammer test at 1 posture: 10 hits count, 1 does not" in out
     assert "REJECTED alpha60_y.unv, hit 2: overload of the force: 250 of a full scale of 250 N" in out
     written = [name for name in files(tmp_path) if name.startswith("out")]
-    assert written == ["out/tests.modal.json", "out/tests.modal.nc", "out/tests.modal.png"]
-    code, out, err = run(
-        "modal", folder, "--no-figure", "--channels", folder / "channels.csv", "--band=2:20", "--strict"
-    )
-    assert (code, err.count("kept")) == (0, 1)
+    ends = (".covariance.csv", ".csv", ".json", ".modes.png", ".nc", ".png")
+    assert written == [f"out/tests.modal{end}" for end in ends]
+    assert "vertical bending 2" in out
+    assert "ident fit takes the rows as independent" in " ".join(out.split())
+
+
+def test_frequency_responses_alone(run, folder):
+    code, out, _ = run("modal", folder, "--no-figure", "--no-modes", "--band=2:20", "--strict")
+    assert code == 0
+    assert "mode   frequency" not in out
     assert run("show", "out/tests.modal.nc")[1] in out
+    code, _, err = run("modal", folder, "--modes", "x=3")
+    assert code == 2
+    assert "--modes x=3: got 'x', expected the number of a posture" in err
 
 
 def test_init_writes_a_table_to_fill_in_and_overwrites_none(run, folder):
@@ -48,7 +56,7 @@ def test_init_writes_a_table_to_fill_in_and_overwrites_none(run, folder):
 def test_a_reversed_sensor_is_seen(run, folder):
     table = folder / "channels.csv"
     table.write_text(table.read_text().replace("tip,-z,base", "tip,z,base"))
-    code, out, _ = run("modal", folder, "--no-figure", "--strict")
+    code, out, _ = run("modal", folder, "--no-figure", "--no-modes", "--strict")
     assert code == 3
     assert "WARNING: 2 checks fail, see below" in out
     assert "(at most 10 %), BAD: turn the direction of the force or the response" in " ".join(out.split())

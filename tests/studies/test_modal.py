@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 from hammer_files import FOLDER, generator
 from scipy.integrate import solve_ivp
+from scipy.stats import chi2
 
 import ident
 from ident.arm.chain import at_posture
 from ident.arm.equilibrium import static_equilibrium
+from ident.arm.labels import mode_labels
 from ident.arm.mechanics import point_positions, unflatten
-from ident.arm.modes import damped_eigenvalues, linearize
+from ident.arm.modes import damped_eigenvalues, linearize, modes
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.conditions import loads_of
 from ident.measure import Load
+from ident.measure.channels import read_channels
 
 POSTURE = np.radians([60.0, -120.0, 60.0])
 
@@ -35,6 +38,13 @@ def seen(arm):
 @pytest.fixture(scope="module")
 def result():
     return ident.modal_test(FOLDER)
+
+
+@pytest.fixture(scope="module")
+def posture():
+    """The channels of one posture."""
+    rows = read_channels(FOLDER / "channels.csv")
+    return replace(rows, rows=tuple(row for row in rows.rows if "alpha60" in row.file))
 
 
 def test_the_generators_modes_are_those_of_the_model(arm, seen):
@@ -107,13 +117,67 @@ def test_frequency_responses_are_those_of_the_model_on_the_line_of_the_window(ar
         assert 1.0 < off < 1.3, "Student's t of five complex values has a variance of 4 / 3"
 
 
-def test_the_figures_and_the_table_have_each_pair(result):
-    assert list(result.figures()) == ["", "2", "3", "4"]
+def test_modes_are_those_of_the_model_within_their_joint_covariance(arm, result):
+    """Chi-squared of all rows of the campaign, which have a name, against the poles of the model."""
+    rows = result.modal_campaign.campaign.measurements
+    off = []
+    for row in rows:
+        hertz = next(r.value for r in rows if (r.posture, r.mode, r.kind) == (row.posture, row.mode, "frequency"))
+        poles = generator().system(arm, np.array(row.posture)).poles
+        pole = min(poles[poles.imag > 0], key=lambda p, hertz=hertz: abs(abs(p) / (2 * np.pi) - hertz))
+        off.append(row.value - (abs(pole) / (2 * np.pi) if row.kind == "frequency" else -pole.real / abs(pole)))
+    joint = off @ np.linalg.solve(result.modal_campaign.covariance, off)
+    assert chi2.ppf(0.025, len(rows)) < joint < chi2.ppf(0.975, len(rows))
+
+
+def test_no_name_is_wrong(arm, result):
+    """The names of the arm that made the data, at the frequencies that it has there."""
+    given = 0
+    for test, each in zip(result.tests, result.identified, strict=True):
+        chain = at_posture(arm, jnp.asarray(test.posture), loads_of(arm, test.load))
+        right = modes(chain)
+        poles = np.abs(np.asarray(damped_eigenvalues(linearize(chain)))) / (2 * np.pi)
+        for frequency, label in zip(each.modes.frequency, each.labels.given, strict=True):
+            given += label is not None
+            assert label in (None, mode_labels(right)[int(np.argmin(abs(poles - frequency)))])
+    assert given >= 20
+
+
+def test_the_fit_recovers_table_1_within_its_joint_covariance(arm, result):
+    fit = ident.fit(arm, result.modal_campaign.campaign)
+    assert not fit.doubts
+    known = fit.fit.information
+    true = np.array([float(arm.get(name.split("=")[0])) for name in known.names])
+    off = np.log(np.array([fit.parameters[name] for name in known.names]) / true)
+    joint = off @ np.linalg.solve(known.covariance, off)
+    assert chi2.ppf(0.025, len(off)) < joint < chi2.ppf(0.975, len(off))
+
+
+def test_the_figures_and_the_table_have_each_mode(result):
+    assert list(result.figures()) == ["", "2", "3", "4", "modes", "modes2", "modes3", "modes4"]
     rows = result.table()
-    assert len(rows) == 4 * 6 * 2
-    assert {row["hits"] for row in rows} == {5}
-    assert rows[0]["response"] == "tip x"
+    assert len(rows) == sum(len(each.modes.frequency) for each in result.identified)
+    assert rows[0]["label"] == "lateral torsion 1"
     assert "REJECTED alpha30_z.unv, hit 3: a double hit" in result.report()
+
+
+def test_the_campaign_and_its_covariance_are_written_beside_each_other(result, tmp_path):
+    names = [path.name for path in result.save(tmp_path)]
+    assert names == ["hammer.modal.csv", "hammer.modal.covariance.csv", "hammer.modal.nc", "hammer.modal.json"]
+    assert ident.read_campaign(tmp_path / names[0]) == result.modal_campaign.campaign
+    covariance = np.loadtxt(tmp_path / names[1], delimiter=",")
+    np.testing.assert_array_equal(covariance, result.modal_campaign.covariance)
+    sigma = [row.sigma for row in result.modal_campaign.campaign]
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), sigma, rtol=1e-12)
+
+
+def test_the_choice_of_modes_can_be_overruled(posture):
+    options = ident.ModalOptions(modes={"1": (5.66, 5.77, 15.0)})
+    (each,) = ident.modal_test(FOLDER, posture, FOLDER / "arm.toml", options).identified
+    inside = each.modes.frequency[each.modes.frequency < 20]
+    np.testing.assert_allclose(inside, (5.66, 5.77, 15.0), rtol=0.01)
+    with pytest.raises(InputError, match="got posture 2, expected 1 to 1"):
+        ident.modal_test(FOLDER, posture, FOLDER / "arm.toml", ident.ModalOptions(modes={"2": (5.0,)}))
 
 
 def test_a_saved_result_is_the_same_and_repeats(result, tmp_path):
@@ -124,9 +188,12 @@ def test_a_saved_result_is_the_same_and_repeats(result, tmp_path):
     assert ident.rerun(path).same
 
 
-def test_options_act(result):
-    options = ident.ModalOptions(estimator="hv", band=(3.0, 20.0), window_end=1.0)
+def test_options_act():
+    options = ident.ModalOptions(estimator="hv", band=(3.0, 20.0), window_end=1.0, no_modes=True)
     other = ident.modal_test(FOLDER, options=options)
+    assert (other.identified, other.modal_campaign) == ((), None)
+    assert list(other.figures()) == ["", "2", "3", "4"]
+    assert other.table() == []
     assert {test.frf.decay for test in other.tests} == {0.0, 0.3}, "that of the analyser stays"
     assert all(3 <= test.frf.frequency[0] < 3.1 and 19.9 < test.frf.frequency[-1] <= 20 for test in other.tests)
     with pytest.raises(InputError, match="estimator"):
@@ -145,10 +212,6 @@ def test_a_folder_without_table_or_arm(tmp_path):
     assert "got 'alpha30_z.unv', expected a file of the test" in str(caught.value)
 
 
-def test_a_table_may_be_a_value(result):
-    from ident.measure.channels import read_channels
-
-    rows = read_channels(FOLDER / "channels.csv")
-    rows = replace(rows, rows=tuple(row for row in rows.rows if "alpha60" in row.file))
-    (test,) = ident.modal_test(FOLDER, rows, FOLDER / "arm.toml").tests
+def test_a_table_may_be_a_value(result, posture):
+    (test,) = ident.modal_test(FOLDER, posture, FOLDER / "arm.toml", ident.ModalOptions(no_modes=True)).tests
     np.testing.assert_array_equal(test.frf.hits, result.tests[2].frf.hits)
