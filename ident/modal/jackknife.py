@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2, t
 
 from ident.modal.frf import Frf
-from ident.modal.likelihood import Likelihood, chords
+from ident.modal.likelihood import Likelihood, nearby
 from ident.modal.noise import Noise
 
 BAND = 0.99
@@ -56,7 +56,7 @@ def jackknife(frf: Frf, noise: Noise, fit: Likelihood, *, real: bool = False) ->
     count, size = len(frf.hits), fit.model.size
     poles = np.ravel([[r * size, r * size + 1] for r in fit.model.inside(frf.frequency)])
     others = [replace(frf, hits=np.delete(frf.hits, h, 0)) for h in range(count)]
-    without = chords(frf, noise, fit, others, real=real)[:, poles]
+    without = nearby(frf, noise, fit, others, real=real)[:, poles]
     apart = without - without.mean(0)
     precision = np.linalg.inv(fit.covariance[np.ix_(poles, poles)])
     value = (count - 1) / count * (apart @ precision * apart).sum() / len(poles)

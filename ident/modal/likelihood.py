@@ -16,8 +16,12 @@ STEPS = 60
 SMALL = 1e-4
 """Last change of chi-squared at which a search ends; one is a standard deviation."""
 
-CHORDS = 3
+CHORDS = 4
 """Steps to an estimate nearby."""
+SETTLED = 0.01
+"""Last change of chi-squared after which such steps have come to an end."""
+FALLBACK = 8
+"""Steps of a search where they do not."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +75,24 @@ def maximise(frf: Frf, noise: Noise, start: ModalModel, *, real: bool = False, s
     return Likelihood(model, _covariance(information, free), cost, 2 * mean.size - int(free.sum()), converged)
 
 
-def chords(frf: Frf, noise: Noise, fit: Likelihood, others: Sequence[Frf], *, real: bool) -> Float[np.ndarray, "h n"]:
-    """Return the vectors of estimates from functions that differ little, by the slopes and information of this one."""
+def nearby(frf: Frf, noise: Noise, fit: Likelihood, others: Sequence[Frf], *, real: bool) -> Float[np.ndarray, "h n"]:
+    """Return the vectors of estimates from functions that differ little from those of a fit.
+
+    By steps with the slopes and the information of the fit; by a search where these lead away, as where a mode beyond
+    the band is hardly known.
+    """
     s, free, vector = 2j * np.pi * frf.frequency + frf.decay, free_numbers(fit.model, real), fit.model.vector()
     gain = fit.covariance[:, free] @ noise.whiten(channels_of(fit.model.slopes(s)[free]))
     vectors = []
     for other in others:
         own, mean = vector, channels_of(other.mean)
+        costs = []
         for _ in range(CHORDS):
-            own = own + gain @ noise.whiten(mean - channels_of(fit.model.replace(own).accelerance(s)))
-        vectors.append(own)
+            residual = noise.whiten(mean - channels_of(fit.model.replace(own).accelerance(s)))
+            costs.append(float(residual @ residual))
+            own = own + gain @ residual
+        settled = _is_sound(fit.model.replace(own)) and abs(costs[-1] - costs[-2]) < SETTLED and costs[-1] < costs[0]
+        vectors.append(own if settled else maximise(other, noise, fit.model, real=real, steps=FALLBACK).model.vector())
     return np.array(vectors)
 
 
