@@ -8,7 +8,7 @@ In the order of use; every study is one function that returns one frozen result.
     read_campaign   natural frequencies, static deflections and damping ratios from a CSV file
     read_log        a joint path as a robot controller logs it
     read_trace      a measured vibration
-    modal_test      frequency responses from the files of a hammer test
+    modal_test      modes with their covariance, and a campaign, from the files of a hammer test
     show            an arm drawn, and what looks odd about its numbers
     predict         natural frequencies, modes and static deflection at postures
     check           what a campaign can tell about each parameter, before any solving

@@ -1,4 +1,4 @@
-"""The command `ident modal`: from the files of a hammer test to frequency responses."""
+"""The command `ident modal`: from the files of a hammer test to a campaign."""
 
 from pathlib import Path
 from typing import Annotated
@@ -26,9 +26,10 @@ def modal_command(
     no_figure: NoFigureOption = False,
     strict: StrictOption = False,
 ) -> None:
-    """Make frequency responses of the hits of a hammer test, and say which hits do not count and why.
+    """Make a campaign of the files of a hammer test: frequency responses, modes with their covariance, names.
 
-    Writes TESTS.modal.nc, .json and a figure for each posture into the folder given by --out.
+    Says which hits do not count, and which modes have no certain name, and why. Writes TESTS.modal.csv (a campaign for
+    ident fit), .covariance.csv, .nc, .json and two figures for each posture into the folder given by --out.
     """
     if init:
         path, rows = new_channels(tests, channels, arm)

@@ -6,6 +6,8 @@ import pytest
 from commands import files
 from hammer_files import FOLDER
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def folder(tmp_path):
