@@ -21,6 +21,7 @@ from ident.errors import InputError
 from ident.identify.conditions import loads_of
 from ident.measure import Load
 from ident.measure.channels import read_channels
+from ident.measure.recordings import read_recording
 
 pytestmark = pytest.mark.slow
 
@@ -91,6 +92,14 @@ def test_the_generators_accelerance_is_that_of_its_response(seen):
     inside = (lines > 2) & (lines < 30)
     expected = seen.accelerance(2j * np.pi * lines[inside])[:, 1]
     np.testing.assert_allclose(answers[:, inside] / force[inside], expected, rtol=0, atol=2e-3 * abs(expected).max())
+
+
+def test_the_shipped_files_are_those_of_the_generator(arm):
+    made = generator()
+    pushed, answers = made.records(made.system(arm, np.zeros(3)), 0, "z", np.random.default_rng(made.SEED))
+    channels = {each.name: each.values for each in read_recording(FOLDER / made.name(0, "z")).channels}
+    np.testing.assert_allclose(channels["1:-Z force"], pushed, rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(channels["2:+Y acceleration"], answers[4], rtol=1e-6, atol=1e-6)
 
 
 def test_the_arm_beside_the_test_is_the_papers_with_one_point_more(arm):
