@@ -43,16 +43,26 @@ class ModalCampaign:
     Attributes:
         campaign: the rows: of each posture the frequencies, then the damping ratios.
         covariance: (D, D) [Hz and -, as the rows] of their errors; rows of different postures are independent.
+        groups: (D,) number of the posture of each row, from 1.
     """
 
     campaign: Campaign
     covariance: Float[np.ndarray, "D D"]
+    groups: tuple[int, ...]
 
     @property
     def correlation(self) -> Float[np.ndarray, "D D"]:
         """Correlation of the rows' errors [-]."""
         sd = np.sqrt(np.diag(self.covariance))
         return self.covariance / np.outer(sd, sd)
+
+    def pairs(self) -> Iterator[tuple[int, int, int, float]]:
+        """Yield group, places i < j within it, from 1, and correlation of each pair of rows of a group."""
+        correlation, groups = self.correlation, np.array(self.groups)
+        for group in dict.fromkeys(self.groups):
+            rows = np.flatnonzero(groups == group)
+            for i, j in zip(*np.triu_indices(len(rows), 1), strict=True):
+                yield group, int(i) + 1, int(j) + 1, float(correlation[rows[i], rows[j]])
 
 
 def identify_modes(
@@ -100,7 +110,8 @@ def modal_campaign(name: str, tests: Sequence[ModalTest], identified: Sequence[I
     """Return the campaign of the modes that have a name; a doubtful one is no row, as it could be matched wrongly."""
     rows = [row for pair in zip(tests, identified, strict=True) for row in _rows(*pair)]
     blocks = [_covariance(each) for each in identified]
-    return ModalCampaign(Campaign(name=name, measurements=tuple(rows)), scipy.linalg.block_diag(*blocks))
+    groups = tuple(number for number, block in enumerate(blocks, 1) for _ in block)
+    return ModalCampaign(Campaign(name=name, measurements=tuple(rows)), scipy.linalg.block_diag(*blocks), groups)
 
 
 def _named(each: IdentifiedModes) -> list[int]:

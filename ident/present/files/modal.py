@@ -34,15 +34,17 @@ def modal_rows(
 
 
 def write_campaign_files(made: ModalCampaign, head: Mapping[str, Any], table: Path, covariance: Path) -> None:
-    """Write the campaign, and beside it the covariance of its rows, one line a row, in their order."""
+    """Write the campaign, and beside it the correlation of each pair of rows of a posture, by their places in it."""
     comments = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",
         "Modes of a hammer test that have a name. of: pole, the undamped frequency is |pole| / 2 pi.",
         f"The errors of the rows of one posture are correlated: see {covariance.name}.",
     ]
     write_campaign(made.campaign, table, header_comments=comments)
-    rows = "\n".join(",".join(repr(float(value)) for value in row) for row in made.covariance)
-    text = f"# covariance of the rows of {table.name} [Hz^2, Hz, 1]\n{rows}\n"
+    pairs = "".join(f"{group},{i},{j},{value!r}\n" for group, i, j, value in made.pairs())
+    text = (
+        f"# {table.name}: rows i and j of each posture, its group; sigma stands there\ngroup,i,j,correlation\n{pairs}"
+    )
     replace_file(covariance, lambda file: file.write(text.encode()), make_folders=True)
 
 
