@@ -3,7 +3,8 @@
 import math
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
+from numpy.polynomial.hermite_e import hermegauss
 from scipy.special import gammaln, logsumexp
 
 INEXACT = 0.15
@@ -12,7 +13,9 @@ COUPLING = 0.05
 """How far squared frequencies are off, as a share: it mixes the shapes of modes that are near each other."""
 FREQUENCY_SD = 0.3
 """How far computed frequencies are off beyond their draws, in ln."""
-UNSEEN = 0.1
+NODES = 9
+"""Tangents of angles at which mixed shapes are computed."""
+UNSEEN = 0.05
 """Probability that a test does not show a mode within its band."""
 NONE = 0.02
 """Probability that a measured mode is none of the computed ones, before its shape is seen."""
@@ -27,16 +30,17 @@ def likelihoods(
 ) -> Float[np.ndarray, "m"]:
     """Return ln(likelihood of a measured shape) for each computed one, over that of a shape of no mode.
 
-    The measured shape is a multiple c of the computed one, c complex and of any size, with its own covariance, an
-    inexactness of the computed one, and as much of the others as a small error of the model mixes in:
-    kappa = COUPLING w_a w_b / |w_a^2 - w_b^2|, at most one. So modes that nearly coincide, which any small error turns
-    within the plane that they span, are compared as that plane; modes far apart as they are. A shape of no mode has
-    any direction alike.
+    The measured shape is a multiple c of the computed one, c complex and of any size, with its own covariance and an
+    inexactness of the computed one. A small error of the model mixes modes that are near each other: the computed shape
+    is turned towards that of its neighbour by an angle of unknown tangent, normal with standard deviation
+    kappa = COUPLING w_a w_b / |w_a^2 - w_b^2|, at most one. So modes that nearly coincide are compared as the plane
+    that they span, within which the nearer one is the more probable; modes far apart as they are. A shape of no mode
+    has any direction alike.
 
     Args:
         shape: of the measured mode.
         covariance: its own, real parts first.
-        computed: shapes at the same places.
+        computed: shapes at the same places, mass-normalised.
         frequency: [Hz] of the computed modes.
         measured: [Hz] of the measured one; the frequencies agree to within `FREQUENCY_SD` only.
 
@@ -45,36 +49,30 @@ def likelihoods(
     """
     length = np.linalg.norm(shape)
     unit, outputs = shape / length, len(shape)
-    y = np.concatenate([unit.real, unit.imag])
-    # shapes of length one; places where a mode hardly moves leave it unlike anything
-    size = np.linalg.norm(computed, axis=0)
-    squared = frequency**2
-    gap = np.abs(squared[:, None] - squared) + np.eye(len(frequency))
-    kappa = np.minimum(COUPLING * frequency[:, None] * frequency / gap, 1.0) * (1 - np.eye(len(frequency)))
-    mixed = np.einsum("oa,ma,pa->mop", computed, kappa**2, computed) / size[:, None, None] ** 2
-    alone = covariance / length**2 + np.eye(2 * outputs) * INEXACT**2 / (2 * outputs)
-    S = alone + _doubled(mixed / 2)
-    A = _doubled_columns(computed / size)
-    return (
-        _log_density(y, S, A)
-        - (gammaln(outputs) - (outputs - 1) * math.log(math.pi))
-        + _by_frequency(frequency, measured)
-    )
+    S = covariance / length**2 + np.eye(2 * outputs) * INEXACT**2 / (2 * outputs)
+    tangents, weights = hermegauss(NODES)
+    partner, kappa = _neighbours(frequency)
+    turned = computed[:, None] + computed[:, partner][:, None] * kappa * tangents[:, None]
+    turned /= np.linalg.norm(turned, axis=0)
+    logs = _log_density(np.concatenate([unit.real, unit.imag]), S, _doubled(turned.reshape(outputs, -1)))
+    mixed = logsumexp(logs.reshape(NODES, -1), 0, b=weights[:, None] / weights.sum())
+    return mixed - (gammaln(outputs) - (outputs - 1) * math.log(math.pi)) + _by_frequency(frequency, measured)
+
+
+def _neighbours(frequency: Float[np.ndarray, "m"]) -> tuple[Int[np.ndarray, "m"], Float[np.ndarray, "m"]]:
+    """Return the mode that each mixes with most, and by how much."""
+    gap = np.abs(frequency[:, None] ** 2 - frequency**2)
+    product = frequency[:, None] * frequency * (1 - np.eye(len(frequency)))
+    kappa = np.minimum(COUPLING * product / np.maximum(gap, COUPLING * np.maximum(product, 1e-300)), 1.0)
+    partner = np.argmax(kappa, 1)
+    return partner, np.take_along_axis(kappa, partner[:, None], 1)[:, 0]
 
 
 def _by_frequency(frequency: Float[np.ndarray, "m"], measured: float) -> Float[np.ndarray, "m"]:
     return -((np.log(frequency / measured) / FREQUENCY_SD) ** 2) / 2
 
 
-def _doubled(blocks: Float[np.ndarray, "m O O"]) -> Float[np.ndarray, "m n n"]:
-    """Return covariances of real and imaginary parts that are alike."""
-    count, outputs, _ = blocks.shape
-    out = np.zeros((count, 2 * outputs, 2 * outputs))
-    out[:, :outputs, :outputs] = out[:, outputs:, outputs:] = blocks
-    return out
-
-
-def _doubled_columns(shapes: Float[np.ndarray, "O m"]) -> Float[np.ndarray, "m n 2"]:
+def _doubled(shapes: Float[np.ndarray, "O n"]) -> Float[np.ndarray, "n two_O two"]:
     """Return what the real and the imaginary part of a factor do."""
     outputs, count = shapes.shape
     out = np.zeros((count, 2 * outputs, 2))
@@ -83,18 +81,16 @@ def _doubled_columns(shapes: Float[np.ndarray, "O m"]) -> Float[np.ndarray, "m n
 
 
 def _log_density(
-    y: Float[np.ndarray, "n"], S: Float[np.ndarray, "m n n"], A: Float[np.ndarray, "m n 2"]
-) -> Float[np.ndarray, "m"]:
+    y: Float[np.ndarray, "k"], S: Float[np.ndarray, "k k"], A: Float[np.ndarray, "n k two"]
+) -> Float[np.ndarray, "n"]:
     """Return ln of the integral over c of the normal density of y about A c with covariance S."""
-    inverse = np.linalg.inv(S)
-    weighted = inverse @ A
-    information = np.swapaxes(A, 1, 2) @ weighted
-    c = np.linalg.solve(information, (np.swapaxes(weighted, 1, 2) @ y)[..., None])
-    apart = y - (A @ c)[..., 0]
-    squared = np.einsum("mi,mij,mj->m", apart, inverse, apart)
-    free = len(y) - 2
-    determinants = np.linalg.slogdet(S)[1] + np.linalg.slogdet(information)[1]
-    return -(squared + determinants + free * math.log(2 * math.pi)) / 2
+    factor = np.linalg.cholesky(S)
+    white, columns = np.linalg.solve(factor, y), np.linalg.solve(factor, A)
+    information = np.swapaxes(columns, 1, 2) @ columns
+    c = np.linalg.solve(information, (np.swapaxes(columns, 1, 2) @ white)[..., None])
+    squared = ((white - (columns @ c)[..., 0]) ** 2).sum(1)
+    determinants = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(information)[1]
+    return -(squared + determinants + (len(y) - 2) * math.log(2 * math.pi)) / 2
 
 
 def pair_probabilities(

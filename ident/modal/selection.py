@@ -74,7 +74,7 @@ def select(
         if more is None and candidates is not None:
             more = _with_one_more(frf, noise, fit, _where_it_lacks(frf, noise, fit, candidates), real)
         larger, lost = (fit, []) if more is None else _pruned(frf, noise, more, real)
-        if len(larger.model.pole) <= len(fit.model.pole):
+        if _schwarz(frf, larger) >= _schwarz(frf, fit):
             break
         fit, rejected = larger, [*rejected, *lost]
     return fit, tuple(rejected)
@@ -90,6 +90,10 @@ def _with_one_more(
     if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
         return None
     return maximise(frf, noise, best.model, real=real)
+
+
+def _schwarz(frf: Frf, fit: Likelihood) -> float:
+    return fit.chi_squared + len(fit.model.pole) * _price(frf, fit.model)
 
 
 def _price(frf: Frf, model: ModalModel) -> float:

@@ -181,6 +181,8 @@ def _with(first: Diagram, second: Diagram) -> Diagram:
         if not (np.abs(poles - pole) < 2 * (np.abs(poles.real) + np.abs(pole.real))).any()
     ]
     moved = np.full(len(second.chosen) + 1, -1)
+    if len(poles):
+        moved[:-1] = np.abs(second.pole[second.chosen][:, None] - poles).argmin(1)
     moved[new] = len(poles) + np.arange(len(new))
     chosen = np.concatenate([first.chosen, len(first.pole) + second.chosen[new]]).astype(int)
     fields = ("order", "transposed", "pole", "shape")

@@ -124,7 +124,8 @@ class ModalResult(Result):
         return any(not each.modes.converged for each in self.identified)
 
     def figures(self) -> "dict[str, Figure]":
-        """Return for each posture its frequency responses, and of which poles its modes were chosen (`modes`)."""
+        """Return for each posture its frequency responses, how its modes were chosen (`modes`), and `shapes`."""
+        from ident.present.figures.argand import argand_figure
         from ident.present.figures.modal import modal_figure
         from ident.present.figures.stabilisation import stabilisation_figure
 
@@ -135,7 +136,11 @@ class ModalResult(Result):
             f"modes{word}": stabilisation_figure(test, each)
             for word, test, each in zip(words, self.tests, self.identified, strict=False)
         }
-        return figures | diagrams
+        planes = {
+            f"shapes{word}": argand_figure(test, each)
+            for word, test, each in zip(words, self.tests, self.identified, strict=False)
+        }
+        return figures | diagrams | planes
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.modal import write_campaign_files, write_netcdf

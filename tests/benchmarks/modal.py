@@ -90,7 +90,7 @@ def report(given: argparse.Namespace, responses: int) -> None:
     for name, own in zip(("joint", "diagonal"), variance.T, strict=True):
         summed(f"close gap, {name}", apart**2 / own, 1, freedom)
     correlation = np.array([C[0, 1] / np.sqrt(C[0, 0] * C[1, 1]) for _, C in joint])
-    print(f"close frequencies      correlation {np.median(correlation):.2f} median, {correlation.min():.2f} least")
+    print(f"close frequencies      correlation {np.median(correlation):.2f}, least {correlation.min():.2f}")
     ratios = np.array([modes.ratio.value for _, modes in right])
     doubtful = sum(modes.ratio.doubtful for _, modes in right)
     print(f"jackknife ratio        mean {ratios.mean():.3f}, sd {ratios.std():.3f}; doubtful {doubtful}")
