@@ -29,7 +29,7 @@ def modal_command(
     """Make a campaign of the files of a hammer test: frequency responses, modes with their covariance, names.
 
     Says which hits do not count, and which modes have no certain name, and why. Writes TESTS.modal.csv (a campaign for
-    ident fit), .covariance.csv, .nc, .json and two figures for each posture into the folder given by --out.
+    ident fit), .covariance.csv, .nc, .json and three figures for each posture into the folder given by --out.
     """
     if init:
         path, rows = new_channels(tests, channels, arm)

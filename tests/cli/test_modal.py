@@ -27,7 +27,7 @@ def test_modal_writes_what_it_says(run, folder, tmp_path):
     assert "Hammer test at 1 posture: 10 hits count, 1 does not" in out
     assert "REJECTED alpha60_y.unv, hit 2: overload of the force: 250 of a full scale of 250 N" in out
     written = [name for name in files(tmp_path) if name.startswith("out")]
-    ends = (".covariance.csv", ".csv", ".json", ".modes.png", ".nc", ".png")
+    ends = (".covariance.csv", ".csv", ".json", ".modes.png", ".nc", ".png", ".shapes.png")
     assert written == [f"out/tests.modal{end}" for end in ends]
     assert "vertical bending 2" in out
     assert "ident fit takes the rows as independent" in " ".join(out.split())
