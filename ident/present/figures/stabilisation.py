@@ -23,8 +23,8 @@ def stabilisation_figure(test: ModalTest, identified: IdentifiedModes) -> Figure
     _poles(upper, identified)
     _mac(lower, identified)
     handles = [
-        Line2D([], [], linestyle="", marker="o", markersize=4, color=PALE, label="pole in no lasting cluster"),
-        Line2D([], [], linestyle="", marker="o", markersize=4, color=BLUE, label="pole of a cluster"),
+        Line2D([], [], linestyle="", marker="o", markersize=4, color=PALE, label="other pole"),
+        Line2D([], [], linestyle="", marker="o", markersize=4, color=BLUE, label="pole of a lasting cluster"),
         Line2D([], [], color=ORANGE, label="mode, by maximum likelihood"),
         Line2D([], [], color=GREY, label="size of all responses"),
     ]
