@@ -165,13 +165,8 @@ def test_the_fit_recovers_table_1_within_its_joint_covariance(arm, result):
 
 
 def test_the_figures_and_the_table_have_each_mode(result):
-<<<<<<< HEAD
     kinds = ("", "modes", "shapes")
     assert list(result.figures()) == [f"{kind}{number}" for kind in kinds for number in ("", 2, 3, 4)]
-=======
-    ends = ["", "2", "3", "4"]
-    assert list(result.figures()) == [f"{word}{end}" for word in ("", "modes", "shapes") for end in ends]
->>>>>>> w/modalread
     rows = result.table()
     assert len(rows) == sum(len(each.modes.frequency) for each in result.identified)
     assert rows[0]["label"] == "lateral torsion 1"
