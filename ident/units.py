@@ -43,6 +43,7 @@ QUANTITIES = {
     "force": Quantity("N", "a force unit such as N"),
     "frequency": Quantity("Hz", "a frequency unit: Hz, kHz, rpm or rad/s"),
     "time": Quantity("s", "a time unit such as s or ms"),
+    "velocity": Quantity("m/s", "a velocity unit such as m/s"),
     "acceleration": Quantity("m/s^2", "an acceleration unit such as m/s^2"),
     "damping_ratio": Quantity("1", "1, % or an empty cell"),
 }
