@@ -8,6 +8,7 @@ from ident.arm.equilibrium import deflection
 from ident.arm.mechanics import point_rotations
 from ident.arm.rotations import identity, matmul, rotation_vector, transpose
 from ident.identify.conditions import Readings
+from ident.jit import AnyArray
 
 
 def read(chain: Chain, phi: Float[Array, "3 N S *#batch"], readings: Readings) -> Float[Array, "n *batch"]:
@@ -41,6 +42,6 @@ def _rotations(axes: Float[Array, "3 3 P S *batch"], readings: Readings) -> Floa
     return (turn * _lifted(readings.direction, rank)).sum(0)
 
 
-def _lifted(x: Array, rank: int) -> Array:
+def _lifted(x: AnyArray, rank: int) -> Array:
     """Give an array as many batch axes as the predictions have."""
     return jnp.reshape(x, x.shape + (1,) * rank)

@@ -166,7 +166,7 @@ def _solve(W: Array, force: Phi) -> Phi:
 
 
 def _rows(
-    frequency: Float[Array, "m S"], reads: Float[Array, "n"], choice: Choices, conditions: Conditions
+    frequency: Float[Array, "m S"], reads: Float[Array, "r"], choice: Choices, conditions: Conditions
 ) -> Float[Array, "D"]:
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
     values = [
