@@ -42,6 +42,6 @@ def _rotations(axes: Float[Array, "3 3 P S *batch"], readings: Readings) -> Floa
     return (turn * _lifted(readings.direction, rank)).sum(0)
 
 
-def _lifted(x: AnyArray, rank: int) -> Array:
+def _lifted(x: AnyArray, rank: int) -> AnyArray:
     """Give an array as many batch axes as the predictions have."""
-    return jnp.reshape(x, x.shape + (1,) * rank)
+    return x.reshape(x.shape + (1,) * rank)
