@@ -24,7 +24,14 @@ from ident.measure.campaign import KINDS
 from ident.text import quoted
 from ident.units import QUANTITIES, si_factor
 
-PLAUSIBLE = {"frequency": 3.0, "damping_ratio": 100.0, "deflection": 5.0, "deflection_difference": 5.0}
+PLAUSIBLE = {
+    "frequency": 3.0,
+    "damping_ratio": 100.0,
+    "deflection": 5.0,
+    "deflection_difference": 5.0,
+    "rotation": 5.0,
+    "rotation_difference": 5.0,
+}
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
 
 ALL = "all"

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads, at_posture
-from ident.arm.equilibrium import StaticEquilibrium, deflection, static_equilibrium
+from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
 from ident.arm.modes import (
     Modes,
     damped_eigenvalues,
@@ -23,11 +23,12 @@ from ident.arm.modes import (
     to_hertz,
 )
 from ident.arm.motors import coordinates, modal_mass
-from ident.identify.conditions import Conditions, Readings, Unnamed
+from ident.identify.conditions import Conditions, Unnamed
 from ident.identify.definitions import NotAllUndamped, by_definition, defined
 from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
 from ident.identify.parts import Parts as ConditionsInParts
 from ident.identify.parts import in_parts
+from ident.identify.readings import read
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
 
@@ -147,8 +148,8 @@ def predict(
         data: what was measured: it helps to tell which mode a label means, and which modes are as good as one.
 
     Returns:
-        `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], damping ratios [-]. NaN where the arm
-        has no stable equilibrium.
+        `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], rotations [rad], damping ratios
+        [-]. NaN where the arm has no stable equilibrium.
     """
     values, chain = conditions.named, chains(arm, parameters, conditions)
     data = None if data is None else conditions.repeats.pooled(data)
@@ -202,7 +203,7 @@ def _values(
             own, above = (picked(hertz, mode) for mode in (nth, next_one))
             values.append(_counted(own, above, conditions, data))
     if len(readings.states):
-        values.append(read_points(deflection(chain, at.phi), readings))
+        values.append(read(chain, at.phi, readings))
     return jnp.concatenate(values)[conditions.order]
 
 
@@ -281,13 +282,3 @@ def pick(
 def picked(values: Float[Array, "m D *batch"], choice: Float[Array, "m D *batch"]) -> Float[Array, "D *batch"]:
     """Return of each value's modes the one that is chosen; NaN where there is none."""
     return jnp.where(choice.sum(0) > 0, (values * choice).sum(0), jnp.nan)
-
-
-def read_points(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "D *batch"]:
-    """Return what is read of the points' motions: along a direction, or against another state."""
-    rank = moved.ndim - 3
-    direction = readings.direction.reshape(readings.direction.shape + (1,) * rank)
-    against = (readings.references >= 0).reshape((-1,) + (1,) * rank)
-    read = moved[:, readings.points, readings.states]
-    start = jnp.where(against, moved[:, readings.points, jnp.maximum(readings.references, 0)], 0.0)
-    return ((read - start) * direction).sum(0)

@@ -29,6 +29,7 @@ class Engine(Protocol):
     def gravity_gradient(self, x: np.ndarray) -> np.ndarray: ...
     def gravity_hessian(self, x: np.ndarray) -> np.ndarray: ...
     def point(self, x: np.ndarray) -> np.ndarray: ...
+    def end_axes(self, x: np.ndarray) -> np.ndarray: ...
 
 
 def skew(v: np.ndarray) -> np.ndarray:
@@ -132,6 +133,10 @@ class PinocchioArm:
         pin.forwardKinematics(self.model, self.data, self._q(x))
         return self.data.oMi[self.end_joint].act(self.end)
 
+    def end_axes(self, x: np.ndarray) -> np.ndarray:
+        pin.forwardKinematics(self.model, self.data, self._q(x))
+        return self.data.oMi[self.end_joint].rotation.copy()
+
 
 def shift(offset: np.ndarray) -> pin.SE3:
     return pin.SE3(np.eye(3), np.asarray(offset))
@@ -206,6 +211,10 @@ class MujocoArm:
     def point(self, x: np.ndarray) -> np.ndarray:
         self._place(x)
         return self.data.site("end").xpos.copy()
+
+    def end_axes(self, x: np.ndarray) -> np.ndarray:
+        self._place(x)
+        return self.data.site("end").xmat.reshape(3, 3).copy()
 
 
 def turning(joint: Joint, shaft: "mujoco.MjsBody") -> "mujoco.MjsBody":

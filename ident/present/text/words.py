@@ -12,6 +12,7 @@ from ident.arm.fields import field_of
 from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
+from ident.measure.campaign import DIFFERENCES
 from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
@@ -125,7 +126,7 @@ def short(m: Measurement) -> str:
     value, unit = in_read_unit(m.kind, m.value)
     what = m.mode or m.point or ""
     loads = f", {m.load}" if m.load else ""
-    against = f" - {m.reference_load}" if m.kind == "deflection_difference" else ""
+    against = f" - {m.reference_load}" if m.kind in DIFFERENCES else ""
     defined = f" ({m.of})" if m.of else ""
     loads += _held(m)
     return f"{f'{what}:' if what else ''} {value:.4g} {unit}{defined}{loads}{against} at {degrees(m.posture)}".strip()
@@ -136,7 +137,7 @@ def describe(m: Measurement) -> str:
     what = m.mode or m.point or ""
     loads = f" {m.load}" if m.load else ""
     held = _held(m)
-    against = f" - {m.reference_load}" if m.kind == "deflection_difference" and m.reference_load else ""
+    against = f" - {m.reference_load}" if m.kind in DIFFERENCES and m.reference_load else ""
     return f"{m.of or ''} {m.kind.replace('_', ' ')} {what}{loads}{against}{held} at {degrees(m.posture)}".replace(
         "  ", " "
     ).strip()
