@@ -1,7 +1,7 @@
 """A fleet of robots of one design: each one's stiffnesses, their population, and who stands out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,17 @@ class FleetOptions(FitOptions):
     """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
 
     workers: int = option(1, "processes that fit robots at the same time", low=1, high=1024)
+    dask: str = option("", "address of a Dask scheduler whose workers fit them instead, as tcp://host:8786")
+
+    def problems(self) -> list[Problem]:
+        """Refuse processes here beside a cluster."""
+        both = Problem("dask", f"{self.workers} processes here, too", "one of both", "leave `workers` out")
+        return [*super().problems(), *([both] if self.dask and self.workers > 1 else [])]
+
+    @property
+    def of_each(self) -> "FleetOptions":
+        """What results depend on: not where they are computed."""
+        return replace(self, workers=1, dask="")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -138,8 +149,8 @@ def fleet(
     with TemporaryDirectory() as passing:
         tasks = [Task(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
-        done = [robot for _, robot in zip(steps, outcomes(tasks, options.workers), strict=True)]
-    return FleetResult(label or "fleet", infer(done, seed=options.seed), options)
+        done = [robot for _, robot in zip(steps, outcomes(tasks, options.workers, options.dask), strict=True)]
+    return FleetResult(label or "fleet", infer(done, seed=options.seed), options.of_each)
 
 
 def _found(folder: Path, arm: str | Path | None) -> list[Files]:

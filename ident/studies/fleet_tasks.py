@@ -1,32 +1,32 @@
 """The robots of a fleet as tasks: each reads its files and writes one, whole or not at all; a restart skips those.
 
 What a task writes depends on its inputs, its options and the program alone, and its file is named by a hash of these
-(`key`): whoever does it, and how often, the file is the same.
+(`key`): whoever does it, here, in a process (`fleet_pool`) or on a cluster (`fleet_cluster`), and how often, the file
+is the same.
 """
 
 import hashlib
 import json
-import multiprocessing
-import os
-import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ident.codec import CodecError, decode, encode
 from ident.errors import IdentError
 from ident.files import replace_file
-from ident.programs import environment
+from ident.text import one_line
 
 if TYPE_CHECKING:
-    from ident.identify.fleet import Robot
+    from ident.identify.fleet import Robot, SourceFile
     from ident.studies.fleet import FleetOptions
 
 KILLS = 3
 """Workers that a robot may have killed before it is given up."""
+KILLED = f"its computation was killed {KILLS} times; look at the memory, or fit it alone"
+"""Why such a robot has no fit."""
+Done = tuple["Task", str]
+"""A task, and why it has written nothing; empty where it has."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,9 @@ class Task:
 
 def key(task: Task) -> str:
     """Return a hash of a task's inputs and options, of the program's sources and libraries, and of the machine."""
-    options = {name: value for name, value in task.options.recorded().items() if name != "workers"}
+    from ident.programs import environment  # it imports jax
+
+    options = task.options.of_each.recorded()
     paths = [str(task.campaign), str(task.arm)]
     parts = [task.name, paths, _digest(task.campaign), _digest(task.arm), encode(options), environment()]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
@@ -72,23 +74,47 @@ def read(task: Task) -> "Robot | None":
     return robot if isinstance(robot, Robot) else None
 
 
-def do(task: Task) -> None:
-    """Fit a robot and write what its data say, or why they say nothing."""
+def do(task: Task) -> str:
+    """Fit a robot and write what its data say, or which input is wrong.
+
+    Returns:
+        What nobody has expected, such as an error of a library; of it nothing is kept, since it may not come again.
+
+    Raises:
+        InputError: the folder can't be written.
+    """
     file = task.file  # before the inputs are read: had one changed since, the name would not be that of the new one
-    text = json.dumps(encode(_fitted(task)))
+    try:
+        text = json.dumps(encode(_fitted(task)))
+    except Exception as error:
+        got = one_line(f"{type(error).__name__}: {error}")[:300]
+        return f"an error in the program or a library ({got}); fit it alone to see more, and report it"
     replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
+    return ""
 
 
 def _fitted(task: Task) -> "Robot":
-    from ident.identify.fleet import Robot, SourceFile, robot_of
+    from ident.identify.fleet import robot_of
     from ident.studies.fit import fit
 
-    campaign = SourceFile(str(task.campaign), _digest(task.campaign))
-    arm = SourceFile(str(task.arm), _digest(task.arm))
+    campaign, arm = _sources(task)
     try:
         return robot_of(fit(task.arm, task.campaign, task.options).fit, task.name, campaign, arm)
     except IdentError as error:
-        return Robot(name=task.name, campaign=campaign, arm=arm, error=str(error))
+        return _failed(task, str(error))
+
+
+def _failed(task: Task, error: str) -> "Robot":
+    from ident.identify.fleet import Robot
+
+    campaign, arm = _sources(task)
+    return Robot(name=task.name, campaign=campaign, arm=arm, error=error)
+
+
+def _sources(task: Task) -> "tuple[SourceFile, SourceFile]":
+    from ident.identify.fleet import SourceFile
+
+    return SourceFile(str(task.campaign), _digest(task.campaign)), SourceFile(str(task.arm), _digest(task.arm))
 
 
 def _digest(path: Path) -> str:
@@ -98,12 +124,13 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def outcomes(tasks: Sequence[Task], workers: int) -> Iterator["Robot"]:
+def outcomes(tasks: Sequence[Task], workers: int, dask: str = "") -> Iterator["Robot"]:
     """Do what is not done of the tasks, in the order of the list as workers come free, and return all robots.
 
     Args:
         tasks: robots.
         workers: processes; with one, all is done in this process.
+        dask: address of a Dask scheduler, whose workers do it instead; empty for none.
     """
     pending = []
     for task in tasks:
@@ -111,76 +138,17 @@ def outcomes(tasks: Sequence[Task], workers: int) -> Iterator["Robot"]:
             yield robot
         else:
             pending.append(task)
-    done = map(_alone_here, pending) if workers == 1 else _pooled(pending, workers)
-    for task in done:
-        yield read(task) or _given_up(task)
+    for task, reason in _done(pending, workers, dask):
+        yield read(task) or _failed(task, f"{task.campaign}: {reason or 'its result can not be read'}")
 
 
-def _alone_here(task: Task) -> Task:
-    do(task)
-    return task
+def _done(pending: list[Task], workers: int, dask: str) -> Iterator[Done]:
+    if dask and pending:
+        from ident.studies.fleet_cluster import on_cluster
 
+        return on_cluster(pending, dask)
+    if workers > 1:
+        from ident.studies.fleet_pool import in_processes
 
-def _pooled(pending: list[Task], workers: int) -> Iterator[Task]:
-    """Do tasks in processes, and return each when it is done or given up."""
-    while pending:
-        running: dict[Future[None], Task] = {}
-        try:
-            with _pool(min(workers, len(pending))) as pool:
-                while pending or running:
-                    while pending and len(running) < workers:
-                        running[pool.submit(do, pending[0])] = pending[0]
-                        del pending[0]
-                    for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        future.result()
-                        yield running.pop(future)
-        except BrokenProcessPool:  # a worker was killed: which of the tasks under way it had, each alone will tell
-            for task in running.values():
-                yield _alone(task)
-
-
-def _alone(task: Task) -> Task:
-    """Do a task in a process of its own, so that what kills it harms no other."""
-    for _ in range(KILLS - 1):
-        if task.file.exists():
-            break
-        try:
-            with _pool(1) as pool:
-                pool.submit(do, task).result()
-        except BrokenProcessPool:
-            continue
-    return task
-
-
-def _given_up(task: Task) -> "Robot":
-    from ident.identify.fleet import Robot, SourceFile
-
-    campaign, arm = (SourceFile(str(path), _digest(path)) for path in (task.campaign, task.arm))
-    error = f"{task.campaign}: its computation was killed {KILLS} times; look at the memory, or fit it alone"
-    return Robot(name=task.name, campaign=campaign, arm=arm, error=error)
-
-
-def _pool(workers: int) -> ProcessPoolExecutor:
-    import jax
-
-    settings = {name: jax.config.values[name] for name in SETTINGS}
-    spawn = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, mp_context=spawn, initializer=_begin, initargs=(settings,))
-
-
-SETTINGS = ("jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
-"""What workers take over of jax's."""
-
-
-def _begin(settings: dict[str, Any]) -> None:
-    """Set a worker up; it ends when the process that has started it is gone."""
-    import jax
-
-    for name, value in settings.items():
-        jax.config.update(name, value)
-    threading.Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
-
-
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
+        return in_processes(pending, workers)
+    return ((task, do(task)) for task in pending)

@@ -114,6 +114,28 @@ def test_what_is_done_is_not_done_again(robots, tmp_path):
     assert len(list((tmp_path / "kept").iterdir())) == 18, "other options, other files"
 
 
+def test_an_error_that_nobody_expected_costs_one_robot(robots, tmp_path, monkeypatch):
+    """It is reported, the others go on, and the next run tries again."""
+    from ident.studies import fit as module
+
+    right = module.fit
+
+    def wrong(arm, campaign, options):
+        if campaign.name == "robot003.csv":
+            raise ZeroDivisionError("of a library")
+        return right(arm, campaign, options)
+
+    monkeypatch.setattr(module, "fit", wrong)
+    result = fleet(robots[0], options=QUICK, folder=tmp_path / "kept")
+    assert set(result.failed) == {"broken", "robot003"}
+    assert "(ZeroDivisionError: of a library)" in result.failed["robot003"]
+    assert "robot003" in result.report()
+    assert result.short
+    assert len(list((tmp_path / "kept").iterdir())) == 8
+    monkeypatch.setattr(module, "fit", right)
+    assert set(fleet(robots[0], options=QUICK, folder=tmp_path / "kept").failed) == {"broken"}
+
+
 def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
     line = [sys.executable, "-m", "ident", "fleet", str(robots[0]), "--starts=4", "--no-figure"]
     line += [f"--soft-base={0.3}"]  # more unknowns: enough time to be killed in
