@@ -217,7 +217,7 @@ def fit(
             reached.append(ended(problem, end))
             optima = distinct(problem, reached)
         met = tried >= starts and optima and optima[0].starts >= AGAIN and unmet(optima) < UNMET
-        if met and not answer(problem, reached).misfits:
+        if met and not _answer(problem, reached).misfits:
             break
     if not reached:
         raise _no_optimum(evaluate(problem).predicted)
@@ -238,7 +238,7 @@ def _explained(problem: InverseProblem, reached: list[Ended], lost: int, seed: i
         reached.append(ended(problem, solve(problem, least)))
         optima = distinct(problem, reached)
     failed = lost + len(reached) - sum(optimum.starts for optimum in optima)
-    found = replace(answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
+    found = replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
     return with_stretch(found)
 
 
@@ -249,7 +249,7 @@ def with_stretch(fit: Fit) -> Fit:
     return replace(fit, stretch=stretch, beaten=beaten)
 
 
-def answer(problem: InverseProblem, reached: list[Ended]) -> Fit:
+def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:
     """Return the fit of the best end, without the optima."""
     best, _ = in_order(problem, reached)[0]
     scaled = best.jacobian / np.asarray(problem.sigma)[:, None]

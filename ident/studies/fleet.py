@@ -23,6 +23,9 @@ class FleetOptions(FitOptions):
     """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
 
     workers: int = option(1, "processes that fit robots at the same time", low=1, high=1024)
+    batch: int = option(
+        1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096
+    )
     dask: str = option("", "address of a Dask scheduler whose workers fit them instead, as tcp://host:8786")
 
     def problems(self) -> list[Problem]:
@@ -140,16 +143,16 @@ def fleet(
         InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
     """
     from ident.identify.fleet import fleet as infer
-    from ident.studies.fleet_tasks import Task, outcomes
+    from ident.studies.fleet_tasks import One, outcomes
 
     options = FleetOptions.of(options)
     files = _found(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
     if isinstance(robots, str | Path):
         label = label or Path(robots).absolute().name
     with TemporaryDirectory() as passing:
-        tasks = [Task(*each, options, Path(folder or passing)) for each in sorted(files)]
+        tasks = [One(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
-        done = [robot for _, robot in zip(steps, outcomes(tasks, options.workers, options.dask), strict=True)]
+        done = [robot for _, robot in zip(steps, outcomes(tasks, options), strict=True)]
     return FleetResult(label or "fleet", infer(done, seed=options.seed), options.of_each)
 
 

@@ -15,7 +15,7 @@ from uuid import uuid4
 
 from ident.errors import InputError, Problem
 from ident.programs import SOURCES, circumstances, environment
-from ident.studies.fleet_tasks import KILLED, KILLS, Done, Task
+from ident.studies.fleet_tasks import KILLED, KILLS, T
 from ident.studies.fleet_worker import ClusterError, Place, attempt, marks_of, probe, settings
 from ident.text import one_line
 
@@ -25,8 +25,8 @@ QUIET, ANSWER = 5.0, 15.0
 """Time [s] without news after which the scheduler is asked whether it is there, and in which it must answer."""
 
 
-def on_cluster(pending: list[Task], address: str) -> Iterator[Done]:
-    """Have tasks done by the workers of a Dask scheduler, and return each when it is done or given up.
+def on_cluster(pending: list[T], address: str) -> Iterator[tuple[T, str]]:
+    """Have tasks done by the workers of a Dask scheduler, and return each when it is done or given up, with why not.
 
     Args:
         pending: one at least.
@@ -122,14 +122,14 @@ def _what(name: str, own: Any, other: Any) -> str:
     return {"machine": "processor", "flags": "XLA_FLAGS or EQX_ON_ERROR"}.get(name, name)
 
 
-def _collected(client: Any, pending: list[Task], place: Place) -> Iterator[Done]:
+def _collected(client: Any, pending: list[T], place: Place) -> Iterator[tuple[T, str]]:
     """Hand tasks to a scheduler, and return each when it is done or given up."""
     from distributed.scheduler import KilledWorker
 
     news: Queue[Any] = Queue()
-    tasks: dict[str, tuple[Any, Task, int]] = {}
+    tasks: dict[str, tuple[Any, T, int]] = {}
 
-    def submit(task: Task, times: int) -> None:
+    def submit(task: T, times: int) -> None:
         future = client.submit(attempt, task, place, key=f"ident-{uuid4().hex}", pure=False)
         tasks[future.key] = future, task, times
         future.add_done_callback(news.put)

@@ -8,19 +8,19 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from ident.studies.fleet_tasks import KILLED, KILLS, Done, Task, do
+from ident.studies.fleet_tasks import KILLED, KILLS, T, Task
 from ident.studies.fleet_worker import begin, settings
 
 
-def in_processes(pending: list[Task], workers: int) -> Iterator[Done]:
-    """Do tasks in processes, and return each when it is done or given up."""
+def in_processes(pending: list[T], workers: int) -> Iterator[tuple[T, str]]:
+    """Do tasks in processes, and return each when it is done or given up, with why nothing was written."""
     while pending:
-        running: dict[Future[str], Task] = {}
+        running: dict[Future[str], T] = {}
         try:
             with _pool(min(workers, len(pending))) as pool:
                 while pending or running:
                     while pending and len(running) < workers:
-                        running[pool.submit(do, pending[0])] = pending[0]
+                        running[pool.submit(pending[0].do)] = pending[0]
                         del pending[0]
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
                         reason = future.result()
@@ -37,7 +37,7 @@ def _alone(task: Task) -> str:
             return ""
         try:
             with _pool(1) as pool:
-                return pool.submit(do, task).result()
+                return pool.submit(task.do).result()
         except BrokenProcessPool:
             continue
     return KILLED

@@ -86,7 +86,7 @@ def probe(place: Place, token: Path) -> dict[str, Any]:
 
 
 def attempt(task: "Task", place: Place) -> str:
-    """Do a task, unless it has killed as many workers as it may; return why nothing was written, as `do` does.
+    """Do a task, unless it has killed as many workers as it may; return why nothing was written, as `Task.do` does.
 
     While it lasts, a mark lies in the run's folder: one that was left there is of a worker that was killed.
 
@@ -98,11 +98,11 @@ def attempt(task: "Task", place: Place) -> str:
     with ONE, chdir(place.folder):
         begin(place.settings)
         from ident.programs import environment
-        from ident.studies.fleet_tasks import KILLED, do, read
+        from ident.studies.fleet_tasks import KILLED
 
         if environment() != place.environment:
             raise ClusterError("a worker that has joined later has other versions or another processor: end it")
-        if read(task) is not None:
+        if task.read() is not None:
             return ""
         name = task.file.stem
         try:
@@ -112,7 +112,7 @@ def attempt(task: "Task", place: Place) -> str:
                 return KILLED
             mark = marks / f"{name}-{uuid4().hex}"
             mark.touch()
-            reason = do(task)
+            reason = task.do()
             mark.unlink()
         except (OSError, InputError) as error:
             raise ClusterError(f"a worker can't write: {error}") from None

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -86,6 +87,7 @@ class Run:
     def __init__(self, robots: Path, out: Path, *words: str, environment: dict[str, str] | None = None):
         self.kept = out / f"{robots.name}.fleet.robots"
         self.log = out.with_suffix(".log")
+        self.before = self.attempts
         line = [sys.executable, "-m", "ident", "fleet", str(robots), "--starts=4", "--no-figure", "--out", str(out)]
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
@@ -93,17 +95,19 @@ class Run:
             )
 
     @property
+    def attempts(self) -> set[Path]:
+        """Where workers note what they attempt, a folder for each client that has reached them."""
+        return set(self.kept.glob(".attempts-*"))
+
+    @property
     def done(self) -> int:
         """Robots whose files are there."""
         return len(list(self.kept.glob("*.robot")))
 
-    def wait_for(self, count: int) -> bool:
-        """Wait until so many are done; False where the process has ended before."""
-        while self.done < count:
-            if self.process.poll() is not None:
-                return False
+    def wait_for(self, ready: Callable[[], bool]) -> None:
+        """Wait until something holds, or the process has ended."""
+        while self.process.poll() is None and not ready():
             time.sleep(0.02)
-        return self.process.poll() is None
 
     def end(self) -> int:
         """Wait for the end, and return the exit status."""
@@ -155,7 +159,7 @@ class Disturbed:
         result = Kills()
         for _ in range(times):
             run = self._run()
-            if self._moment(run, 1):  # so that it was there once: without, the address is wrong
+            if self._moment(run, reached=True):
                 self.cluster.kill_scheduler()
                 result.killed += 1
             before = time.monotonic()
@@ -190,8 +194,15 @@ class Disturbed:
     def _run(self) -> Run:
         return Run(self.robots, self.out, "--dask", self.cluster.address)
 
-    def _moment(self, run: Run, least: int = 0) -> bool:
-        """Wait until some two robots more are done, and somewhat longer; False where the run has ended."""
-        run.wait_for(run.done + least + self.moments.randrange(3 - least))
+    def _moment(self, run: Run, *, reached: bool = False) -> bool:
+        """Wait until none, one or two robots more are done, and somewhat longer; False where the run has ended.
+
+        Args:
+            run: the client.
+            reached: wait for its first robot at work before; until then an address without a scheduler is a wrong one.
+        """
+        run.wait_for(lambda: not reached or bool(run.attempts - run.before))
+        count = run.done + self.moments.randrange(3)
+        run.wait_for(lambda: run.done >= count)
         time.sleep(self.moments.uniform(0.0, 1.0))
         return run.process.poll() is None
