@@ -20,7 +20,7 @@ from ident.inference.problem import Growing, InverseProblem
 from ident.inference.verdicts import IMPROBABLE, farthest
 from ident.jit import jit
 
-STARTS, SPREAD = 3, 0.5
+STARTS, SPREAD = 3, 0.3
 """Starts of each problem, the parameters' own among them, and the standard deviation in theta of the others about it:
 less than that of a single fit, as robots of one design are alike."""
 REACHED = 2
