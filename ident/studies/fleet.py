@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from ident.errors import InputError, Problem
 from ident.studies.fit import FitOptions
@@ -14,6 +15,7 @@ from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.identify.fleet import Fleet
+    from ident.present.html.page import Page
 
 CAMPAIGN, ARM = "campaign.csv", "arm.toml"
 
@@ -103,6 +105,33 @@ class FleetResult(Result):
         beside = self._beside(path, ".prior")
         replace_file(beside, lambda file: file.write(flags.encode("utf-8")))
         return (*written, beside)
+
+    def html(self) -> str:
+        """Return the page of all robots; its links lead to what `save_figures` writes."""
+        from ident.present.html.page import render
+
+        return render(self._page())
+
+    def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the figure, the page of all robots and a folder with a page for each; return the first two's paths.
+
+        Raises:
+            InputError: the folder or a file can't be written.
+        """
+        from ident.present.html.fleet import file_name, robot_page
+        from ident.present.html.page import write_page
+
+        page, pages = Path(folder) / f"{self.name}.html", Path(folder) / f"{self.name}.pages"
+        for i, robot in enumerate(self.fleet.robots):
+            own = robot_page(self.fleet, i, self.label, self.head, f"../{quote(page.name)}")
+            write_page(own, pages / file_name(robot))
+        write_page(self._page(), page)
+        return (*super().save_figures(folder), page)
+
+    def _page(self) -> "Page":
+        from ident.present.html.fleet import fleet_page
+
+        return fleet_page(self.fleet, self.label, self.head, quote(f"{self.name}.pages"))
 
     def _inputs(self) -> Mapping[str, Any]:
         robots = self.fleet.robots
