@@ -70,7 +70,7 @@ figure
 # %% [markdown]
 # ## What the first of them says by itself
 #
-# Its own data, fitted alone as `ident fit` does it: nothing is wrong with them. Only beside the others is the robot odd.
+# Its own data, fitted alone as `ident fit` does it: nothing is wrong with them. Only beside others is the robot odd.
 
 # %%
 first = next(iter(result.standing_out))
