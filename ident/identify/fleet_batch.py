@@ -16,7 +16,7 @@ from ident.identify.repeats import shared_error
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit_many import Values, fit_many
 from ident.inference.least_squares import evaluate
-from ident.measure import Campaign, Measurement
+from ident.measure import Campaign
 
 
 class Given(NamedTuple):
@@ -44,30 +44,34 @@ def robots_together(
         trusted: rows whose values are right though implausible, see `check_values`.
     """
     groups: dict[Hashable, list[Given]] = {}
-    for each in given:
+    for each in (one._replace(campaign=_ascending(one.campaign)) for one in given):
         groups.setdefault((each.arm_file.sha256, _way(each.campaign)), []).append(each)
     found: dict[str, Robot] = {}
     for group in groups.values():
         leader = next((i for i, each in enumerate(group) if _right(each, unknowns, trusted)), None)
         if leader is not None and len(group) > 1:
-            found |= _fitted(group[leader:], unknowns, size, seed, trusted)
+            found |= _fitted(group[leader:], unknowns, size, seed)
     return found
 
 
 def _way(campaign: Campaign) -> Hashable:
-    """Return how a campaign was measured: all but its values, and the order of modes without a label."""
-    rows = tuple(
+    """Return how a campaign was measured: all but its values."""
+    return tuple(
         (m.kind, m.posture, m.mode, m.of, m.point, m.direction, m.repeat, m.load, m.reference_load, m.drives)
         for m in campaign
     )
-    unlabelled = [m for m in campaign if m.kind == "frequency" and not m.mode]
-    states = {state: i for i, state in enumerate(dict.fromkeys(map(_state, unlabelled)))}
-    order = np.lexsort(([m.value for m in unlabelled], [states[_state(m)] for m in unlabelled]))
-    return rows, tuple(order.tolist())
 
 
-def _state(m: Measurement) -> Hashable:
-    return m.posture, m.load, m.drives
+def _ascending(campaign: Campaign) -> Campaign:
+    """Return a campaign in which modes without a label ascend in each state, as they are told apart by that alone."""
+    rows, places = list(campaign.measurements), dict[Hashable, list[int]]()
+    for i, m in enumerate(rows):
+        if m.kind == "frequency" and not m.mode:
+            places.setdefault((m.posture, m.load, m.drives), []).append(i)
+    for own in places.values():
+        for i, m in zip(own, sorted((rows[i] for i in own), key=lambda m: m.value), strict=True):
+            rows[i] = m
+    return replace(campaign, measurements=tuple(rows))
 
 
 def _values(given: Sequence[Given]) -> Values:
@@ -88,10 +92,8 @@ def _right(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> bool:
     return problem.in_parts() is None
 
 
-def _fitted(
-    group: Sequence[Given], unknowns: Unknowns, size: int, seed: int, trusted: Collection[str]
-) -> dict[str, Robot]:
-    """Fit robots like the first one, which is right."""
+def _fitted(group: Sequence[Given], unknowns: Unknowns, size: int, seed: int) -> dict[str, Robot]:
+    """Fit robots like the first one, which is right; one that is right by what is trusted only is for itself."""
     problem = build_problem(group[0].arm, group[0].campaign, unknowns)
     predicted = evaluate(problem).predicted
     right = [each for each in group if plausible_beside(each.campaign, predicted)]
