@@ -78,6 +78,18 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
         raise InputError([*hopeless, *(doubts if ALL not in trusted else ())])
 
 
+def plausible_beside(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> bool:
+    """Tell whether `check_values` would find nothing in a campaign that differs in its values from one that it passed.
+
+    Args:
+        campaign: the measurements.
+        predicted: (D,) [SI] what the arm file predicts by the labels.
+    """
+    names = row_names(campaign)
+    each = zip(campaign, predicted.tolist(), names, strict=True)
+    return not any(problem for row in each for problem in _far_off(*row)) and not any(contradictory_repeats(campaign))
+
+
 def _by_labels(
     problem: InverseProblem, campaign: Campaign, names: Sequence[str]
 ) -> tuple[Float[np.ndarray, "D"], set[int]]:
