@@ -199,7 +199,7 @@ def circumstances() -> dict[str, Any]:
     """Return what all programs depend on beside the sources: libraries, configuration, machine."""
     settings = jax.config.values.items()
     return {
-        "libraries": _libraries(),
+        "libraries": _versions(),
         "python": sys.version,
         "jax": {name: str(value) for name, value in settings if not any(word in name for word in UNIMPORTANT)},
         "flags": [os.environ.get(name) for name in ("XLA_FLAGS", "EQX_ON_ERROR")],
@@ -220,8 +220,8 @@ SOURCES = sources(Path(__file__).parent)
 
 
 @cache
-def _libraries() -> list[str]:
-    return [version(name) for name in LIBRARIES]
+def _versions() -> tuple[str, ...]:
+    return tuple(version(name) for name in LIBRARIES)
 
 
 @cache
