@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex, Float
+from threadpoolctl import threadpool_limits
 
 from ident.errors import InputError, Problem
 from ident.modal.frf import Frf
@@ -72,6 +73,7 @@ class Modes:
         return self.covariance[np.ix_(at, at)]
 
 
+@threadpool_limits.wrap(limits=1)  # matrices are small: threads of BLAS would mostly wait for each other
 def modes_of(
     frf: Frf,
     *,
