@@ -39,7 +39,7 @@ from ident.arm.multibody_kinematics import (
     transmission_error,
 )
 from ident.arm.rotations import matvec
-from ident.jit import RUNS_ONCE, AnyArray, jit
+from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.few_sizes import where
@@ -115,7 +115,7 @@ def step_for(arm: Arm, motion: Motion) -> float:
     return min(0.1 / first if np.isfinite(first) else ABSTRACT, 1 / (3 * max(highest, 1e-9)))
 
 
-@partial(jit, options=RUNS_ONCE)
+@jit
 def _first_frequency(arm: Arm, posture: AnyArray) -> Array:
     return natural_frequencies(at_posture(arm, posture), 1)
 
