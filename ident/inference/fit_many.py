@@ -23,6 +23,8 @@ from ident.jit import jit
 STARTS, SPREAD = 3, 0.3
 """Starts of each problem, the parameters' own among them, and the standard deviation in theta of the others about it:
 less than that of a single fit, as robots of one design are alike."""
+STEPS = 40
+"""Steps of a search at most: all searches of a batch take as many as the longest."""
 REACHED = 2
 """Starts that have ended in the best optimum at least."""
 
@@ -127,11 +129,13 @@ def _search_all(problem: InverseProblem, values: Values, starts: Any, held: Any)
 
     def one(values: Values, start: Array, held: Any) -> tuple[_Ends, Any, Array]:
         own = eqx.tree_at(lambda p: (p.measured, p.sigma), problem, tuple(values))
-        end, finished = search(own, start, held, UNTIL_ANEW, WHOLE)
+        end, finished = search(own, start, held, UNTIL_ANEW, WHOLE, steps=STEPS)
         residuals, slope = own.weigh(end.predicted, end.jacobian, end.theta)
         score, choice = end.cost + end.choice.cost.sum(), end.choice
         again = None if choice.held is None else choice.held.anew()
-        ended = (finished & choice.settled) | ~jax.numpy.isfinite(end.cost)
+        over = ~finished | ~jax.numpy.isfinite(end.cost)
+        score = jax.numpy.where(over, jax.numpy.inf, score)
+        ended = choice.settled | over
         return _Ends(end.theta, score, residuals, slope, end.predicted), again, ended
 
     return eqx.filter_vmap(one)(values, starts, held)
