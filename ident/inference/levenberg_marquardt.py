@@ -19,7 +19,7 @@ def minimum(
     start: Float[AnyArray, "P"],
     args: Any,
     options: dict[str, Any],
-    steps: int = MAX_STEPS,
+    steps: int | None = None,
 ) -> tuple[Any, Array]:
     """Minimise a sum of squares from a start; return what came with the last residuals, and whether it has ended.
 
@@ -28,13 +28,14 @@ def minimum(
         start: of theta.
         args: the other arguments: problem, what the model holds, weight.
         options: `to_the_end`: whether it goes on where the model would choose anew.
-        steps: after which it is given up.
+        steps: after which it is given up; by default `MAX_STEPS`.
     """
+    most = MAX_STEPS if steps is None else steps
     solver = _OneStepMore(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]  # it inherits its constructor
     found: Any = optx.least_squares(
-        residuals, solver, start, args=args, options=options, max_steps=steps + 1, throw=False, has_aux=True
+        residuals, solver, start, args=args, options=options, max_steps=most + 1, throw=False, has_aux=True
     )
-    return found.aux, found.stats["num_steps"] <= steps
+    return found.aux, found.stats["num_steps"] <= most
 
 
 class _Progress(NamedTuple):
