@@ -62,7 +62,8 @@ def test_the_generators_response_is_that_of_an_integrator(arm, seen):
     made = generator()
     chain = at_posture(arm, jnp.asarray(POSTURE), loads_of(arm, Load.parse(made.LOAD)))
     at = static_equilibrium(chain)
-    M, C, H = (np.asarray(each) for each in linearize(chain, at)[1:])
+    linear = linearize(chain, at)
+    M, C, H = (np.asarray(each) for each in (linear.M, linear.C, linear.H))
     small, tip = 1e-6, [point.name for point in arm.points].index("tip")
     shifts = [small * unflatten(each) for each in jnp.eye(len(M))]
     J = np.array([(point_positions(chain, at.phi + d) - point_positions(chain, at.phi - d))[:, tip] for d in shifts])
