@@ -2,7 +2,8 @@
 
 from ident.assess.arm_view import ArmView
 from ident.present.figures.show import show_figure
-from ident.present.html.page import Section
+from ident.present.html.page import Frame, Section
+from ident.present.html.explore.page import script_hash
 from ident.present.html.picture import picture
 from ident.present.text.show import sums
 
@@ -19,3 +20,15 @@ def arm_section(view: ArmView) -> Section:
     failure = [f"No modes: {view.failure}."] if view.failure else []
     drawn = (picture(show_figure(view), ALT, CAPTION),)
     return Section("The arm with the identified numbers", (f"{sums(view)}.", *failure, *odd), pictures=drawn)
+
+
+def explorer_section(page: str, command: str) -> Section:
+    """Return the explorer of an arm, within the report, and the command that makes it by itself."""
+    words = "Stiffnesses, payload, speed and place are changed with sliders; the Campbell diagram, the modes, the static"
+    frame = Frame(
+        page,
+        script_hash(),
+        "The arm with sliders: modes, Campbell diagram, static deflection and steady response",
+        "The explorer. It computes in the browser, with the exact mechanics, and asks for nothing.",
+    )
+    return Section("The arm, to be changed by hand", (f"{words} deflection and the steady response follow.", command), frame=frame)
