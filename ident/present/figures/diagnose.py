@@ -1,5 +1,6 @@
 """Figures of a diagnosis, one a stage."""
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -118,9 +119,11 @@ def _remedies_figure(diagnosis: Diagnosis) -> Figure:
 
 def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
     """Return axes with a named row for each, the first on top."""
-    figure = Figure(figsize=(WIDTH, 1.1 + 0.34 * len(names)), layout="constrained")
+    labels = [textwrap.fill(cut(name, 150), 50) for name in names]
+    lines = sum(max(label.count("\n"), 1) for label in labels)
+    figure = Figure(figsize=(WIDTH, 1.1 + 0.34 * len(names) + 0.13 * (lines - len(names))), layout="constrained")
     axes = figure.subplots()
-    rows(axes, [cut(name, 60) for name in names])
+    rows(axes, labels)
     return figure, axes
 
 

@@ -1,4 +1,4 @@
-"""A figure drawn anew for a window as narrow as a phone's: letters keep their size, panels stand one below the other."""
+"""A figure drawn anew for a window as narrow as a phone's: letters keep their size, panels stand in a column."""
 
 import textwrap
 

@@ -154,7 +154,7 @@ def _clearance(here: float, others: Sequence[float]) -> bool:
 def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
     """Number the resonance crossings above the panel, each with a line down to the closest approach."""
     low, high = axes.get_xlim()
-    width, taken = (high - low) * NUMBER / axes.figure.get_size_inches()[0], list[tuple[float, int]]()
+    width, taken = (high - low) * NUMBER / _width(axes), list[tuple[float, int]]()
     numbered = [(n, group[0]) for n, group in enumerate(grouped(crossings), start=1)]
     for number, crossing in sorted(numbered, key=lambda pair: pair[1].time):
         used = {row for time, row in taken if abs(time - crossing.time) < width}
@@ -173,6 +173,12 @@ def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
             arrowprops={"arrowstyle": "-", "color": GREY, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
             zorder=2,
         )
+
+
+def _width(axes: Axes) -> float:
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return float(figure.get_size_inches()[0])
 
 
 def _postures(axes: Axes, branches: Branches) -> None:

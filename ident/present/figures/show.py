@@ -129,7 +129,11 @@ def draw_panel(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, flo
         (axes.xaxis, panel.seen.across, panel.low[0], panel.high[0]),
         (axes.yaxis, panel.seen.up, panel.low[1], panel.high[1]),
     ):
-        ticks = [tick for tick in MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high) if low <= tick <= high]
+        ticks = [
+            tick
+            for tick in MaxNLocator(_few(panel.scale * (high - low)), steps=[1, 2, 5, 10]).tick_values(low, high)
+            if low <= tick <= high
+        ]
         down = panel.seen.falling and place == panel.seen.up
         axis.set_ticks(ticks, [f"{-tick + 0.0 if down else tick:.3g}" for tick in ticks])
         axis.set_label_text(f"{names[place]} [m]", fontsize=8)
@@ -149,6 +153,11 @@ def draw_panel(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, flo
         within = float(panel.low[0]), float(panel.high[0]) - LAST / panel.scale
         label_rows(axes, bodies, panel.high[1], panel.scale, within, up=True)
         label_rows(axes, others, panel.low[1], panel.scale, within, up=False)
+
+
+def _few(length: float) -> int:
+    """Return how many ticks at most stand on an axis of a length [inch]."""
+    return int(np.clip(length / 0.3, 2, 6))
 
 
 def _draw_modes(figure: Figure, analysis: ModalAnalysis, seen: tuple[View, View], top: float, room: float) -> None:

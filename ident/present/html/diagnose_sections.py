@@ -190,7 +190,8 @@ def _captions(diagnosis: Diagnosis, stage: str) -> tuple[str, str]:
         ),
         "resonance": (
             "Natural frequencies and pulley frequencies over time, intervals of near-resonance shaded",
-            "Natural frequencies (bands: 5 to 95 % of the posterior) and the frequencies at which the pulleys turn.",
+            "Campbell diagram along the motion: natural frequencies (bands: 5 to 95 % of the posterior) and the "
+            "frequencies at which the pulleys turn.",
         ),
         "vibration": (
             "Vibration of the end point in x, y and z over time, with the limit",
