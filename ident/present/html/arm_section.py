@@ -24,7 +24,9 @@ def arm_section(view: ArmView) -> Section:
     failure = [f"No modes: {view.failure}."] if view.failure else []
     drawn = [picture(show_figure(view, modes=False), ALT, CAPTION, narrow_show_figure(view))]
     if view.analysis:
-        drawn.append(Picture(moving_modes(view), MODES_ALT, MODES_CAPTION, moving_modes(view, columns=1)))
+        still = (moving_modes(view, columns, still=True) for columns in (2, 1))
+        moving = tuple(moving_modes(view, columns) for columns in (2, 1))
+        drawn.append(Picture(next(still), MODES_ALT, MODES_CAPTION, next(still), moving))
     return Section("The arm with the identified numbers", (f"{sums(view)}.", *failure, *odd), pictures=tuple(drawn))
 
 

@@ -20,16 +20,20 @@ PERIOD = 2.0
 STYLE = (
     "text{font:13px system-ui,sans-serif;fill:#1b1f24}.soft{fill:#57606a;font-size:12px}"
     "polyline{fill:none;stroke-linejoin:round;stroke-linecap:round}.still{display:none}"
-    "@media (prefers-reduced-motion:reduce),print{.moving{display:none}.still{display:inline}}"
 )
+REDUCED = "@media (prefers-reduced-motion:reduce),print{.moving{display:none}.still{display:inline}}"
+"""Rules of a moving picture for who wants no motion; browsers apply them where it is opened by itself."""
+STILL = ".moving{display:none}.still{display:inline}"
+"""Rules of a still picture."""
 
 
-def moving_modes(view: ArmView, columns: int = 2) -> str:
+def moving_modes(view: ArmView, columns: int = 2, *, still: bool = False) -> str:
     """Return the first modes as an SVG document in which each swings, largest displacements alike.
 
     Args:
         view: an arm whose modes are known.
         columns: how many modes stand beside each other.
+        still: whether nothing moves, for a page whose reader wants no motion: an image in it does not know of that.
     """
     assert view.analysis is not None
     analysis = view.analysis
@@ -40,9 +44,10 @@ def moving_modes(view: ArmView, columns: int = 2) -> str:
         f'<g transform="translate({i % columns * WIDTH:g} {i // columns * (HEIGHT + WORDS):g})">{mode}</g>'
         for i, mode in enumerate(_modes(analysis, count, views(view)))
     )
+    rules = STYLE + (STILL if still else REDUCED)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:g} {size[1]:g}" width="{size[0]:g}" '
-        f'height="{size[1]:g}"><style>{STYLE}</style><rect width="100%" height="100%" fill="#fff"/>{modes}</svg>\n'
+        f'height="{size[1]:g}"><style>{rules}</style><rect width="100%" height="100%" fill="#fff"/>{modes}</svg>\n'
     )
 
 

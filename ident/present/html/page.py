@@ -64,6 +64,7 @@ class Picture:
         alt: what can be seen in it, for whoever can't see it.
         caption: what it shows and how to read it.
         narrow: the same, drawn for a window as narrow as a phone's; empty where the one serves both.
+        moving: both as they move, for who does not mind; empty where nothing moves.
 
     Raises:
         ValueError: there is no SVG or no alternative text.
@@ -73,6 +74,7 @@ class Picture:
     alt: str
     caption: str
     narrow: str = ""
+    moving: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not all("<svg" in svg for svg in (self.svg, self.narrow or self.svg)):
