@@ -59,6 +59,8 @@ def test_only_the_named_script_runs_and_nothing_is_asked_for(browser_page, tmp_p
         assert asked == []
         opened.page.evaluate("address => fetch(address, { mode: 'no-cors' }).catch(() => 0)", f"{address}/refused")
         assert asked == []
+        opened.page.context.request.get(f"{address}/control")
+        assert asked == ["/control"]
         assert opened.overhang <= 0
         assert opened.complaints
         assert all("Content Security Policy" in words for words in opened.complaints), opened.complaints
