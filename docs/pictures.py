@@ -33,6 +33,7 @@ FIGURES = {
     "sweep": "arm.extend-10.joint1.k_tors+bracket.com.x+speed.sweep.png",
     "design": "arm.extend-10.design.png",
     "show": "arm.show.png",
+    "modal": "hammer.modal.modes2.png",
 }
 """The figure that a page shows, by command."""
 PAGES = {

@@ -8,6 +8,7 @@ In the order of use; every study is one function that returns one frozen result.
     read_campaign   natural frequencies, static deflections and damping ratios from a CSV file
     read_log        a joint path as a robot controller logs it
     read_trace      a measured vibration
+    modal_test      modes with their covariance, and a campaign, from the files of a hammer test
     show            an arm drawn, and what looks odd about its numbers
     predict         natural frequencies, modes and static deflection at postures
     check           what a campaign can tell about each parameter, before any solving
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from ident.studies.fit import FitOptions, FitResult, fit
     from ident.studies.fleet import FleetOptions, FleetResult, fleet
     from ident.studies.load import load
+    from ident.studies.modal import ModalOptions, ModalResult, modal_test
     from ident.studies.plan import PlanOptions, PlanResult, plan
     from ident.studies.predict import PredictOptions, PredictResult, predict
     from ident.studies.profile import ProfileOptions, ProfileResult, profile
@@ -78,6 +80,7 @@ _PLACES = {
     "studies.show": ("ArmPicture", "show"),
 }
 _PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in STUDIES}
+_PLACES["studies.modal"] = ("ModalOptions", "ModalResult", "modal_test")  # `ident.modal` is a room of the house
 _MODULES = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = sorted([*_ERRORS, *_MODULES])
 

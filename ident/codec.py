@@ -23,7 +23,7 @@ from ident.errors import IdentError
 
 KEPT_APART = 512
 """Numbers from which an array is kept apart from the document, where there is a place for it."""
-ROOMS = ("errors", "arm", "description", "measure", "inference", "identify", "vibrate", "assess", "studies")
+ROOMS = ("errors", "arm", "description", "measure", "inference", "modal", "identify", "vibrate", "assess", "studies")
 """Where the values lie that a file may hold."""
 KINDS = "fiubcU"
 """Kinds of numbers and text that an array may hold, as numpy has them."""
@@ -103,10 +103,10 @@ class _Writer:
         kind = "scalar" if isinstance(value, np.generic) else "numpy" if isinstance(value, np.ndarray) else "jax"
         if array.dtype.kind not in KINDS:
             raise CodecError(f"an array of {array.dtype}")
-        if self.arrays is not None and array.size > KEPT_APART and array.dtype.kind in "fiub":
-            name = f"a{len(self.arrays)}"
-            self.arrays[name] = array
-            return {kind: {"apart": name}}
+        if self.arrays is not None and array.size > KEPT_APART and array.dtype.kind in "fiubc":
+            name, parts = f"a{len(self.arrays)}", array.dtype.kind == "c"
+            self.arrays[name] = _in_parts(array) if parts else array
+            return {kind: {"apart": name}} | ({"dtype": array.dtype.newbyteorder("=").str} if parts else {})
         document = {kind: _nested(array)}
         if array.dtype != np.float64:
             document["dtype"] = array.dtype.newbyteorder("=").str
@@ -161,12 +161,13 @@ class _Reader:
         return {key: self.value(item) for key, item in pairs}
 
     def array(self, content: Any, plain: Mapping[str, Any]) -> np.ndarray:
-        if isinstance(content, dict):
-            return np.asarray(self.arrays[content["apart"]])
         dtype = np.dtype(plain.get("dtype", "f8"))
         if dtype.kind not in KINDS:
             raise CodecError(f"an array of {dtype}")
         parts = dtype.kind == "c"
+        if isinstance(content, dict):
+            apart = np.ascontiguousarray(self.arrays[content["apart"]])
+            return apart.view(dtype)[..., 0] if parts else apart
         array = np.array(content, f"f{dtype.itemsize // 2}" if parts else dtype)
         array = array.reshape(*plain["shape"], *([2] if parts else [])) if "shape" in plain else array
         return array.view(dtype)[..., 0] if parts else array
@@ -186,12 +187,17 @@ class _Reader:
 def _nested(array: np.ndarray) -> Any:
     """Return an array as nested lists: complex numbers as pairs, what is not finite as text."""
     if array.dtype.kind == "c":
-        array = np.stack([array.real, array.imag], -1)
+        array = _in_parts(array)
     if array.dtype.kind != "f" or np.isfinite(array).all():
         return array.tolist()
     finite, items = np.isfinite(array), array.astype(object)
     items[~finite] = array[~finite].astype(str)
     return items.tolist()
+
+
+def _in_parts(array: np.ndarray) -> np.ndarray:
+    """Return complex numbers as pairs of their parts, along a further axis."""
+    return np.stack([array.real, array.imag], -1)
 
 
 def _jax(array: np.ndarray) -> Any:

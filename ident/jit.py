@@ -25,6 +25,16 @@ SMALL_KERNELS: Any = {
 """Less optimisation, which takes a quarter off the compilation and costs these programs nothing. XLA's other CPU code
 generator (jax 0.10): 20 % fewer kernels, compiled together, so a third faster to compile. And nothing left to its
 library of neural networks, which hands out sums of a few terms to threads: convolutions, of which there are none."""
+LONG_LOOPS: Any = {
+    "compiler_options": {
+        **SMALL_KERNELS["compiler_options"],
+        "xla_backend_optimization_level": 3,
+        "xla_llvm_disable_expensive_passes": False,
+    }
+}
+"""For a program that goes round one loop a hundred thousand times: a third less time for no more of compilation."""
+RUNS_ONCE: Any = {"compiler_options": {**SMALL_KERNELS["compiler_options"], "xla_backend_optimization_level": 0}}
+"""For a program that runs once or twice, on few numbers: half the compilation."""
 
 
 def cores() -> int:
@@ -32,13 +42,13 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def jit(f: F) -> F:
+def jit(f: F, options: Any = SMALL_KERNELS) -> F:
     """Compile f at its first call; arrays in its arguments are traced, all else is static.
 
     What was traced in an earlier process is read from a file, see `ident.programs`. Within another program that is
     being traced or differentiated, f is a part of that: jax admits compiler options at the outermost one only.
     """
-    outermost, within, known = eqx.filter_jit(f, **SMALL_KERNELS), eqx.filter_jit(f), Programs(f, SMALL_KERNELS)
+    outermost, within, known = eqx.filter_jit(f, **options), eqx.filter_jit(f), Programs(f, options)
 
     @wraps(f)
     def call(*args: Any, **more: Any) -> Any:

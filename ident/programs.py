@@ -23,6 +23,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from threading import RLock
@@ -198,7 +199,7 @@ def circumstances() -> dict[str, Any]:
     """Return what all programs depend on beside the sources: libraries, configuration, machine."""
     settings = jax.config.values.items()
     return {
-        "libraries": [version(name) for name in LIBRARIES],
+        "libraries": _versions(),
         "python": sys.version,
         "jax": {name: str(value) for name, value in settings if not any(word in name for word in UNIMPORTANT)},
         "flags": [os.environ.get(name) for name in ("XLA_FLAGS", "EQX_ON_ERROR")],
@@ -218,6 +219,12 @@ SOURCES = sources(Path(__file__).parent)
 """Of this package, when it was imported: what is changed later has not been traced."""
 
 
+@cache
+def _versions() -> tuple[str, ...]:
+    return tuple(version(name) for name in LIBRARIES)
+
+
+@cache
 def _processor() -> str:
     """Return what the processor can do."""
     try:

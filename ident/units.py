@@ -39,10 +39,12 @@ class Quantity:
 QUANTITIES = {
     "angle": Quantity("rad", "an angle unit such as deg or rad"),
     "length": Quantity("m", "a length unit such as mm"),
+    "rotation": Quantity("rad", "an angle unit such as mrad or deg, or mm/m"),
     "mass": Quantity("kg", "a mass unit such as kg"),
     "force": Quantity("N", "a force unit such as N"),
     "frequency": Quantity("Hz", "a frequency unit: Hz, kHz, rpm or rad/s"),
     "time": Quantity("s", "a time unit such as s or ms"),
+    "velocity": Quantity("m/s", "a velocity unit such as m/s"),
     "acceleration": Quantity("m/s^2", "an acceleration unit such as m/s^2"),
     "damping_ratio": Quantity("1", "1, % or an empty cell"),
 }
@@ -60,6 +62,7 @@ COMMON: dict[str, tuple[float, str]] = {
     "N": (1.0, "kilogram * meter / second ** 2"),
     "rad": (1.0, "radian"),
     "deg": (_DEGREE, "radian"),
+    "mrad": (1e-3, "radian"),
     "arcsec": (4.84813681109536e-06, "radian"),
     "N*m/rad": (1.0, _STIFFNESS),
     "N*mm/deg": (0.057295779513082325, _STIFFNESS),
@@ -72,6 +75,9 @@ COMMON: dict[str, tuple[float, str]] = {
 """Common units, as pint has them to the last bit: asking it takes half a second of every command's start."""
 
 _FRACTIONS = {"": 1.0, "1": 1.0, "-": 1.0, "%": 0.01, "percent": 0.01}
+_SLOPES = {"mm/m": 1e-3, "um/m": 1e-6}
+"""How levels show a rotation [rad]: as a slope, the same to a millionth up to 1.7 mm/m."""
+_SPECIAL = {"damping_ratio": _FRACTIONS, "rotation": _SLOPES}
 _FACTOR = r"(?:°|[^\W\d]\w*)(?:(?:\^|\*\*)-?[0-9])?"
 # Checked before pint sees the text: pint would evaluate numbers, and 9**9**9 takes for ever.
 _EXPRESSION = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/ ]\s*{_FACTOR})*")
@@ -127,7 +133,9 @@ def si_factor(unit: str, quantity: str) -> float:
         InputError: the unit is unknown, or is none of this quantity.
     """
     unit = unit.strip()
-    factor = _FRACTIONS.get(unit) if quantity == "damping_ratio" else _factor(unit, quantity)
+    factor = _SPECIAL[quantity].get(unit) if quantity in _SPECIAL else None
+    if factor is None and quantity != "damping_ratio":
+        factor = _factor(unit, quantity)
     if factor is None:
         raise InputError(_wrong_unit(unit, quantity))
     return factor

@@ -19,7 +19,7 @@ QUICKLY += " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_spli
 os.environ.setdefault("XLA_FLAGS", QUICKLY)
 
 # all but ident.cli: typer hands None to an eager flag that is annotated bool
-ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "present", "vibrate")
+ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "modal", "present", "vibrate")
 install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 
 import jax  # noqa: E402

@@ -11,12 +11,16 @@ import pytest
 from arms import lcd_arm
 from broken import NUMBERS, WORDS, broken_bytes, broken_documents, broken_texts, pick
 from commands import ARM, log, posterior
+from hammer_files import FOLDER
+from recording_files import files
 
 import ident
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
 from ident.identify.unknowns import stiffness_parameters
 from ident.measure import parse_campaign, parse_log, parse_trace
+from ident.measure.channels import read_channels
+from ident.measure.recordings import read_recording
 from ident.studies.motion import basis_of, drawn_values, fitted_values
 from ident.studies.options import flag_of, specs
 from ident.vibrate.response.simulate import sample_times
@@ -81,6 +85,40 @@ def test_traces():
     rows = [f"{k / 100},{k % 7},{0.5 * (k % 3)}\n" for k in range(40)]
     cases = broken_texts(np.random.default_rng(4), "time [s],x [mm],z [mm]\n" + "".join(rows), 150)
     assert 0.5 < share_refused(cases, lambda data: parse_trace(data, "bad.csv")) < 1
+
+
+@pytest.mark.parametrize("end", ["uff", "mat", "h5", "lvm", "tdms", "wav"])
+def test_recordings(tmp_path, end):
+    good = next(path for path in files(tmp_path) if path.suffix == f".{end}")
+
+    def read(data):
+        good.write_bytes(data)
+        read_recording(good)
+
+    assert 0.4 < share_refused(broken_bytes(np.random.default_rng(12), good.read_bytes(), 60), read) <= 1
+
+
+def test_tables_of_samples(tmp_path):
+    rows = [f"{k / 100},{k % 7},{0.5 * (k % 3)}\n" for k in range(40)]
+    text = "time [s],hammer [N],tip [m/s^2]\n" + "".join(rows)
+
+    def read(data):
+        (tmp_path / "bad.csv").write_bytes(data)
+        read_recording(tmp_path / "bad.csv")
+
+    assert 0.3 < share_refused(broken_texts(np.random.default_rng(13), text, 100), read) < 1
+
+
+def test_channel_tables(tmp_path):
+    def read(data):
+        (tmp_path / "bad.csv").write_bytes(data)
+        read_channels(tmp_path / "bad.csv")
+
+    assert (
+        0.3
+        < share_refused(broken_texts(np.random.default_rng(14), (FOLDER / "channels.csv").read_text(), 150), read)
+        < 1
+    )
 
 
 @pytest.fixture(scope="module")

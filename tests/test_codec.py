@@ -91,10 +91,12 @@ def test_arrays_of_jax_come_back_as_such():
 def test_large_arrays_are_kept_apart_where_there_is_a_place_for_them():
     large, small = np.linspace(0, 1, 1000), np.arange(3.0)
     arrays = {}
-    document = encode([large, small, jnp.asarray(large), large > 0.5], arrays)
-    assert len(arrays) == 3, "those of a thousand numbers"
+    document = encode([large, small, jnp.asarray(large), large > 0.5, large * 1j], arrays)
+    assert len(arrays) == 4, "those of a thousand numbers"
+    assert {each.dtype.kind for each in arrays.values()} <= {"f", "b"}, "netCDF knows no complex numbers"
     assert len(json.dumps(document)) < 300
-    first, second, third, fourth = decode(document, arrays)
+    first, second, third, fourth, fifth = decode(document, arrays)
+    np.testing.assert_array_equal(fifth, large * 1j)
     np.testing.assert_array_equal(first, large)
     np.testing.assert_array_equal(second, small)
     np.testing.assert_array_equal(third, large)

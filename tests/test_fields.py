@@ -2,16 +2,19 @@
 
 import math
 import re
+from dataclasses import replace
+from functools import cache
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
 from pydantic import TypeAdapter, ValidationError
 
 from ident.arm.arm import Arm
-from ident.arm.drive import Belt, Drive, Stroke
+from ident.arm.drive import Belt, Drive, Servo, Stroke
 from ident.arm.drive_check import check_drives
-from ident.arm.fields import FIELDS, field_of, fields_of
+from ident.arm.fields import FIELDS, LOSS, field_of, fields_of
 from ident.arm.parts import Body, Joint, Point
 from ident.description import schema
 from ident.errors import InputError
@@ -24,17 +27,25 @@ from ident.vibrate.redesign.sensitivity import changeable
 from ident.vibrate.redesign.sweep import Axis
 from ident.vibrate.redesign.variable import Variable, check, is_shifted
 
-CLASSES = {part.__name__: part for part in (Body, Joint, Point, Drive, Belt, Stroke)}
+CLASSES = {part.__name__: part for part in (Body, Joint, Point, Drive, Belt, Servo, Stroke)}
 TABLES = {part: getattr(schema, f"{part}Table") for part in CLASSES}
 RANKS = {"()": 0, "(3,)": 1, "(3, 3)": 2}
 EITHER_SIGN = {"com", "offset", "position", "height", "phase", "error_phase", "folded", "unfolded"}
-NEVER_ZERO = {"k_bend", "k_tors", "driver_radius", "driven_radius", "speed", "acceleration", "jerk"}
+NEVER_ZERO = {"k_bend", "k_tors", "driver_radius", "driven_radius", "speed", "acceleration", "jerk", "k_servo"}
 BY_A_DIFFERENCE = EITHER_SIGN | {"inertia"}
 ASKED = {"mass", "com", "k_bend", "k_tors", "tau_bend", "tau_tors", "eccentricity", "ratio"}
 
 VALUES = (-0.01, 0.0, 0.01)
 
 every_field = pytest.mark.parametrize("field", FIELDS, ids=lambda field: f"{field.part}.{field.name}")
+
+
+@cache
+def whole_arm() -> Arm:
+    """The shipped arm with all that it has not: a servo, loss factors."""
+    loss = {name: jnp.array(0.01) for name in LOSS}
+    joints = tuple(replace(joint, **loss) for joint in lcd_arm().joints)
+    return replace(lcd_arm(), joints=joints, servos=(Servo("servo1", "joint1", k_servo=100.0),))
 
 
 def possible(name: str) -> set[float]:
@@ -46,7 +57,7 @@ def possible(name: str) -> set[float]:
 
 def path_of(field) -> str:
     """A path of the shipped arm to a number of this field."""
-    names = {type(part).__name__: part.name for part in lcd_arm().parts()} | {"Joint": "joint2", "Drive": "drive2"}
+    names = {type(part).__name__: part.name for part in whole_arm().parts()} | {"Joint": "joint2", "Drive": "drive2"}
     return f"{names[field.part]}.{field.name}{list(field.ends)[-1]}"
 
 
@@ -66,11 +77,11 @@ def accepts(call, *values: float) -> set[float]:
 def given(field, value: float) -> dict:
     """The number as an arm file has it."""
     number = {"value": [value] * 3 if field.rank else value, "origin": "assumed"}
-    return number if field.name == "ratio" else number | {"unit": field.unit.replace(" ", "*")}
+    return number if field.unit == "-" else number | {"unit": field.unit.replace(" ", "*")}
 
 
 def test_every_number_of_an_arm_is_a_field_and_every_field_a_number():
-    arm = lcd_arm()
+    arm = whole_arm()
     paths = {f"{part.name}.{field.name}{end}" for part in arm.parts() for field in fields_of(type(part).__name__)
              for end in field.ends}  # fmt: skip
     assert set(arm.paths()) == paths == set(arm.numbers())
@@ -85,7 +96,7 @@ def test_unit_and_rank_are_those_of_the_docstring(field):
     shape, unit = re.search(rf"^ +{field.name}: (\([^)]*\)) \[([^\]]+)\]", text, re.MULTILINE).groups()
     assert (RANKS[shape], unit) == (field.rank, field.unit)
     assert unit_of(path_of(field)) == field.unit
-    value = lcd_arm().replace({path_of(field): 0.5}).get(path_of(field))
+    value = whole_arm().replace({path_of(field): 0.5}).get(path_of(field))
     assert np.shape(value) == ()
 
 
@@ -101,16 +112,16 @@ def test_the_arm_file_accepts_what_a_number_can_be(field):
     kind = TypeAdapter(TABLES[field.part].model_fields[field.name].annotation)
     if field.name != "inertia":  # which a body's mass and shape bound as well
         assert accepts(lambda value: kind.validate_python(given(field, value))) == possible(field.name)
-    if field.name != "ratio":
+    if field.unit != "-":
         with pytest.raises(ValidationError, match="'K'"):
             kind.validate_python(given(field, 0.01) | {"unit": "K"})
 
 
 @every_field
 def test_an_arm_is_refused_what_a_number_cannot_be(field):
-    if field.part not in ("Drive", "Belt", "Stroke"):
+    if field.part not in ("Drive", "Belt", "Servo", "Stroke"):
         return
-    named = {value: impossible(lcd_arm().replace({path_of(field): value})) for value in VALUES}
+    named = {value: impossible(whole_arm().replace({path_of(field): value})) for value in VALUES}
     assert {value for value in VALUES if field.name not in named[value]} == possible(field.name)
 
 
@@ -131,7 +142,7 @@ def test_the_command_line_sets_what_a_number_can_be(field):
 @every_field
 def test_fit_and_redesign_vary_it_alike(field):
     path = path_of(field)
-    arm = lcd_arm().replace({path: 0.25})
+    arm = whole_arm().replace({path: 0.25})
     assert field.logarithmic == (field.name not in BY_A_DIFFERENCE)
     assert parameter(arm, path).positive == field.logarithmic
     variable = Variable((path,), 0.125, 0.5)

@@ -8,7 +8,7 @@ from numbers_in_text import same_text
 
 sys.path.append(str(Path(__file__).parents[1] / "docs"))
 
-from paper_table import ROWS, page_table, shown_table
+from paper_table import PAGE, ROWS, page_table, shown_table
 from paper_values import compute
 
 pytestmark = pytest.mark.slow
@@ -26,6 +26,13 @@ def test_a_verdict_holds(row, found):
 
 def test_the_page_shows_what_is_computed(found):
     assert same_text(shown_table(), page_table(found), relative=0.002)
+
+
+def test_the_page_says_which_kinematic_errors_the_figures_allow(found):
+    text = " ".join(PAGE.read_text(encoding="utf-8").split())
+    (peak, line), (guess_peak, guess_line) = found["errors"]
+    assert f"the peaks allow {peak:.1f} arc seconds (first guess {guess_peak:.1f})" in text
+    assert f"the spectra {line:.1f} ({guess_line:.1f})" in text
 
 
 def test_each_verdict_is_one_of_four():

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.drive import Belt, Drive, Stroke
+from ident.arm.drive import Belt, Drive, Servo, Stroke
 from ident.arm.drive_check import check_drives
-from ident.arm.fields import STIFFNESS, fields_of
+from ident.arm.fields import STIFFNESS, fields_in
 from ident.arm.parts import Body, Joint, Payload, Point
 from ident.arm.workspace import ANYWHERE, Workspace
 from ident.errors import InputError, Problem
@@ -43,6 +43,7 @@ class Arm(eqx.Module):
         belts: belts between their pulleys.
         stroke: the straight motion of the hand, if it has one.
         workspace: where it may be held, besides the joint limits.
+        servos: what holds the motors where no brake does; only measurements with a servo on ask for them.
     """
 
     name: str = eqx.field(static=True)
@@ -54,6 +55,7 @@ class Arm(eqx.Module):
     belts: tuple[Belt, ...] = eqx.field(converter=tuple, default=())
     stroke: Stroke | None = None
     workspace: Workspace = eqx.field(static=True, default=ANYWHERE)
+    servos: tuple[Servo, ...] = eqx.field(converter=tuple, default=())
 
     def __check_init__(self) -> None:
         names = [part.name for part in self.parts()]
@@ -77,21 +79,17 @@ class Arm(eqx.Module):
     def batch(self) -> tuple[int, ...]:
         """Batch axes `(*batch)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
         return jnp.broadcast_shapes(
-            *(
-                jnp.shape(getattr(part, field.name))[field.rank :]
-                for part in self.parts()
-                for field in fields_of(type(part).__name__)
-            )
+            *(jnp.shape(getattr(part, field.name))[field.rank :] for part in self.parts() for field in fields_in(part))
         )
 
-    def parts(self) -> Iterator[Joint | Body | Point | Drive | Belt | Stroke]:
+    def parts(self) -> Iterator[Joint | Body | Point | Drive | Belt | Servo | Stroke]:
         """Everything that has a name."""
         for joint in self.joints:
             yield joint
             yield from joint.shaft + joint.link
         yield from self.points
         yield from (payload.body for payload in self.payloads)
-        yield from self.drives + self.belts
+        yield from self.drives + self.belts + self.servos
         if self.stroke:
             yield self.stroke
 
@@ -133,7 +131,7 @@ class Arm(eqx.Module):
             return eqx.tree_at(lambda n: (n.shaft, n.link), changed(old), bodies)
 
         return eqx.tree_at(
-            lambda arm: (arm.joints, arm.points, arm.payloads, arm.drives, arm.belts, arm.stroke),
+            lambda arm: (arm.joints, arm.points, arm.payloads, arm.drives, arm.belts, arm.servos, arm.stroke),
             self,
             (
                 tuple(joint(j) for j in self.joints),
@@ -141,6 +139,7 @@ class Arm(eqx.Module):
                 tuple(eqx.tree_at(lambda n: n.body, p, changed(p.body)) for p in self.payloads),
                 tuple(changed(d) for d in self.drives),
                 tuple(changed(b) for b in self.belts),
+                tuple(changed(s) for s in self.servos),
                 changed(self.stroke),
             ),
             is_leaf=lambda node: node is None,
@@ -177,14 +176,14 @@ class Arm(eqx.Module):
 
     def _places(self) -> Iterator[tuple[str, Any, str, tuple[int, ...]]]:
         for part in self.parts():
-            for field in fields_of(type(part).__name__):
+            for field in fields_in(part):
                 for end, component in field.ends.items():
                     yield f"{part.name}.{field.name}{end}", part, field.name, component
 
     def _split(self, path: str) -> tuple[str, str, tuple[int, ...]]:
         name, _, rest = path.partition(".")
         part = next((part for part in self.parts() if part.name == name), None)
-        for field in fields_of(type(part).__name__):
+        for field in fields_in(part) if part else ():
             for end, component in field.ends.items():
                 if rest == field.name + end:
                     return name, field.name, component

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.fields import DAMPING, STIFFNESS
+from ident.arm.fields import DAMPING, LOSS, STIFFNESS
 from ident.arm.rotations import identity, matmul, matvec, outer, total, transpose
 from ident.errors import ModelError
 
@@ -106,6 +106,15 @@ def bushings(arm: Arm, axis: Float[Array, "3 N *#batch"]) -> tuple[Square, Squar
     along = outer(axis, axis)
     bend, tors = (-along + identity(3, rank + 1)) * k_bend, along * k_tors
     return bend, tors, bend * tau_bend + tors * tau_tors
+
+
+def losses(arm: Arm, bend: Square, tors: Square) -> Square | None:
+    """Return what bushings of these stiffnesses lose by their loss factors [N m/rad]; None if none has any."""
+    if all(getattr(joint, field) is None for joint in arm.joints for field in LOSS):
+        return None
+    rank = bend.ndim - 3
+    eta = (stack([0.0 if (x := getattr(j, field)) is None else x for j in arm.joints], 0, rank) for field in LOSS)
+    return bend * next(eta) + tors * next(eta)
 
 
 def axes(arm: Arm, rank: int) -> Float[Array, "3 N *ones"]:

@@ -55,6 +55,8 @@ def on_soft_base(arm: Arm, height: float) -> Arm:
         k_tors=STIFFER * first.k_tors,
         tau_bend=first.tau_bend,
         tau_tors=first.tau_tors,
+        loss_bend=first.loss_bend,
+        loss_tors=first.loss_tors,
         link=(Body(PEDESTAL, mass, up / 2, inertia),),
         driven=False,
     )

@@ -11,7 +11,7 @@ pretension / stiffness.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ident.arm.drive import Belt, Drive
 
@@ -61,6 +61,29 @@ def belt_mismatches(arm: "Arm") -> tuple[BeltMismatch, ...]:
     pairs = ((belt, drives[belt.driver], drives[belt.driven]) for belt in arm.belts)
     every = [_mismatch(belt, (one, other), shares, way) for belt, one, other in pairs]
     return tuple(mismatch for mismatch in every if mismatch.stretch > mismatch.allowed)
+
+
+def pin_shares(arm: "Arm", joint: str) -> dict[str, Any]:
+    """Return by how much the pins of the joints that belts tie to a joint turn with its own, by name; its own by 1.
+
+    By the condition above; differentiable in the arm's numbers.
+    """
+    drives, shares = {drive.joint: drive for drive in arm.drives}, dict[str, Any]({joint: 1.0})
+    order = [each.name for each in arm.joints]
+    outwards = sorted(arm.belts, key=lambda belt: order.index(belt.driver))
+
+    def passed_on(belt: Belt) -> Any:
+        """Return direction2 / direction1."""
+        one, other = drives[belt.driver].ratio, drives[belt.driven].ratio
+        return belt.driver_radius * (one - 1) / (belt.driven_radius * other)
+
+    for belt in outwards:
+        if belt.driver in shares:
+            shares[belt.driven] = shares[belt.driver] * passed_on(belt)
+    for belt in reversed(outwards):
+        if belt.driven in shares and belt.driver not in shares:
+            shares[belt.driver] = shares[belt.driven] / passed_on(belt)
+    return shares
 
 
 def _mismatch(belt: Belt, drives: tuple[Drive, Drive], shares: dict[str, float], way: float) -> BeltMismatch:

@@ -1,12 +1,28 @@
 """The arm at a posture under a load: N rigid bodies on N bushings, all axes parallel to the base frame."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.assembly import Loads, axes, bushings, carriers, lift, moments, no_loads, offsets, positions
+from ident.arm.assembly import (
+    Loads,
+    Moments,
+    axes,
+    bushings,
+    carriers,
+    lift,
+    losses,
+    moments,
+    no_loads,
+    offsets,
+    positions,
+    stack,
+)
+from ident.arm.belt_condition import pin_shares
 from ident.arm.rotations import identity, matmul, matvec, turn_about
 from ident.errors import ModelError
 from ident.jit import AnyArray
@@ -31,6 +47,8 @@ class Chain(eqx.Module):
         gravity: (3,) [m/s^2]
         frame: (3, 3, N, *batch) axes of shaft j, columns, in the base frame.
         carrier: body that carries each named point.
+        loss: (3, 3, N, *batch) [N m/rad] what bushing j loses by its loss factors, see `Joint`; None without any.
+        motors: those that servos hold, where some do; else the pins are fixed.
     """
 
     offset: Float[Array, "3 N *#batch"]
@@ -45,6 +63,8 @@ class Chain(eqx.Module):
     gravity: Float[Array, "3"]
     frame: Float[Array, "3 3 N *#batch"]
     carrier: tuple[int, ...] = eqx.field(static=True)
+    loss: Float[Array, "3 3 N *#batch"] | None = None
+    motors: "Motors | None" = None
 
     @property
     def stiffness(self) -> Float[Array, "3 3 N *#batch"]:
@@ -52,11 +72,48 @@ class Chain(eqx.Module):
         return self.bend + self.tors
 
 
-def at_posture(arm: Arm, posture: Float[AnyArray, "driven *#batch"], loads: Loads | None = None) -> Chain:
+class Motors(eqx.Module):
+    """Motors that servos hold, each with a coordinate a: by how much it turns the pin of its own joint [rad].
+
+    Attributes:
+        free: the arm with a bushing without stiffness in place of each pin: bodies shaft 1, link 1, shaft 2 and so on.
+        axis: (3, N, *batch) axes of the pins in the base frame.
+        share: (N, A, *batch) [-] by how much each pin turns with each coordinate.
+        ratio: (N, *batch) [-] of each joint's drive.
+        rotor: (N, *batch) [kg m^2] what turns with its wave generator, a part of the shaft's inertia.
+        stiffness: (A, *batch) [N m/rad] of each servo, seen from its coordinate.
+        damping: (A, *batch) [N m s/rad] likewise.
+        on: (*batch) 1 where servos hold the motors; 0 where brakes do.
+        joint: on whose drive each motor sits.
+    """
+
+    free: Chain
+    axis: Float[Array, "3 N *#batch"]
+    share: Float[Array, "N A *#batch"]
+    ratio: Float[Array, "N *#batch"]
+    rotor: Float[Array, "N *#batch"]
+    stiffness: Float[Array, "A *#batch"]
+    damping: Float[Array, "A *#batch"]
+    on: Float[Array, "*#batch"]
+    joint: tuple[int, ...] = eqx.field(static=True)
+
+
+def at_posture(
+    arm: Arm,
+    posture: Float[AnyArray, "driven *#batch"],
+    loads: Loads | None = None,
+    servo: Float[AnyArray, "*#batch"] | None = None,
+) -> Chain:
     """Fix the arm's pins at a posture [rad] under its own weight and the given loads.
 
     Numbers of the arm may carry batch dimensions too (see `Arm.replace`), no more than the posture, against which they
     broadcast.
+
+    Args:
+        arm: the arm.
+        posture: [rad] angles at which the pins are held.
+        loads: the load case.
+        servo: 1 where the arm's servos hold the motors, 0 where brakes do; brakes everywhere when None.
 
     Raises:
         ModelError: the posture has not one angle per driven joint, or fewer batch dimensions than the arm.
@@ -72,7 +129,7 @@ def at_posture(arm: Arm, posture: Float[AnyArray, "driven *#batch"], loads: Load
     shaft, link = shaft.along(before), link.along(after)
     bend, tors, damping = bushings(arm, matvec(before, axes(arm, rank)))
     carrier = carriers(arm)
-    return Chain(
+    held = Chain(
         offset=matvec(links, offsets(arm, rank)),
         mass=shaft.mass + link.mass,
         moment=shaft.first + link.first,
@@ -85,6 +142,57 @@ def at_posture(arm: Arm, posture: Float[AnyArray, "driven *#batch"], loads: Load
         gravity=arm.gravity,
         frame=before,
         carrier=carrier,
+        loss=losses(arm, bend, tors),
+    )
+    if servo is None or not arm.servos:
+        return held
+    return replace(held, motors=_motors(arm, _unpinned(held, shaft, link), matvec(before, axes(arm, rank)), servo))
+
+
+def _unpinned(held: Chain, shaft: Moments, link: Moments) -> Chain:
+    """Return the chain with a bushing without stiffness in place of each pin, a body before it and one behind."""
+
+    def both(x: Array, y: Array, axis: int) -> Array:
+        pairs = jnp.stack(jnp.broadcast_arrays(x, y), axis + 1)
+        return pairs.reshape((*pairs.shape[:axis], -1, *pairs.shape[axis + 2 :]))
+
+    def at_bushings(x: Array, axis: int) -> Array:
+        return both(x, jnp.zeros_like(x), axis)
+
+    return replace(
+        held,
+        offset=at_bushings(held.offset, 1),
+        mass=both(shaft.mass, link.mass, 0),
+        moment=both(shaft.first, link.first, 1),
+        second=both(shaft.second, link.second, 2),
+        bend=at_bushings(held.bend, 2),
+        tors=at_bushings(held.tors, 2),
+        damping=at_bushings(held.damping, 2),
+        frame=both(held.frame, held.frame, 2),
+        carrier=tuple(2 * body + 1 for body in held.carrier),
+    )
+
+
+def _motors(arm: Arm, free: Chain, axis: Float[Array, "3 N *#batch"], on: Float[AnyArray, "*#batch"]) -> Motors:
+    rank, drives = axis.ndim - 2, {drive.joint: drive for drive in arm.drives}
+    by_servo = [pin_shares(arm, servo.joint) for servo in arm.servos]
+    shares = [stack([each.get(joint.name, 0.0) for joint in arm.joints], 0, rank) for each in by_servo]
+    ratio, rotor = (
+        stack([getattr(drives[j.name], field) if j.name in drives else 0.0 for j in arm.joints], 0, rank)
+        for field in ("ratio", "rotor_inertia")
+    )
+    stiffness = stack([servo.k_servo * drives[servo.joint].ratio ** 2 for servo in arm.servos], 0, rank)
+    joint = tuple([each.name for each in arm.joints].index(servo.joint) for servo in arm.servos)
+    return Motors(
+        free=free,
+        axis=axis,
+        share=jnp.stack(jnp.broadcast_arrays(*shares), 1),
+        ratio=ratio,
+        rotor=rotor,
+        stiffness=stiffness,
+        damping=stiffness * stack([servo.tau for servo in arm.servos], 0, rank),
+        on=jnp.asarray(on, float),
+        joint=joint,
     )
 
 

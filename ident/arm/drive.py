@@ -1,4 +1,4 @@
-"""What moves an arm and excites it: harmonic drives, the belts between them, and the stroke that they drive."""
+"""What moves an arm and excites it: harmonic drives, belts between them, servos, and the stroke that they drive."""
 
 from typing import Any
 
@@ -82,6 +82,32 @@ class Belt(eqx.Module):
     def __init__(self, name: str, driver: str, driven: str, **numbers: Any):
         self.name, self.driver, self.driven = name, driver, driven
         for field in names_of("Belt"):
+            setattr(self, field, jnp.asarray(numbers.pop(field, 0.0), float))
+        _no_more(numbers)
+
+
+class Servo(eqx.Module):
+    """A servo that holds a motor: a spring and a damper between the motor's angle and its command.
+
+    Its motor turns the pulley of a drive and, by belts, those of the drives that they tie to it. What it holds is all
+    that turns with them: rotors (`rotor_inertia`, to which the motor's own belongs) and links. An integral action
+    brings the motor back to its command, so that static deflections are those of held motors.
+
+    Attributes:
+        name: unique in its arm.
+        joint: name of the joint on whose drive the motor sits.
+        k_servo: () [N m/rad] stiffness at the motor, of its angle seen from the shaft that it sits on.
+        tau: () [s] damping per stiffness.
+    """
+
+    name: str = eqx.field(static=True)
+    joint: str = eqx.field(static=True)
+    k_servo: Float[Array, ""]
+    tau: Float[Array, ""]
+
+    def __init__(self, name: str, joint: str, **numbers: Any):
+        self.name, self.joint = name, joint
+        for field in names_of("Servo"):
             setattr(self, field, jnp.asarray(numbers.pop(field, 0.0), float))
         _no_more(numbers)
 

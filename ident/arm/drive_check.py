@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from ident.arm.drive import PROFILES, Belt, Drive, Stroke
+from ident.arm.drive import PROFILES, Belt, Drive, Servo, Stroke
 from ident.arm.fields import EXPECTED, fields_of
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean, quoted
@@ -32,8 +32,9 @@ def check_drives(arm: "Arm") -> None:
     problems = [
         *(problem for drive in arm.drives for problem in _of_drive(arm, drive)),
         *(problem for belt in arm.belts for problem in _of_belt(arm, belt)),
+        *(problem for servo in arm.servos for problem in _of_servo(arm, servo)),
         *(problem for stroke in strokes for problem in _of_stroke(arm, stroke)),
-        *(problem for part in (*arm.drives, *arm.belts, *strokes) for problem in sign_problems(part)),
+        *(problem for part in (*arm.drives, *arm.belts, *arm.servos, *strokes) for problem in sign_problems(part)),
     ]
     if problems:
         raise InputError(problems)
@@ -90,6 +91,28 @@ def _of_geometry(arm: "Arm", belt: Belt) -> Iterator[Problem]:
     if distance <= room:
         got, expected = f"axes {distance:.4g} m apart", f"more than {room:.4g} m, the sum of the radii"
         yield Problem(belt.name, got, expected, "correct radii or offset", "driven_radius")
+
+
+def _of_servo(arm: "Arm", servo: Servo) -> Iterator[Problem]:
+    drives = [drive.joint for drive in arm.drives]
+    if servo.joint not in drives:
+        remedy = did_you_mean(servo.joint, drives, "describe the drive that its motor turns")
+        yield Problem(servo.name, f"'{servo.joint}'", "a joint that has a drive", remedy, "joint")
+        return
+    tied = tied_by_belts(arm, servo.joint)
+    before = [other.name for other in arm.servos[: arm.servos.index(servo)] if other.joint in tied]
+    if before:
+        got = f"a second servo of what {before[0]} holds"
+        yield Problem(servo.name, got, "one servo for joints that belts tie", "remove one of them", "joint")
+
+
+def tied_by_belts(arm: "Arm", joint: str) -> list[str]:
+    """Return the joints whose pulleys turn together with that of a joint, itself included, from the base outwards."""
+    tied = {joint}
+    for _ in arm.belts:
+        ends = [{belt.driver, belt.driven} for belt in arm.belts]
+        tied = tied.union(*(each for each in ends if each & tied))
+    return [each.name for each in arm.joints if each.name in tied]
 
 
 def _of_stroke(arm: "Arm", stroke: Stroke) -> Iterator[Problem]:

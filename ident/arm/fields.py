@@ -15,7 +15,7 @@ What was decided by physics, where tables used to differ:
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -117,6 +117,8 @@ FIELDS = (
     _stiffness("k_tors", "torsional stiffness", "torsion"),
     Field("Joint", "tau_bend", "s", "non-negative", True, words="bending damping", redesigned=True),
     Field("Joint", "tau_tors", "s", "non-negative", True, words="torsion damping", redesigned=True),
+    Field("Joint", "loss_bend", "-", "non-negative", True, words="bending loss factor"),
+    Field("Joint", "loss_tors", "-", "non-negative", True, words="torsion loss factor"),
     _length("Point", "position", rank=1),
     Field("Drive", "ratio", "-", "non-zero", True, redesigned=True),
     Field("Drive", "rotor_inertia", "kg m^2", "non-negative", True),
@@ -132,6 +134,8 @@ FIELDS = (
     Field("Belt", "stiffness", "N/m", "non-negative", True),
     Field("Belt", "tau", "s", "non-negative", True),
     _length("Belt", "height"),
+    Field("Servo", "k_servo", "N m/rad", "positive", True, words="servo stiffness"),
+    Field("Servo", "tau", "s", "non-negative", True),
     Field("Stroke", "folded", "rad", "signed", False),
     Field("Stroke", "unfolded", "rad", "signed", False),
     Field("Stroke", "speed", "rad/s", "positive", True),
@@ -142,6 +146,8 @@ FIELDS = (
 
 STIFFNESS = ("k_bend", "k_tors")
 DAMPING = ("tau_bend", "tau_tors")
+LOSS = ("loss_bend", "loss_tors")
+"""Loss factors, which most arms have none of: then they have no path either."""
 
 _BY_NAME = {field.name: field for field in FIELDS}
 
@@ -149,6 +155,11 @@ _BY_NAME = {field.name: field for field in FIELDS}
 def fields_of(part: str) -> tuple[Field, ...]:
     """Return the fields of a class of parts by its name, `Drive`; none if its parts have no numbers."""
     return tuple(field for field in FIELDS if field.part == part)
+
+
+def fields_in(part: Any) -> tuple[Field, ...]:
+    """Return the fields that a part has a number of: of a joint no loss factor, unless it has one."""
+    return tuple(field for field in fields_of(type(part).__name__) if getattr(part, field.name) is not None)
 
 
 def names_of(part: str) -> tuple[str, ...]:

@@ -93,6 +93,11 @@ def _points_of(chain: Chain, at: ForwardKinematics) -> Float[Array, "3 P *#batch
     return at.centre[:, body] + matvec(at.axes[:, :, body], chain.position)
 
 
+def point_rotations(chain: Chain, phi: Phi) -> Float[Array, "3 3 P *#batch"]:
+    """Return how the body that carries each named point is turned from its place at phi = 0."""
+    return forward_kinematics(chain, phi).axes[:, :, np.asarray(chain.carrier, dtype=int)]
+
+
 def straight_positions(chain: Chain) -> Float[Array, "3 P *#batch"]:
     """Return where the named points are at phi = 0 [m]."""
     outwards = inboard(chain.offset.shape[1])[np.asarray(chain.carrier, dtype=int)]

@@ -10,40 +10,33 @@ from jaxtyping import Array, Complex, Float, Inexact
 from ident.arm.chain import Chain
 from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
 from ident.arm.linalg import inverse_cholesky_factor, lowest_modes, lowest_modes_whitened
-from ident.arm.mechanics import (
-    Phi,
-    flatten_blocks,
-    mass_matrix,
-    point_positions,
-    potential_derivatives,
-    second_variations,
-    unflatten,
-)
+from ident.arm.mechanics import Phi, mass_matrix, unflatten
+from ident.arm.motors import coordinates, point_motion, servo_energy, structural, system, variations
 from ident.arm.rotations import identity, matmul, matvec, transpose
 
 
 class Linearized(NamedTuple):
-    """Matrices of M d2x/dt2 + C dx/dt + H x = 0 about the equilibrium, x = phi - phi_s.
+    """Matrices of M d2x/dt2 + C dx/dt + H x = 0 about the equilibrium, x = phi - phi_s and the turns of the motors.
 
     Attributes:
         phi: (3, N, *batch) [rad] the equilibrium phi_s.
-        M: (3N, 3N, *batch) [kg m^2] mass matrix.
-        C: (3N, 3N, *batch) [N m s/rad] damping matrix.
-        H: (3N, 3N, *batch) [N m/rad] Hessian of the potential energy.
+        M: (n, n, *batch) [kg m^2] mass matrix; n is 3N and the number of motors that servos hold (`Chain.motors`).
+        C: (n, n, *batch) [N m s/rad] damping matrix.
+        H: (n, n, *batch) [N m/rad] Hessian of the potential energy.
+        L: (n, n, *batch) [N m/rad] structural damping: H + i L stands for H in harmonic motion; None for none.
     """
 
     phi: Phi
     M: Float[Array, "n n *#batch"]
     C: Float[Array, "n n *#batch"]
     H: Float[Array, "n n *#batch"]
+    L: Float[Array, "n n *#batch"] | None = None
 
 
 def linearize(chain: Chain, at: StaticEquilibrium | None = None) -> Linearized:
     """Linearize the exact equations about the static equilibrium, which may be known; differentiable."""
     phi = (static_equilibrium(chain) if at is None else at).phi
-    own_joint = identity(phi.shape[1], phi.ndim - 2)
-    C = flatten_blocks(chain.damping[:, :, :, None] * own_joint)
-    return Linearized(phi, mass_matrix(chain, phi), C, potential_derivatives(chain, phi)[1])
+    return Linearized(phi, *system(chain, phi), structural(chain))
 
 
 @eqx.filter_custom_jvp
@@ -60,7 +53,10 @@ def lowest_eigenpairs(
     References:
         Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964.
     """
-    return lowest_modes_whitened(at.W, mass_matrix(chain, at.phi), count)
+    if chain.motors is None:
+        return lowest_modes_whitened(at.W, mass_matrix(chain, at.phi), count)
+    M, _, H = system(chain, at.phi)
+    return lowest_modes(H, M, count)
 
 
 @lowest_eigenpairs.def_jvp
@@ -71,7 +67,7 @@ def _lowest_eigenpairs_jvp(
     values, vectors = lowest_eigenpairs(chain, at, count=count)
 
     def gap(chain: Chain, phi: Phi, value: Array, shape: Array) -> Array:
-        H, M = second_variations(chain, phi, unflatten(shape))
+        H, M = variations(chain, phi, shape)
         return H - value * M
 
     def change(value: Array, shape: Array) -> Array | None:
@@ -101,9 +97,11 @@ class Modes(eqx.Module):
 
     Attributes:
         frequency: (m, *batch) [Hz] ascending.
-        shape: (3N, m, *batch) [rad/sqrt(kg m^2)] mass-normalised, V' M V = 1, components along the base axes.
+        shape: (n, m, *batch) [rad/sqrt(kg m^2)] mass-normalised, V' M V = 1, components along the base axes, then
+            those of the motors that servos hold.
         bend: (N, m, *batch) [-] share of the bushings' strain energy in the bending of each joint.
-        tors: (N, m, *batch) [-] share in the torsion of each joint; all shares of a mode sum to one.
+        tors: (N, m, *batch) [-] share in the torsion of each joint, to which the servo of its motor counts; all shares
+            of a mode sum to one.
         motion: (3, P, m, *batch) [m/sqrt(kg m^2)] displacement of the named points in each mode.
     """
 
@@ -124,23 +122,22 @@ def modes_about(chain: Chain, at: StaticEquilibrium, count: int | None = None) -
 
     The frequencies are differentiable; shapes, shares and motions are constants to differentiation.
     """
-    m = at.W.shape[0] if count is None else count
+    own, m = at.W.shape[0], coordinates(chain) if count is None else count
     values, vectors = lowest_eigenpairs(chain, at, count=m)
     still, phi = jax.lax.stop_gradient((chain, at.phi))
-    by_joint = unflatten(jnp.moveaxis(vectors, 1, -1))
+    shapes = jnp.moveaxis(vectors, 1, -1)
+    by_joint = unflatten(shapes[:own])
     energy = [(by_joint * matvec(K[..., None], by_joint)).sum(0) for K in (still.bend, still.tors)]
+    if (motors := still.motors) is not None:
+        energy[1] = energy[1] + jax.vmap(lambda v: servo_energy(motors, v), -1, -1)(shapes)
     total = (energy[0] + energy[1]).sum(0)
     return Modes(
         frequency=to_hertz(values),
         shape=vectors,
         bend=jnp.moveaxis(energy[0] / total, -1, 1),
         tors=jnp.moveaxis(energy[1] / total, -1, 1),
-        motion=jax.vmap(lambda shape: _motion(still, phi, shape), in_axes=-1, out_axes=2)(by_joint),
+        motion=jax.vmap(lambda v: point_motion(still, phi, v), in_axes=-1, out_axes=2)(shapes),
     )
-
-
-def _motion(chain: Chain, phi: Phi, direction: Phi) -> Float[Array, "3 P *#batch"]:
-    return jax.jvp(lambda p: point_positions(chain, p), (phi,), (direction,))[1]
 
 
 def in_shaft_axes(chain: Chain, phi: Phi) -> Phi:
@@ -162,12 +159,20 @@ def mac(a: Inexact[Array, "n *#batch"], b: Inexact[Array, "n *#batch"]) -> Float
 def damped_eigenvalues(system: Linearized) -> Complex[Array, "n *#batch"]:
     """Return for each undamped mode, ascending, the eigenvalue s [rad/s] of (s^2 M + s C + H) x = 0 nearest in shape.
 
+    With structural damping it is that of (s^2 M + s C + H + i L) x = 0 with Im s > 0, the one that decays: a loss
+    factor eta of all that gives has the damping ratio sin(atan(eta) / 2), eta / 2 for small ones, at any frequency;
+    otherwise the loss factors of a mode's parts count by their strain energy. It is a model of harmonic motion: the
+    complex stiffness is no causal law, its poles do not come in conjugate pairs, and their decay is right only as
+    far as eta is small against 1.
+
     Of a conjugate pair it is the one with Im s >= 0. |s| / 2 pi is the natural frequency, -Re s / |s| the damping
     ratio; an overdamped mode has two real s, of which one is returned, with ratio 1. Once differentiable by
     ds = -y' (dH + s dC + s^2 dM) x, y the left eigenvector; infinite only at critical damping.
 
     References:
-        Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001.
+        Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001. Neumark, "Concept of complex
+        stiffness applied to problems of oscillations with viscous and hysteretic damping", R&M 3269, 1962. Crandall,
+        "The role of damping in vibration theory", J. Sound Vib. 11(1), 1970 (causality).
     """
     return _damped_modes(system)[0]
 
@@ -175,8 +180,9 @@ def damped_eigenvalues(system: Linearized) -> Complex[Array, "n *#batch"]:
 @damped_eigenvalues.defjvp
 def _damped_eigenvalues_jvp(primals: tuple[Linearized], tangents: tuple[Linearized]) -> tuple[Array, Array]:
     s, x, y = _damped_modes(primals[0])
-    _, dM, dC, dH = tangents[0]
-    lead = dH[:, :, None] + s * dC[:, :, None] + s * s * dM[:, :, None]
+    _, dM, dC, dH, dL = tangents[0]
+    dK = dH if dL is None else dH + 1j * dL
+    lead = dK[:, :, None] + s * dC[:, :, None] + s * s * dM[:, :, None]
     change = -(y * (lead * x[None]).sum(1)).sum(0)
     return s, change
 
@@ -185,9 +191,10 @@ def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
     """Return s, right and left eigenvectors (columns), computed in coordinates in which the mass matrix is 1."""
     n, batch = system.M.shape[0], system.M.shape[2:]
     W = inverse_cholesky_factor(system.M)
-    H, C = (matmul(matmul(W, X), transpose(W)) for X in (system.H, system.C))
+    K = system.H if system.L is None else system.H + 1j * system.L
+    K, C = (matmul(matmul(W, X), transpose(W)) for X in (K, system.C))
     unit = jnp.broadcast_to(identity(n, len(batch)), (n, n, *batch))
-    state = jnp.concatenate([jnp.concatenate([jnp.zeros_like(unit), unit], 1), jnp.concatenate([-H, -C], 1)], 0)
+    state = jnp.concatenate([jnp.concatenate([jnp.zeros_like(unit), unit], 1), jnp.concatenate([-K, -C], 1)], 0)
     # one after another: LAPACK must not run twice at the same time under jax 0.10
     one_by_one = jnp.moveaxis(state.reshape((2 * n, 2 * n, -1)), -1, 0)
     s, right, left = (jnp.moveaxis(out, 0, -1).reshape(out.shape[1:] + batch) for out in jax.lax.map(_eig, one_by_one))
@@ -204,7 +211,7 @@ def _nearest_in_shape(system: Linearized, s: Array, x: Array) -> Array:
     return jnp.argmax(jnp.where(s.imag < 0, -1.0, share / share.sum(0)), 1)
 
 
-def _eig(A: Float[Array, "k k"]) -> tuple[Array, Array, Array]:
+def _eig(A: Inexact[Array, "k k"]) -> tuple[Array, Array, Array]:
     """Return the eigenvalues by ascending |s|, their right vectors and the dual left vectors, as columns."""
     s, right = jnp.linalg.eig(A)
     left = jnp.linalg.inv(right).T

@@ -21,6 +21,7 @@ from ident.arm.assembly import (
     stack,
 )
 from ident.arm.fields import names_of
+from ident.arm.losses import refuse_losses
 from ident.arm.rotations import skew
 
 
@@ -147,7 +148,9 @@ def multibody(
 
     Raises:
         ModelError: the arm has more batch axes than `rank`.
+        InputError: the arm has loss factors, see `refuse_losses`.
     """
+    refuse_losses(arm)
     loads = no_loads(arm) if loads is None else loads
     loads = Loads(lift(loads.payload, 1, rank), lift(loads.mass, 1, rank), lift(loads.force, 2, rank))
     axis, (shaft, link) = axes(arm, rank), moments(arm, loads, rank)

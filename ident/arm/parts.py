@@ -45,7 +45,9 @@ class Joint(eqx.Module):
     """A bushing (spherical, elastic), the shaft on it, and the pin about which the link turns.
 
     The bushing's moment is K phi with K = k_bend (1 - a a') + k_tors a a', a the axis, phi the rotation vector;
-    its damping moment is C dphi/dt with the coefficients c = tau k.
+    its damping moment is C dphi/dt with the coefficients c = tau k. With loss factors eta it also loses, in harmonic
+    motion at any frequency, 2 pi eta times its largest strain energy in a cycle: a moment i eta k phi (structural, or
+    hysteretic, damping). That has no equation in time, see `ident.arm.losses`.
 
     Attributes:
         name: unique in its arm.
@@ -55,6 +57,8 @@ class Joint(eqx.Module):
         k_tors: () [N m/rad] bushing stiffness about the axis.
         tau_bend: () [s] damping per stiffness across the axis.
         tau_tors: () [s] damping per stiffness about the axis.
+        loss_bend: () [-] loss factor across the axis; None, as most arms have it, for none.
+        loss_tors: () [-] loss factor about the axis; None for none.
         shaft: bodies before the pin.
         link: bodies after the pin.
         driven: False for an extra bushing that has no pin (flexibility of a link, the base or the fingers).
@@ -68,6 +72,8 @@ class Joint(eqx.Module):
     k_tors: Float[Array, ""]
     tau_bend: Float[Array, ""]
     tau_tors: Float[Array, ""]
+    loss_bend: Float[Array, ""] | None
+    loss_tors: Float[Array, ""] | None
     shaft: tuple[Body, ...]
     link: tuple[Body, ...]
     driven: bool = eqx.field(static=True)
@@ -83,6 +89,8 @@ class Joint(eqx.Module):
         offset: Any = (0.0, 0.0, 0.0),
         tau_bend: Any = 0.0,
         tau_tors: Any = 0.0,
+        loss_bend: Any = None,
+        loss_tors: Any = None,
         shaft: tuple[Body, ...] = (),
         link: tuple[Body, ...] = (),
         driven: bool = True,
@@ -92,6 +100,7 @@ class Joint(eqx.Module):
         self.axis, self.offset = jnp.asarray(axis, float), jnp.asarray(offset, float)
         self.k_bend, self.k_tors = jnp.asarray(k_bend, float), jnp.asarray(k_tors, float)
         self.tau_bend, self.tau_tors = jnp.asarray(tau_bend, float), jnp.asarray(tau_tors, float)
+        self.loss_bend, self.loss_tors = (None if x is None else jnp.asarray(x, float) for x in (loss_bend, loss_tors))
         self.shaft, self.link = tuple(shaft), tuple(link)
 
 

@@ -17,6 +17,8 @@ CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
 """Entry (i, k) of [v] is CROSS[i, k] . v."""
 TERMS = 16
 """Terms of the power series below, a power of two; the first one left out is far below 1e-17 for angles up to 3 rad."""
+TINY = 1e-6
+"""Squared tangent of half an angle below which three terms of the arc tangent's series are exact to rounding."""
 ORDERS = 4
 """Derivatives of the series at hand; differentiation ends there."""
 
@@ -114,6 +116,20 @@ def rotation(phi: Vector) -> Matrix:
         Rodrigues' formula, as in `turn_about`.
     """
     return rotation_by(phi, left_jacobian(phi))
+
+
+def rotation_vector(R: Matrix) -> Vector:
+    """Return phi with R = exp[phi], for angles below half a turn. Smooth everywhere.
+
+    n tan(t/2), n sin t of the skew part of R and 1 + cos t of its trace, is turned into n t.
+
+    References:
+        Barfoot, "State Estimation for Robotics", section 7.1.3, where it stands for n sin t.
+    """
+    half = -axial(R) / (1 + R[0, 0] + R[1, 1] + R[2, 2])
+    size = (half * half).sum(0)
+    tangent = jnp.sqrt(jnp.where(size > TINY, size, 1.0))
+    return half * jnp.where(size > TINY, 2 * jnp.arctan(tangent) / tangent, 2 - size * (2 / 3 - size * 2 / 5))
 
 
 def rotation_by(phi: Vector, J: Matrix) -> Matrix:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.arm.fields import fields_of
+from ident.arm.fields import fields_in
 from ident.assess.arm_view import home
 from ident.description.file import ArmFile
 from ident.errors import ModelError
@@ -66,7 +66,7 @@ def arm_names(arm_file: ArmFile) -> ArmNames:
 
 def _numbers(arm_file: ArmFile) -> Iterator[Number]:
     for part in arm_file.arm.parts():
-        for field in fields_of(type(part).__name__):
+        for field in fields_in(part):
             value = np.asarray(getattr(part, field.name))
             for end, place in field.ends.items():
                 path = f"{part.name}.{field.name}{end}"

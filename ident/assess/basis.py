@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
+from ident.arm.losses import refuse_losses
 from ident.assess.phases import Unknowns
 from ident.description.file import ArmFile
 from ident.identify.conditions import loads_of
@@ -34,6 +35,9 @@ class Basis:
         changed: numbers that were set, by path [SI].
         name: what files are called: arm, motion, percent.
         unknown: what nobody knows of the excitation, which is drawn with the posterior.
+
+    Raises:
+        InputError: the arm has loss factors, of which motion in time knows nothing.
     """
 
     arm_file: ArmFile
@@ -47,6 +51,9 @@ class Basis:
     changed: Mapping[str, float] = field(default_factory=dict)
     name: str = ""
     unknown: Unknowns = field(default_factory=Unknowns)
+
+    def __post_init__(self) -> None:
+        refuse_losses(self.arm)
 
     @cached_property
     def loads(self) -> Loads:

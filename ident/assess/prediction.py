@@ -65,12 +65,12 @@ def predict_draws(analysis: ModalAnalysis, draws: Mapping[str, Float[np.ndarray,
         ModelError: there is no stable equilibrium with any draw.
     """
     count = len(next(iter(draws.values())))
-    own = modal_solution(analysis.arm, analysis.posture, analysis.load)
+    own = modal_solution(analysis.arm, analysis.posture, analysis.load, analysis.drives)
     mass, reference = np.asarray(own.M), np.asarray(own.modes.shape)[:, : len(analysis.labels)]
     parts = []
     for start in range(0, count, TOGETHER):
         some = {path: _padded(values[start : start + TOGETHER]) for path, values in draws.items()}
-        solution = modal_solution(analysis.arm.replace(some), analysis.posture, analysis.load)
+        solution = modal_solution(analysis.arm.replace(some), analysis.posture, analysis.load, analysis.drives)
         frequency = np.asarray(solution.modes.frequency)
         stands = np.isfinite(frequency).all(0) & (np.arange(TOGETHER) < count - start)
         solved = solution.modes.shape, solution.ratio, solution.moved

@@ -116,12 +116,10 @@ class Simulation:
         return np.linalg.norm(moment - axis * torsion, axis=0), torsion
 
 
-def simulated_over_phases(
-    basis: Basis, study: SimulatedMotion, elastic_belts: bool, rate: float, step: float | None
-) -> OverPhases | None:
-    """Return the vibration over the phases that are not known, by the fast method; None without, or if interrupted."""
+def simulated_over_phases(basis: Basis, elastic_belts: bool, rate: float, step: float | None) -> OverPhases | None:
+    """Return the vibration over the phases that are not known, by the fast method; None without."""
     unknown = basis.unknown
-    if not unknown.phases or study.interrupted is not None:
+    if not unknown.phases:
         return None
     whole = superposition(
         basis.arm,
@@ -131,6 +129,7 @@ def simulated_over_phases(
         elastic_belts=elastic_belts,
         rate=rate,
         step=step,
+        together=False,
     )
     return over_phases(whole, unknown)
 

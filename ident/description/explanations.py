@@ -49,6 +49,7 @@ TABLES: dict[str, type[Table]] = {
     "link": BODY,
     "drive": document.DriveTable,
     "belt": document.BeltTable,
+    "servo": document.ServoTable,
     "stroke": document.StrokeTable,
 }
 TABLES |= {"point": document.PointTable, "payload": document.PayloadTable, "axis": Direction}

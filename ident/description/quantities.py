@@ -137,6 +137,7 @@ AngularAcceleration = Quantity[
     Annotated[str, _unit("acceleration", "deg/s^2")], Annotated[float, _range("acceleration")]
 ]
 AngularJerk = Quantity[Annotated[str, _unit("jerk", "deg/s^3")], Annotated[float, _range("jerk")]]
+ServoStiffness = Quantity[Annotated[str, _unit("k_servo")], Annotated[float, _range("k_servo")]]
 Height = Quantity[Annotated[str, _unit("height")], Annotated[float, _range("height")]]
 Eccentricity = Quantity[Annotated[str, _unit("eccentricity")], Annotated[float, _range("eccentricity")]]
 Radius = Quantity[Annotated[str, _unit("driver_radius")], Annotated[float, _range("driver_radius")]]
@@ -190,6 +191,17 @@ class NonZero(Sourced):
     @property
     def number(self) -> Any:
         """The ratio."""
+        return np.asarray(self.value)
+
+
+class LossFactor(Sourced):
+    """A loss factor, without unit."""
+
+    value: Annotated[float, _range("loss_bend")]
+
+    @property
+    def number(self) -> Any:
+        """The factor."""
         return np.asarray(self.value)
 
 

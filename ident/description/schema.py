@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ident.arm.arm import GRAVITY, Arm
-from ident.arm.drive import Belt, Drive, Stroke
-from ident.arm.fields import names_of
+from ident.arm.drive import Belt, Drive, Servo, Stroke
+from ident.arm.fields import LOSS, names_of
 from ident.arm.parts import Body, Joint, Payload, Point, check_inertia
 from ident.arm.workspace import Workspace
 from ident.description.quantities import (
@@ -27,6 +27,7 @@ from ident.description.quantities import (
     Inertia,
     Limits,
     Line,
+    LossFactor,
     Lump,
     Mass,
     MassMoment,
@@ -36,6 +37,7 @@ from ident.description.quantities import (
     Postures,
     Profile,
     Radius,
+    ServoStiffness,
     Shares,
     SpanStiffness,
     Stiffness,
@@ -100,6 +102,8 @@ class JointTable(Table):
     k_tors: Stiffness
     tau_bend: Time = UNDAMPED
     tau_tors: Time = UNDAMPED
+    loss_bend: LossFactor | None = None
+    loss_tors: LossFactor | None = None
     limits: Limits | None = None
     driven: bool = True
     shaft: list[BodyTable] = Field(default_factory=list)
@@ -111,6 +115,7 @@ class JointTable(Table):
         return Joint(
             self.name,
             **{key: getattr(self, key).number for key in quantities},
+            **_given(self, LOSS),
             shaft=tuple(body.body() for body in self.shaft),
             link=tuple(body.body() for body in self.link),
             driven=self.driven,
@@ -172,6 +177,19 @@ class BeltTable(Table):
         return Belt(self.name, self.driver, self.driven, **_given(self, names_of("Belt")))
 
 
+class ServoTable(Table):
+    """A servo that holds a motor; the meaning of each key is that of `Servo`'s attribute."""
+
+    name: Name
+    joint: str
+    k_servo: ServoStiffness
+    tau: Time | None = None
+
+    def servo(self) -> Servo:
+        """Return the servo as a value."""
+        return Servo(self.name, self.joint, **_given(self, names_of("Servo")))
+
+
 class StrokeTable(Table):
     """The straight motion of the hand; the meaning of each key is that of `Stroke`'s attribute."""
 
@@ -221,6 +239,7 @@ class ArmDocument(Table):
     payload: list[PayloadTable] = Field(default_factory=list)
     drive: list[DriveTable] = Field(default_factory=list)
     belt: list[BeltTable] = Field(default_factory=list)
+    servo: list[ServoTable] = Field(default_factory=list)
     stroke: StrokeTable | None = None
     workspace: WorkspaceTable = Field(default_factory=WorkspaceTable)
 
@@ -236,6 +255,7 @@ class ArmDocument(Table):
             tuple(belt.belt() for belt in self.belt),
             self.stroke.stroke() if self.stroke else None,
             self.workspace.workspace(),
+            tuple(servo.servo() for servo in self.servo),
         )
 
     def extents(self) -> dict[str, Any]:
@@ -262,7 +282,7 @@ def named(raw: Mapping[str, Any]) -> Iterator[tuple[Loc, Any]]:
         yield ("joint", n), joint
         for kind in ("shaft", "link"):
             yield from ((("joint", n, kind, m), body) for m, body in _rows(joint, kind))
-    for kind in ("point", "payload", "drive", "belt"):
+    for kind in ("point", "payload", "drive", "belt", "servo"):
         yield from (((kind, n), table) for n, table in _rows(raw, kind))
 
 

@@ -1,7 +1,7 @@
 """What a fit of an arm takes for granted: rigid base and links, given masses, a servo that holds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -10,11 +10,11 @@ from jaxtyping import Float
 from ident.arm.arm import Arm
 from ident.arm.hinges import CutArm, cut
 from ident.identify.conditions import Conditions, bind
-from ident.identify.predict import ArmModel
+from ident.identify.predict import ArmModel, Held
 from ident.identify.slopes import Slopes, slopes
 from ident.inference.fit import Fit
 from ident.inference.score import ScoreTest, asked_for, score_tests
-from ident.measure import Campaign
+from ident.measure import Campaign, Measurement
 
 ASSUMED = "assumed"
 DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
@@ -86,7 +86,8 @@ class Assumptions:
 def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     """Say of all that a fit takes for granted how far it might move the answer, and whether the data ask for it.
 
-    Damping ratios are left out: they say next to nothing of a stiffness. An arm that has an undriven joint at its foot
+    Damping ratios are left out: they say next to nothing of a stiffness. So are rows with a servo on, where the arm has
+    servos. An arm that has an undriven joint at its foot
     or within a link takes nothing for granted there. What a discrepancy factor scales is scaled here as well.
 
     Args:
@@ -97,7 +98,8 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     own = set(arm.paths())
     fitted = arm.replace({path: value for path, value in fit.parameters.items() if path in own})
     pieces = cut(fitted)
-    found = _slopes(fit, fitted, pieces, bind(arm, campaign))
+    held = replace(fitted, servos=())
+    found = _slopes(fit, held, pieces, bind(held, campaign))
     names, changes = zip(*_each(fitted, pieces, found), strict=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where(found.predicted != 0, fit.predicted / found.predicted, 1.0)
@@ -107,10 +109,14 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
         np.array(changes) * factor,
         np.array([kind.plausible for kind in kinds]),
         [kind.positive for kind in kinds],
-        ("damping_ratio",),
+        np.array([_left_out(arm, m) for m in campaign]),
     )
     items = tuple(Assumption(kind, joint, test) for (kind, joint), test in zip(names, tests, strict=True))
     return Assumptions(items, pieces.height)
+
+
+def _left_out(arm: Arm, m: Measurement) -> bool:
+    return m.kind == "damping_ratio" or (bool(arm.servos) and m.drives == "servo")
 
 
 def _slopes(fit: Fit, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
@@ -119,14 +125,19 @@ def _slopes(fit: Fit, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Sl
     parts = model.in_parts()
     if parts is None:
         padded, _, places = conditions.padded()
-        each = [jax.device_get(slopes(fitted, pieces, padded, None if held is None else np.asarray(held.place)))]
+        each = [jax.device_get(slopes(fitted, pieces, padded, _places(fitted, held)))]
     else:
         places, split = parts.places, parts.split(held)
-        chosen = [None if own is None else np.asarray(own.place) for own in split]
+        chosen = [_places(fitted, own) for own in split]
         calls = zip(parts.models, chosen, strict=True)
         each = [jax.device_get(slopes(fitted, pieces, part.conditions, own)) for part, own in calls]
     joined = [np.concatenate(columns, -1)[..., places] for columns in zip(*each, strict=True)]
     return Slopes(*joined)  # type: ignore[arg-type]  # fetched from jax
+
+
+def _places(arm: Arm, held: Held | None) -> Float[np.ndarray, "m R"] | None:
+    """Return the modes that labels were taken for, without those of motors that servos hold: the last where none is."""
+    return None if held is None else np.asarray(held.place)[: 3 * len(arm.joints)]
 
 
 def _each(arm: Arm, pieces: CutArm, found: Slopes) -> "list[tuple[tuple[str, str], Float[np.ndarray, 'D']]]":

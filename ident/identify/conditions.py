@@ -18,6 +18,7 @@ from ident.identify.mode_assignment import Named, name_modes
 from ident.identify.repeats import Repeats, repeats, room
 from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
+from ident.measure.campaign import DIFFERENCES, ROTATIONS
 
 BY_MODE = ("frequency", "damping_ratio")
 State = tuple[tuple[float, ...], Load, str]
@@ -43,19 +44,31 @@ class Unnamed(eqx.Module):
 
 
 class Readings(eqx.Module):
-    """Measured deflections, and their differences; what several rows measured is one of them.
+    """Measured deflections, rotations, and differences; what several rows measured is one of them.
 
     Attributes:
         states: (n,) state of each.
         references: (n,) state that a difference is counted from; -1 for none.
         points: (n,) point that was read.
-        direction: (3, n) unit vector along which it was read.
+        direction: (3, n) unit vector along which it was read, or about which it turned.
+        turning: (n,) whether it is a rotation; None where none is.
     """
 
     states: Int[AnyArray, "n"]
     references: Int[AnyArray, "n"]
     points: Int[AnyArray, "n"]
     direction: Float[AnyArray, "3 n"]
+    turning: Bool[AnyArray, "n"] | None = None
+
+    def by_kind(self) -> list[Int[np.ndarray, "_"]]:
+        """Return the places of deflections, of their differences, of rotations and of their differences."""
+        difference = np.asarray(self.references) >= 0
+        turning = np.zeros(len(difference), bool) if self.turning is None else np.asarray(self.turning)
+        return [np.flatnonzero((turning == turns) & (difference == differs)) for turns in (0, 1) for differs in (0, 1)]
+
+    def of(self, places: Int[np.ndarray, "_"]) -> "Readings":
+        """Return some of them."""
+        return jax.tree.map(lambda x: x[..., places], self)
 
 
 class Conditions(eqx.Module):
@@ -69,10 +82,11 @@ class Conditions(eqx.Module):
         loads: load cases, batch (S).
         named: values of modes that have a label.
         unnamed: frequencies without.
-        readings: deflections, and their differences.
+        readings: deflections, rotations, and differences.
         order: (D,) the value that each row measured: its place among named, unnamed and readings in turn.
         repeats: the rows of each value.
         definitions: what each frequency is, those with a label first.
+        servo: (S,) 1 where servos of the arm held its motors, 0 where brakes did; None where they did everywhere.
     """
 
     posture: Float[AnyArray, "joints S"]
@@ -83,6 +97,7 @@ class Conditions(eqx.Module):
     order: Int[AnyArray, "D"]
     repeats: Repeats
     definitions: NotAllUndamped = None
+    servo: Float[AnyArray, "S"] | None = None
 
     @property
     def labelled(self) -> NotAllUndamped:
@@ -109,10 +124,10 @@ class Conditions(eqx.Module):
         """
         named, unnamed, readings, order = jax.device_get((self.named, self.unnamed, self.readings, self.order))
         state = room(np.arange(self.posture.shape[1]))
-        difference, labels = readings.references >= 0, len(named.states)
+        labels = len(named.states)
         read = labels + len(unnamed.states)
         kinds = np.split(np.arange(read), [named.frequencies, labels])
-        kinds += [read + np.flatnonzero(~difference), read + np.flatnonzero(difference)]
+        kinds += [read + own for own in readings.by_kind()]
         values = [room(kind) for kind in kinds]
         label, other = np.concatenate(values[:2]), values[2] - labels
         reading = np.concatenate(values[3:]) - read
@@ -135,17 +150,13 @@ class Conditions(eqx.Module):
                 named.top,
             ),
             Unnamed(unnamed.states[other], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
-            Readings(
-                readings.states[reading],
-                readings.references[reading],
-                readings.points[reading],
-                readings.direction[:, reading],
-            ),
+            readings.of(reading),
             rows,
             repeats(rows, rows),
             None
             if self.definitions is None
             else self.definitions[np.concatenate([values[0], values[2] - named.ratios])],
+            None if self.servo is None else np.asarray(self.servo)[state],
         )
         return more, np.asarray(self.repeats.first)[np.concatenate(values)], place[order]
 
@@ -165,7 +176,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     states: dict[State, int] = {}
     for m in campaign:
         states.setdefault((m.posture, m.load, m.drives), len(states))
-        if m.kind == "deflection_difference":
+        if m.kind in DIFFERENCES:
             states.setdefault((m.posture, m.reference_load, m.drives), len(states))
     keys = [_what(arm, i, m, states) for i, m in enumerate(campaign)]
     first = {key: i for i, key in reversed(list(enumerate(keys)))}
@@ -187,8 +198,15 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         order,
         repeats(order, np.array([first[key] for key in values])),
         definitions_of([campaign.measurements[first[key]] for key in values]),
+        _servo(arm, states),
     )
     return jax.device_put(bound)
+
+
+def _servo(arm: Arm, states: dict[State, int]) -> Float[np.ndarray, "S"] | None:
+    """Return where servos held the motors; None where none did, or the arm file describes none: as brakes, then."""
+    on = np.array([drives == "servo" for *_, drives in states], float)
+    return on if arm.servos and on.any() else None
 
 
 def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple[Any, ...]:
@@ -199,9 +217,9 @@ def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple
     state = states[m.posture, m.load, m.drives]
     if m.kind in BY_MODE:
         return (BY_MODE.index(m.kind), state, parse_label(m.mode), m.of) if m.mode else (2, state, m.value, row)
-    against = states[m.posture, m.reference_load, m.drives] if m.kind == "deflection_difference" else -1
+    against = states[m.posture, m.reference_load, m.drives] if m.kind in DIFFERENCES else -1
     point = [point.name for point in arm.points].index(m.point or "")
-    return 3, state, against, point, m.direction
+    return 3, state, against, point, m.direction, m.kind in ROTATIONS
 
 
 def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
@@ -241,9 +259,10 @@ def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:
 
 
 def _readings(values: Sequence[tuple[Any, ...]]) -> Readings:
-    _, state, against, point, direction = zip(*values, strict=True) if values else ((),) * 5
+    _, state, against, point, direction, turning = zip(*values, strict=True) if values else ((),) * 6
     states, references, points = (np.array(each, int) for each in (state, against, point))
-    return Readings(states, references, points, np.array(direction, float).reshape(-1, 3).T)
+    turns = np.array(turning, bool) if any(turning) else None
+    return Readings(states, references, points, np.array(direction, float).reshape(-1, 3).T, turns)
 
 
 def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:

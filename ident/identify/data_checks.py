@@ -24,7 +24,14 @@ from ident.measure.campaign import KINDS
 from ident.text import quoted
 from ident.units import QUANTITIES, si_factor
 
-PLAUSIBLE = {"frequency": 3.0, "damping_ratio": 100.0, "deflection": 5.0, "deflection_difference": 5.0}
+PLAUSIBLE = {
+    "frequency": 3.0,
+    "damping_ratio": 100.0,
+    "deflection": 5.0,
+    "deflection_difference": 5.0,
+    "rotation": 5.0,
+    "rotation_difference": 5.0,
+}
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
 
 ALL = "all"
@@ -69,6 +76,18 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
     doubts += _contradictions(campaign, names, trusted)
     if hopeless or (doubts and ALL not in trusted):
         raise InputError([*hopeless, *(doubts if ALL not in trusted else ())])
+
+
+def plausible_beside(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> bool:
+    """Tell whether `check_values` would find nothing in a campaign that differs in its values from one that it passed.
+
+    Args:
+        campaign: the measurements.
+        predicted: (D,) [SI] what the arm file predicts by the labels.
+    """
+    names = row_names(campaign)
+    each = zip(campaign, predicted.tolist(), names, strict=True)
+    return not any(problem for row in each for problem in _far_off(*row)) and not any(contradictory_repeats(campaign))
 
 
 def _by_labels(

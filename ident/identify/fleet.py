@@ -10,6 +10,7 @@ from jaxtyping import Float
 from ident.arm.fields import STIFFNESS, field_of
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
+from ident.inference.parameters import Parameters
 from ident.inference.population import Population, population
 from ident.inference.population_chains import Likelihood
 
@@ -107,34 +108,85 @@ class Fleet:
         return tuple(int(r) for r in order if self.population.any_off[r] > STANDS_OUT)
 
 
-def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile) -> Robot:
-    """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors.
+@dataclass(frozen=True)
+class Stiffnesses:
+    """Which unknowns of a fit are stiffnesses, and the interim prior of these.
 
-    With residuals r and their slope J at the fit, the data say exp(-|r + J (theta - theta_fit)|^2 / 2): no prior is in
-    it, of whatever form, that would have to be divided out again.
+    Attributes:
+        names: (P,)
+        places: (P,) among the unknowns.
+        others: places of the others.
+        prior_mean: (P,) in theta.
+        prior_sd: (P,) infinite for none.
     """
-    parameters, theta = fit.problem.parameters, np.asarray(fit.best.theta)
-    sigma = np.asarray(fit.problem.sigma)
-    slope, residuals = np.asarray(fit.jacobian) / sigma[:, None], fit.residuals
-    places = [i for i, path in enumerate(parameters.names) if _is_stiffness(path)]
-    others = [i for i in range(len(theta)) if i not in places]
-    precision = slope.T @ slope
-    shift = precision @ theta - slope.T @ residuals
-    off, prior_slope = (np.asarray(part) for part in parameters.prior_residuals(theta))
-    precision[others, others] += prior_slope[others] ** 2
-    shift[others] += prior_slope[others] ** 2 * theta[others] - prior_slope[others] * off[others]
+
+    names: tuple[str, ...]
+    places: list[int]
+    others: list[int]
+    prior_mean: Float[np.ndarray, "P"]
+    prior_sd: Float[np.ndarray, "P"]
+
+    @classmethod
+    def of(cls, parameters: Parameters) -> "Stiffnesses":
+        """Find them among a fit's parameters."""
+        names = parameters.names
+        places = [i for i, path in enumerate(names) if _is_stiffness(path)]
+        mean = np.asarray(parameters.theta(np.asarray(parameters.column("centre"))))
+        others = [i for i in range(len(names)) if i not in places]
+        return cls(
+            tuple(names[i] for i in places), places, others, mean[places], np.asarray(parameters.normal_sd)[places]
+        )
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Residuals and their slope at a fit.
+
+    Attributes:
+        theta: (U,) all unknowns.
+        sd: (U,) their standard deviations by data and prior.
+        residuals: (D,) [sigma] of the data.
+        slope: (D, U) their derivative by theta.
+    """
+
+    theta: Float[np.ndarray, "U"]
+    sd: Float[np.ndarray, "U"]
+    residuals: Float[np.ndarray, "D"]
+    slope: Float[np.ndarray, "D U"]
+
+
+def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile) -> Robot:
+    """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors."""
+    slope = np.asarray(fit.jacobian) / np.asarray(fit.problem.sigma)[:, None]
+    at = Linear(np.asarray(fit.best.theta), fit.information.sd, fit.residuals, slope)
+    robot = robot_at(at, fit.problem.parameters, Stiffnesses.of(fit.problem.parameters))
+    robot = replace(robot, name=name, campaign=campaign, arm=arm)
+    return replace(robot, measurements=len(fit.campaign), doubts=fit.doubts)
+
+
+def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Robot:
+    """Return what residuals r and their slope J at a fit say of the stiffnesses of a robot without a name.
+
+    The data say exp(-|r + J (theta - theta_fit)|^2 / 2): no prior is in it, of whatever form, that would have to be
+    divided out again.
+    """
+    places, others = stiffnesses.places, stiffnesses.others
+    precision = at.slope.T @ at.slope
+    shift = precision @ at.theta - at.slope.T @ at.residuals
+    if others:
+        off, prior_slope = (np.asarray(part) for part in parameters.prior_residuals(at.theta))
+        precision[others, others] += prior_slope[others] ** 2
+        shift[others] += prior_slope[others] ** 2 * at.theta[others] - prior_slope[others] * off[others]
     return Robot(
-        name=name,
-        campaign=campaign,
-        arm=arm,
-        names=tuple(parameters.names[i] for i in places),
-        theta=theta[places],
-        sd=fit.information.sd[places],
-        prior_mean=np.asarray(parameters.theta(np.asarray(parameters.column("centre"))))[places],
-        prior_sd=np.asarray(parameters.normal_sd)[places],
+        name="",
+        campaign=SourceFile(),
+        arm=SourceFile(),
+        names=stiffnesses.names,
+        theta=at.theta[places],
+        sd=at.sd[places],
+        prior_mean=stiffnesses.prior_mean,
+        prior_sd=stiffnesses.prior_sd,
         likelihood=_marginal(precision, shift, places, others),
-        measurements=len(fit.campaign),
-        doubts=fit.doubts,
     )
 
 
@@ -145,6 +197,8 @@ def _is_stiffness(path: str) -> bool:
 
 def _marginal(precision: np.ndarray, shift: np.ndarray, kept: list[int], others: list[int]) -> Likelihood:
     """Integrate other unknowns out of a normal density; what nothing bounds tells nothing."""
+    if not others:
+        return Likelihood(precision, shift)
     A, B, D = precision[np.ix_(kept, kept)], precision[np.ix_(kept, others)], precision[np.ix_(others, others)]
     share = B @ np.linalg.pinv(D, hermitian=True)
     return Likelihood(A - share @ B.T, shift[kept] - share @ shift[others])

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -25,7 +26,7 @@ from ident.identify.mode_assignment import NAMING_SD, Named
 from ident.identify.predict import chains, mode_choice
 from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
-from ident.jit import jit
+from ident.jit import RUNS_ONCE, jit
 from ident.measure import Campaign
 
 NEAR = 0.05
@@ -128,7 +129,7 @@ class _States(NamedTuple):
     choice: Any
 
 
-@jit
+@partial(jit, options=RUNS_ONCE)
 def _modes_of_states(arm: Arm, conditions: Conditions) -> _States:
     chain = chains(arm, {}, conditions)
     modes = modes_about(chain, static_equilibrium(chain))

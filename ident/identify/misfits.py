@@ -30,7 +30,7 @@ def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
         yield Problem(m.where, f"'{m.mode}'", "no label, as the arm has no point", remedy, "mode")
     if m.mode:
         label = parse_label(m.mode)
-        if label is None or label.ordinal > 3 * len(arm.joints):
+        if label is None or label.ordinal > _count(arm, m.drives):
             remedy = "name it so, or leave the field empty to match modes in ascending order"
             expected = "a label such as 'vertical bending 1' or 'torsion 2'"
             yield Problem(m.where, f"'{m.mode}'", expected, remedy, "mode")
@@ -38,11 +38,11 @@ def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
 
 def too_many(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
     """Refuse more frequencies of a state than the arm has modes: each without a label is of another mode."""
-    modes = 3 * len(arm.joints)
     states: dict[tuple[tuple[float, ...], Load, str], list[Measurement]] = {}
     for m in campaign.of_kind("frequency"):
         states.setdefault((m.posture, m.load, m.drives), []).append(m)
-    for own in states.values():
+    for (*_, drives), own in states.items():
+        modes = _count(arm, drives)
         blank = [m for m in own if not m.mode]
         labels = {label for m in own if (label := parse_label(m.mode or "")) and label.direction and label.kind}
         left = max(modes - len(labels), 0)
@@ -51,6 +51,11 @@ def too_many(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
             expected = f"at most {left}, each of another mode: the arm has {modes}, of which labels take {len(labels)}"
             remedy = "name the modes of repeated ones, or leave out what is no natural frequency"
             yield Problem(blank[left].where, got, expected, remedy, "mode")
+
+
+def _count(arm: Arm, drives: str) -> int:
+    """Return the number of modes: with a servo on, the motors have theirs."""
+    return 3 * len(arm.joints) + (len(arm.servos) if drives == "servo" else 0)
 
 
 def unknown_names(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:

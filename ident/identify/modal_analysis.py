@@ -13,15 +13,16 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads, at_posture
+from ident.arm.chain import Chain, Loads, at_posture
 from ident.arm.equilibrium import deflection, static_equilibrium
 from ident.arm.labels import Label, is_ambiguous, mode_labels
-from ident.arm.mechanics import Phi, forward_kinematics, point_positions, unflatten
+from ident.arm.mechanics import Phi, forward_kinematics, point_positions
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
+from ident.arm.motors import motion_of
 from ident.errors import InputError, ModelError, Problem
 from ident.identify.conditions import bind_loads
 from ident.jit import jit
-from ident.measure import OWN_WEIGHT, Load
+from ident.measure import DRIVE_STATES, OWN_WEIGHT, Load
 
 MODES = 4
 """Modes that are returned, unless another number is asked for."""
@@ -43,6 +44,7 @@ class ModalAnalysis:
         damping_ratio: (m,) [-]
         deflection: (3,) [m] in the base frame by point name, counted from the arm without elastic rotation.
         equilibrium: (3, N) [rad] the bushings' rotation vectors under the load.
+        drives: what holds the motors, `brake` or `servo`.
     """
 
     arm: Arm
@@ -54,6 +56,7 @@ class ModalAnalysis:
     damping_ratio: Float[np.ndarray, "m"]
     deflection: dict[str, Float[np.ndarray, "3"]]
     equilibrium: Float[np.ndarray, "3 N"]
+    drives: str = DRIVE_STATES[0]
 
     @cached_property
     def outline(self) -> tuple[Float[np.ndarray, "3 K"], Float[np.ndarray, "3 K m"]]:
@@ -61,9 +64,8 @@ class ModalAnalysis:
 
         A mode has no amplitude: only the ratios of its displacements mean something.
         """
-        line, displacement = _outline(
-            self.arm, jnp.asarray(self.posture), jnp.asarray(self.equilibrium), jnp.asarray(self.modes.shape)
-        )
+        posture, phi, shapes = map(jnp.asarray, (self.posture, self.equilibrium, self.modes.shape))
+        line, displacement = _outline(self.arm, posture, phi, shapes, _servo(self.drives))
         return np.asarray(line), np.asarray(displacement)
 
     def beyond_limits(self) -> Iterator[tuple[str, float, tuple[float, float]]]:
@@ -74,7 +76,13 @@ class ModalAnalysis:
                 yield joint.name, angle, joint.limits
 
 
-def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT, modes: int = MODES) -> ModalAnalysis:
+def modal_analysis(
+    arm: Arm,
+    posture: tuple[float, ...],
+    load: Load = OWN_WEIGHT,
+    modes: int = MODES,
+    drives: str = DRIVE_STATES[0],
+) -> ModalAnalysis:
     """Return what an arm does, held at a posture under a load.
 
     Args:
@@ -82,9 +90,11 @@ def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT
         posture: (driven,) [rad] joint angles.
         load: the load case.
         modes: number of modes; all that the arm has if it has fewer.
+        drives: what holds the motors, `brake` or `servo`.
 
     Raises:
-        InputError: a posture of the wrong length, a payload or point that the arm has not, an arm without any point.
+        InputError: a posture of the wrong length, a payload or point that the arm has not, an arm without any point;
+            a servo on that the arm has not.
         ModelError: the arm has no stable equilibrium there.
     """
     if len(posture) != len(arm.driven):
@@ -94,11 +104,14 @@ def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT
     if not arm.points:
         remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
         raise InputError(Problem(arm.name, "no point", "at least one", remedy))
+    if drives != DRIVE_STATES[0] and not arm.servos:
+        remedy = "describe what holds the motors in the arm file, as [[servo]]"
+        raise InputError(Problem("", drives, "brake, as the arm has no servo", remedy, "drives"))
     if not all(map(math.isfinite, posture)):
         angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
         raise InputError(Problem("", f"({angles}) deg", "finite angles", "correct the posture", "posture"))
     posture = tuple(map(float, posture))
-    solution = jax.tree.map(lambda x: x[..., 0], modal_solution(arm, posture, load))
+    solution = jax.tree.map(lambda x: x[..., 0], modal_solution(arm, posture, load, drives))
     if not np.isfinite(solution.modes.frequency).all():
         raise ModelError(_collapse(arm, posture, load))
     lowest = _lowest(solution.modes, modes)
@@ -112,21 +125,30 @@ def modal_analysis(arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT
         damping_ratio=np.asarray(solution.ratio[:modes]),
         deflection={point.name: np.asarray(solution.moved[:, i]) for i, point in enumerate(arm.points)},
         equilibrium=np.asarray(solution.phi),
+        drives=drives,
     )
+
+
+def _servo(drives: str) -> Float[np.ndarray, ""] | None:
+    """Return what `at_posture` takes for what holds the motors."""
+    return np.array(1.0) if drives == "servo" else None
 
 
 @jit
 def _outline(
-    arm: Arm, posture: Float[Array, "driven"], phi: Phi, shapes: Float[Array, "n m"]
+    arm: Arm,
+    posture: Float[Array, "driven"],
+    phi: Phi,
+    shapes: Float[Array, "n m"],
+    servo: Float[Array | np.ndarray, ""] | None,
 ) -> tuple[Float[Array, "3 K"], Float[Array, "3 K m"]]:
-    chain = at_posture(arm, posture)
+    chain = at_posture(arm, posture, None, servo)
 
-    def line(phi: Phi) -> Array:
+    def line(chain: Chain, phi: Phi) -> Array:
         centres, ends = forward_kinematics(chain, phi).centre, point_positions(chain, phi)[:, -1:]
         return jnp.concatenate([centres, ends], 1)
 
-    moved = jax.vmap(lambda shape: jax.jvp(line, (phi,), (unflatten(shape),))[1], 1, 2)(shapes)
-    return line(phi), moved
+    return jax.vmap(lambda shape: motion_of(line, chain, phi, shape), 1, (None, 2))(shapes)
 
 
 class ModalSolution(eqx.Module):
@@ -149,15 +171,17 @@ class ModalSolution(eqx.Module):
     M: Float[Array, "n n B"]
 
 
-def modal_solution(arm: Arm, posture: tuple[float, ...], load: Load) -> ModalSolution:
+def modal_solution(arm: Arm, posture: tuple[float, ...], load: Load, drives: str = DRIVE_STATES[0]) -> ModalSolution:
     """Return all modes of an arm, or of a batch of arms, held at a posture (driven,) [rad] under a load."""
-    return _solve(arm, jax.device_put(np.array([posture], float).T), bind_loads(arm, [load]))
+    return _solve(arm, jax.device_put(np.array([posture], float).T), bind_loads(arm, [load]), _servo(drives))
 
 
 @jit
-def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads) -> ModalSolution:
+def _solve(
+    arm: Arm, posture: Float[Array, "driven 1"], loads: Loads, servo: Float[Array | np.ndarray, ""] | None
+) -> ModalSolution:
     """Compute everything in one compiled function, whatever the number of modes."""
-    chain = at_posture(arm, posture, loads)
+    chain = at_posture(arm, posture, loads, servo)
     at = static_equilibrium(chain)
     shapes, linear = modes_about(chain, at), linearize(chain, at)
     s = damped_eigenvalues(linear)

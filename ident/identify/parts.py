@@ -68,13 +68,12 @@ def in_parts(conditions: Conditions) -> Parts | None:
 
 
 def _kinds(conditions: Conditions) -> list[Int[np.ndarray, "_"]]:
-    """Return the values of each kind: labelled frequencies, damping ratios, frequencies, deflections, differences."""
+    """Return the values of each kind: labelled frequencies, damping ratios, frequencies, then the readings' kinds."""
     labels = len(conditions.named.states)
     read = labels + len(conditions.unnamed.states)
-    difference = conditions.readings.references >= 0
     return [
         *np.split(np.arange(read), [conditions.named.frequencies, labels]),
-        *(read + np.flatnonzero(which) for which in (~difference, difference)),
+        *(read + own for own in conditions.readings.by_kind()),
     ]
 
 
@@ -128,7 +127,8 @@ def _part(conditions: Conditions, groups: Sequence[Int[np.ndarray, "_"]], states
     place[states[::-1]] = np.arange(len(states))[::-1]
     frequency = np.full(named.frequencies + 1, -1)
     frequency[groups[0][::-1]] = np.arange(len(groups[0]))[::-1]
-    references, rows = readings.references[reading], np.arange(sum(map(len, groups)))
+    own = readings.of(reading)
+    references, rows = own.references, np.arange(sum(map(len, groups)))
     return Conditions(
         conditions.posture[:, states],
         jax.tree.map(lambda x: x[..., states], conditions.loads),
@@ -145,11 +145,16 @@ def _part(conditions: Conditions, groups: Sequence[Int[np.ndarray, "_"]], states
         ),
         Unnamed(place[unnamed.states[other]], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
         Readings(
-            place[readings.states[reading]],
+            place[own.states],
             np.where(references >= 0, place[references], -1),
-            readings.points[reading],
-            readings.direction[:, reading],
+            own.points,
+            own.direction,
+            own.turning,
         ),
         rows,
         repeats(rows, rows),
+        None
+        if conditions.definitions is None
+        else conditions.definitions[np.concatenate([groups[0], groups[2] - named.ratios])],
+        None if conditions.servo is None else conditions.servo[states],
     )

@@ -13,8 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads, at_posture
-from ident.arm.equilibrium import StaticEquilibrium, deflection, static_equilibrium
-from ident.arm.mechanics import mass_matrix
+from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
 from ident.arm.modes import (
     Modes,
     damped_eigenvalues,
@@ -23,11 +22,13 @@ from ident.arm.modes import (
     modes_about,
     to_hertz,
 )
-from ident.identify.conditions import Conditions, Readings, Unnamed
+from ident.arm.motors import coordinates, modal_mass
+from ident.identify.conditions import Conditions, Unnamed
 from ident.identify.definitions import NotAllUndamped, by_definition, defined
 from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
 from ident.identify.parts import Parts as ConditionsInParts
 from ident.identify.parts import in_parts
+from ident.identify.readings import read
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
 
@@ -90,7 +91,8 @@ class ArmModel(eqx.Module, Choosing, Growing):
     def unheld(self) -> Held | None:
         """Return what is held before the first step; None where nothing is labelled."""
         count = len(self.conditions.named.states)
-        blank, no = np.zeros((3 * len(self.arm.joints), count)), np.array(False)
+        motors = 0 if self.conditions.servo is None else len(self.arm.servos)
+        blank, no = np.zeros((3 * len(self.arm.joints) + motors, count)), np.array(False)
         return Held(blank, blank, np.array(AT_FIRST), np.array(True), no) if count else None
 
     def holding(self, parameters: Mapping[str, Any], data: Data, held: Held) -> tuple[Float[Array, "D"], Choice]:
@@ -102,7 +104,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
         table = by_definition(modes.frequency, chain, at, self.conditions.definitions)
         hertz = defined(table, values.states, self.conditions.labelled)
         wanted = most_probable(values, modes, data, held.off, hertz=hertz)
-        shapes, M = modes.shape[:, :, values.states], mass_matrix(chain, at.phi)[:, :, values.states]
+        shapes, M = modes.shape[:, :, values.states], modal_mass(chain, at.phi)[:, :, values.states]
         likeness = jnp.where(held.in_order, held.place, overlap(shapes, M, held.shape))
         same = (jnp.argmax(likeness, 0) == jnp.arange(len(likeness))[:, None]).astype(float)
         chosen = jax.lax.stop_gradient(jnp.where(held.fresh, wanted, same))
@@ -146,8 +148,8 @@ def predict(
         data: what was measured: it helps to tell which mode a label means, and which modes are as good as one.
 
     Returns:
-        `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], damping ratios [-]. NaN where the arm
-        has no stable equilibrium.
+        `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], rotations [rad], damping ratios
+        [-]. NaN where the arm has no stable equilibrium.
     """
     values, chain = conditions.named, chains(arm, parameters, conditions)
     data = None if data is None else conditions.repeats.pooled(data)
@@ -169,7 +171,8 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
 
     loads = conditions.loads
     loads = Loads(lift(loads.payload), lift(loads.mass), lift(loads.force))
-    return at_posture(arm.replace(parameters), lift(conditions.posture), loads)
+    servo = None if conditions.servo is None else lift(conditions.servo)
+    return at_posture(arm.replace(parameters), lift(conditions.posture), loads, servo)
 
 
 def _values(
@@ -185,7 +188,7 @@ def _values(
     first = named.frequencies
     values: list[Array] = []
     if chosen is None and unnamed.highest:
-        count = min(unnamed.highest + 1, 3 * at.phi.shape[1])
+        count = min(unnamed.highest + 1, coordinates(chain))
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         table = by_definition(hertz, chain, at, conditions.definitions)
         own, above = (_nth(table, unnamed, beyond, conditions.unlabelled) for beyond in (0, 1))
@@ -200,7 +203,7 @@ def _values(
             own, above = (picked(hertz, mode) for mode in (nth, next_one))
             values.append(_counted(own, above, conditions, data))
     if len(readings.states):
-        values.append(read_points(deflection(chain, at.phi), readings))
+        values.append(read(chain, at.phi, readings))
     return jnp.concatenate(values)[conditions.order]
 
 
@@ -279,13 +282,3 @@ def pick(
 def picked(values: Float[Array, "m D *batch"], choice: Float[Array, "m D *batch"]) -> Float[Array, "D *batch"]:
     """Return of each value's modes the one that is chosen; NaN where there is none."""
     return jnp.where(choice.sum(0) > 0, (values * choice).sum(0), jnp.nan)
-
-
-def read_points(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "D *batch"]:
-    """Return what is read of the points' motions: along a direction, or against another state."""
-    rank = moved.ndim - 3
-    direction = readings.direction.reshape(readings.direction.shape + (1,) * rank)
-    against = (readings.references >= 0).reshape((-1,) + (1,) * rank)
-    read = moved[:, readings.points, readings.states]
-    start = jnp.where(against, moved[:, readings.points, jnp.maximum(readings.references, 0)], 0.0)
-    return ((read - start) * direction).sum(0)

@@ -15,17 +15,16 @@ from ident.arm.hinges import CutArm
 from ident.arm.mechanics import (
     Phi,
     flat,
-    point_positions,
     potential_gradient,
     second_variations,
-    straight_positions,
     unflatten,
 )
 from ident.arm.modes import Modes, modes_about
 from ident.arm.parts import Body
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
-from ident.identify.predict import chains, mode_choice, pick, read_points
+from ident.identify.predict import chains, mode_choice, pick
+from ident.identify.readings import read
 from ident.jit import jit
 
 Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
@@ -112,12 +111,12 @@ def slopes(
     moves = -jax.vmap(lambda force: _solve(at.W, unflatten(force)[:, own]))(forces)
     change = change.at[: len(yielded)].add(-yielded) + jnp.einsum("mans,eans->ems", by_phi[:, :, own], moves)
     hertz, ways = change / (8 * jnp.pi**2 * modes.frequency), turns.at[:, :, own].set(moves)
-    points = jax.vmap(lambda way: jax.jvp(lambda phi: point_positions(still, phi), (rest,), (way,))[1])(ways)
+    readings = conditions.readings
+    reads = jax.vmap(lambda way: jax.jvp(lambda phi: read(still, phi, readings), (rest,), (way,))[1])(ways)
     choice = mode_choice(conditions, modes, chosen)
-    rows = jax.vmap(lambda f, r: _rows(f, r, choice, conditions))(hertz, points)
-    resting = point_positions(still, rest) - straight_positions(still)
+    rows = jax.vmap(lambda f, r: _rows(f, r, choice, conditions))(hertz, reads)
     parts = np.cumsum([len(hinges), len(hinges), count, count])
-    return Slopes(_rows(modes.frequency, resting, choice, conditions), *jnp.split(rows, parts))
+    return Slopes(_rows(modes.frequency, read(still, rest, readings), choice, conditions), *jnp.split(rows, parts))
 
 
 def _at_rest(
@@ -167,13 +166,13 @@ def _solve(W: Array, force: Phi) -> Phi:
 
 
 def _rows(
-    frequency: Float[Array, "m S"], moved: Float[Array, "3 P S"], choice: Choices, conditions: Conditions
+    frequency: Float[Array, "m S"], reads: Float[Array, "r"], choice: Choices, conditions: Conditions
 ) -> Float[Array, "D"]:
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
     values = [
         pick(frequency, choice[0][:, :first], named.states[:first]),
         jnp.zeros(named.ratios),
         pick(frequency, choice[1], unnamed.states),
-        read_points(moved, conditions.readings),
+        reads,
     ]
     return jnp.concatenate(values)[conditions.order]

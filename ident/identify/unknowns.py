@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from ident.arm.arm import Arm, stiffness_paths
-from ident.arm.fields import DAMPING, field_of
+from ident.arm.fields import DAMPING, LOSS, field_of
 from ident.errors import InputError, Problem
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
@@ -121,7 +121,8 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     Args:
         arm: the arm.
         unknowns: what else is unknown, and what is known of it.
-        damping: whether damping per stiffness is unknown as well: one number for all bending, one for all torsion.
+        damping: whether damping is unknown as well: one number for all bending, one for all torsion; of the loss
+            factors where the arm has any, else of damping per stiffness.
 
     Raises:
         InputError: a path that the arm has not, one that is named twice, or nothing left to fit.
@@ -141,7 +142,7 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
         raise InputError(Problem("", f"{path} fixed and freed", "one of the two", "drop it from `fix` or from `free`"))
     _refuse_unlike(groups)
     if damping:
-        whole = [tuple(f"{joint.name}.{field}" for joint in arm.joints) for field in DAMPING]
+        whole = _damping(arm)
         groups += [rest for group in whole if (rest := tuple(path for path in group if path not in taken))]
         widths |= {path: prior_sd for group in whole for path in group if path not in fixed}
     group_of = {path: group for group in groups for path in group}
@@ -158,6 +159,15 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
             remedy = did_you_mean(path, known, "free it, or drop its prior")
             raise InputError(Problem("", f"a prior for {path}, which is not fitted", "an unknown", remedy))
     return Parameters(tuple(_in_group(arm, group, widths, unknowns.priors) for group in unknown))
+
+
+def _damping(arm: Arm) -> list[tuple[str, ...]]:
+    """Return the paths of all loss factors where the arm has any, else of all damping times: of bending, of torsion."""
+    known = set(arm.paths())
+    by_field = ([f"{joint.name}.{field}" for joint in arm.joints] for field in (*LOSS, *DAMPING))
+    groups = [tuple(path for path in group if path in known) for group in by_field]
+    losses = [group for group in groups[: len(LOSS)] if group]
+    return losses or groups[len(LOSS) :]
 
 
 def _in_group(arm: Arm, group: tuple[str, ...], widths: Mapping[str, float], priors: Mapping[str, Prior]) -> Parameter:

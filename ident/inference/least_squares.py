@@ -190,10 +190,11 @@ def search(
     held: Any,
     to_the_end: Bool[AnyArray, ""],
     weight: Float[AnyArray, ""],
+    steps: int | None = None,
 ) -> tuple[End, Array]:
     """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose anew.
 
-    Returns also whether it has ended before it ran out of steps. Residuals count with their weight.
+    Returns also whether it has ended before it ran out of steps (see `minimum`). Residuals count with their weight.
 
     The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
     affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
@@ -208,7 +209,7 @@ def search(
         end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J, choice)
         return residuals + slope @ (theta - here), end
 
-    return damped_minimum(affine, start, (problem, held, weight), {"to_the_end": to_the_end})
+    return damped_minimum(affine, start, (problem, held, weight), {"to_the_end": to_the_end}, steps)
 
 
 @jit

@@ -15,7 +15,11 @@ TOLERANCE = 1e-10
 
 
 def minimum(
-    residuals: Callable[[Array, Any], Any], start: Float[AnyArray, "P"], args: Any, options: dict[str, Any]
+    residuals: Callable[[Array, Any], Any],
+    start: Float[AnyArray, "P"],
+    args: Any,
+    options: dict[str, Any],
+    steps: int | None = None,
 ) -> tuple[Any, Array]:
     """Minimise a sum of squares from a start; return what came with the last residuals, and whether it has ended.
 
@@ -24,12 +28,14 @@ def minimum(
         start: of theta.
         args: the other arguments: problem, what the model holds, weight.
         options: `to_the_end`: whether it goes on where the model would choose anew.
+        steps: after which it is given up; by default `MAX_STEPS`.
     """
+    most = MAX_STEPS if steps is None else steps
     solver = _OneStepMore(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]  # it inherits its constructor
     found: Any = optx.least_squares(
-        residuals, solver, start, args=args, options=options, max_steps=MAX_STEPS + 1, throw=False, has_aux=True
+        residuals, solver, start, args=args, options=options, max_steps=most + 1, throw=False, has_aux=True
     )
-    return found.aux, found.stats["num_steps"] <= MAX_STEPS
+    return found.aux, found.stats["num_steps"] <= most
 
 
 class _Progress(NamedTuple):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ident.inference.fit import Fit
 from ident.inference.information import RANK_TOLERANCE
@@ -68,7 +68,7 @@ def score_tests(
     changes: Float[np.ndarray, "A D"],
     amounts: Float[np.ndarray, "A"],
     positive: Sequence[bool],
-    without: Sequence[str] = (),
+    without: Bool[np.ndarray, "D"] | None = None,
 ) -> tuple[ScoreTest, ...]:
     """Test several amounts that a model takes to be zero, each by itself, with the parameters profiled out.
 
@@ -86,15 +86,15 @@ def score_tests(
         changes: derivatives of the predictions [SI] by each amount, at zero.
         amounts: plausible ones, in the same unit.
         positive: whether each can't be below zero.
-        without: kinds of data whose derivatives are not known: they are left out.
+        without: data whose derivatives are not known: they are left out; none when None.
 
     References:
         Rao, "Large sample tests of statistical hypotheses concerning several parameters", Proc. Cambridge Philos. Soc.
         44, 1948. Verbeke, Molenberghs, "The use of score tests for inference on variance components", Biometrics 59,
         2003, section 3 (one-sided at a boundary).
     """
-    kept = ~np.isin(np.array(fit.problem.kinds), np.array(without, dtype=str))
-    count = len(kept)
+    count = len(fit.problem.kinds)
+    kept = np.ones(count, bool) if without is None else ~without
     residuals, slope = (
         np.asarray(x) for x in fit.problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta)
     )

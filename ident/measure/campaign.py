@@ -13,6 +13,8 @@ KINDS = {
     "frequency": "frequency",
     "deflection": "length",
     "deflection_difference": "length",
+    "rotation": "rotation",
+    "rotation_difference": "rotation",
     "damping_ratio": "damping_ratio",
 }
 """Kinds of measurement, each with the quantity it is measured in."""
@@ -21,9 +23,17 @@ ROLES = {
     "frequency": ("mode", "of"),
     "deflection": ("point", "direction"),
     "deflection_difference": ("point", "direction", "reference_load"),
+    "rotation": ("point", "direction"),
+    "rotation_difference": ("point", "direction", "reference_load"),
     "damping_ratio": ("mode",),
 }
 """The fields that a kind has beside posture, load, value and sigma."""
+
+DIFFERENCES = ("deflection_difference", "rotation_difference")
+"""Kinds that are what a load makes of the arm less what the reference load makes of it."""
+
+ROTATIONS = ("rotation", "rotation_difference")
+"""Kinds that turn about their direction; no direction is usual, so it must be given."""
 
 DRIVE_STATES = ("brake", "servo", "off")
 """What held the motors while it was measured: brakes, the controller, or nothing."""
@@ -52,18 +62,20 @@ class Measurement:
 
     Attributes:
         kind: `frequency` (natural frequency [Hz], see `of`), `deflection` [m], `deflection_difference` (under
-            `load` minus under `reference_load` [m]) or `damping_ratio` [-].
+            `load` minus under `reference_load` [m]), `rotation` [rad], `rotation_difference` [rad] or `damping_ratio`
+            [-].
         posture: (joints,) [rad] joint angles at which the arm was held.
-        value: () [Hz, m or -] the measured number.
+        value: () [Hz, m, rad or -] the measured number.
         sigma: () [as value] its standard deviation.
         mode: mode label such as `vertical bending 1`, in lower case; None to match modes in ascending order.
         of: what a frequency is of its damped mode, one of `DEFINITIONS`; None for undamped.
-        point: point of the arm whose deflection was read.
-        direction: (3,) [-] unit vector in the base frame, along which a deflection counts; -z when not given.
+        point: point of the arm whose deflection was read; of a rotation, the point whose body turned.
+        direction: (3,) [-] unit vector in the base frame, along which a deflection counts, -z when not given, or about
+            which a rotation counts, right-handed.
         resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
         repeat: what tells this reading from others of the same, such as its number.
         load: the load case.
-        reference_load: the load case that a deflection difference starts from.
+        reference_load: the load case that a difference starts from.
         drives: what held the motors, one of `DRIVE_STATES`; `brake` when not given.
         unit: unit in which the value was written, such as `mm`.
         note: free text.
@@ -180,12 +192,16 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
             expected = f"nothing, since a {kind} has no {name}"
             yield Problem("", quoted(given[name]), expected, "empty the cell or correct the kind", name)
     if "point" in ROLES[kind] and "point" not in given:
-        yield Problem("", "nothing", "the point whose deflection was read", "name a point of the arm", "point")
+        read = "whose body turned" if kind in ROTATIONS else "whose deflection was read"
+        yield Problem("", "nothing", f"the point {read}", "name a point of the arm", "point")
+    if kind in ROTATIONS and "direction" not in given:
+        remedy = "give one of x, -z, ... or three numbers"
+        yield Problem("", "nothing", "the axis that the rotation is about, right-handed", remedy, "direction")
 
 
 def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Problem]:
-    """Find a deflection difference between a load and itself."""
-    if kind == "deflection_difference" and load == reference_load:
+    """Find a difference between a load and itself."""
+    if kind in DIFFERENCES and load == reference_load:
         got = f"{quoted(str(reference_load))}, the load itself"
         remedy = "give the two loads of the difference"
         yield Problem("", got, "a reference load that differs from the load", remedy, "reference_load")
@@ -249,7 +265,7 @@ def _check_kind(m: Measurement) -> None:
 
 
 def _normalised(m: Measurement) -> dict[str, object]:
-    direction = m.direction or (GRAVITY_DIRECTION if "direction" in ROLES[m.kind] else None)
+    direction = m.direction or (GRAVITY_DIRECTION if KINDS[m.kind] == "length" else None)
     return {
         "posture": tuple(float(angle) for angle in m.posture),
         "value": float(m.value),

@@ -13,7 +13,7 @@ from ident.measure.reading import parse_campaign
 from ident.measure.text import format_number
 from ident.units import si_factor
 
-WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "damping_ratio": "1"}
+WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "rotation": "mrad", "damping_ratio": "1"}
 """Unit in which each measured quantity is written."""
 
 

@@ -93,7 +93,7 @@ class DesignResult(Result):
     text: str
     options: DesignOptions
 
-    form = "ident-design/3"
+    form = "ident-design/4"
     shown = ("study",)
     numbers = ("present", "best")
     summary = ("present", "best")

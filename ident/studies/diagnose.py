@@ -54,7 +54,7 @@ class DiagnoseResult(Result):
     diagnosis: "Diagnosis"
     options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
 
-    form, suffix = "ident-diagnose/5", ".nc"
+    form, suffix = "ident-diagnose/6", ".nc"
     shown = ("diagnosis",)
     summary = ("verdict", "advice")
 

@@ -1,10 +1,11 @@
 """A fleet of robots of one design: each one's stiffnesses, their population, and who stands out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from ident.errors import InputError, Problem
 from ident.studies.fit import FitOptions
@@ -14,6 +15,7 @@ from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.identify.fleet import Fleet
+    from ident.present.html.page import Page
 
 CAMPAIGN, ARM = "campaign.csv", "arm.toml"
 
@@ -23,6 +25,20 @@ class FleetOptions(FitOptions):
     """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
 
     workers: int = option(1, "processes that fit robots at the same time", low=1, high=1024)
+    batch: int = option(
+        1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096
+    )
+    dask: str = option("", "address of a Dask scheduler whose workers fit them instead, as tcp://host:8786")
+
+    def problems(self) -> list[Problem]:
+        """Refuse processes here beside a cluster."""
+        both = Problem("dask", f"{self.workers} processes here, too", "one of both", "leave `workers` out")
+        return [*super().problems(), *([both] if self.dask and self.workers > 1 else [])]
+
+    @property
+    def of_each(self) -> "FleetOptions":
+        """What results depend on: not where they are computed."""
+        return replace(self, workers=1, dask="")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -90,6 +106,33 @@ class FleetResult(Result):
         replace_file(beside, lambda file: file.write(flags.encode("utf-8")))
         return (*written, beside)
 
+    def html(self) -> str:
+        """Return the page of all robots; its links lead to what `save_figures` writes."""
+        from ident.present.html.page import render
+
+        return render(self._page())
+
+    def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the figure, the page of all robots and a folder with a page for each; return the first two's paths.
+
+        Raises:
+            InputError: the folder or a file can't be written.
+        """
+        from ident.present.html.fleet import file_name, robot_page
+        from ident.present.html.page import write_page
+
+        page, pages = Path(folder) / f"{self.name}.html", Path(folder) / f"{self.name}.pages"
+        for i, robot in enumerate(self.fleet.robots):
+            own = robot_page(self.fleet, i, self.label, self.head, f"../{quote(page.name)}")
+            write_page(own, pages / file_name(robot))
+        write_page(self._page(), page)
+        return (*super().save_figures(folder), page)
+
+    def _page(self) -> "Page":
+        from ident.present.html.fleet import fleet_page
+
+        return fleet_page(self.fleet, self.label, self.head, quote(f"{self.name}.pages"))
+
     def _inputs(self) -> Mapping[str, Any]:
         robots = self.fleet.robots
         return {f"{word} of {r.name}": getattr(r, word) for r in robots for word in ("campaign", "arm")}
@@ -129,17 +172,17 @@ def fleet(
         InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
     """
     from ident.identify.fleet import fleet as infer
-    from ident.studies.fleet_tasks import Task, outcomes
+    from ident.studies.fleet_tasks import One, outcomes
 
     options = FleetOptions.of(options)
     files = _found(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
     if isinstance(robots, str | Path):
         label = label or Path(robots).absolute().name
     with TemporaryDirectory() as passing:
-        tasks = [Task(*each, options, Path(folder or passing)) for each in sorted(files)]
+        tasks = [One(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
-        done = [robot for _, robot in zip(steps, outcomes(tasks, options.workers), strict=True)]
-    return FleetResult(label or "fleet", infer(done, seed=options.seed), options)
+        done = [robot for _, robot in zip(steps, outcomes(tasks, options), strict=True)]
+    return FleetResult(label or "fleet", infer(done, seed=options.seed), options.of_each)
 
 
 def _found(folder: Path, arm: str | Path | None) -> list[Files]:

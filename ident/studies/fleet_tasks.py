@@ -1,37 +1,81 @@
 """The robots of a fleet as tasks: each reads its files and writes one, whole or not at all; a restart skips those.
 
-What a task writes depends on its inputs, its options and the program alone, and its file is named by a hash of these
-(`key`): whoever does it, and how often, the file is the same.
+What a task writes depends on its inputs, its options and the program alone, and its file is named by a hash of these:
+whoever does it, here, in a process (`fleet_pool`) or on a cluster (`fleet_cluster`), and how often, the file is the
+same.
 """
 
 import hashlib
 import json
-import multiprocessing
-import os
-import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ident.codec import CodecError, decode, encode
 from ident.errors import IdentError
 from ident.files import replace_file
-from ident.programs import environment
+from ident.text import one_line
 
 if TYPE_CHECKING:
-    from ident.identify.fleet import Robot
+    from ident.arm.arm import Arm
+    from ident.identify.fleet import Robot, SourceFile
+    from ident.identify.fleet_batch import Given
     from ident.studies.fleet import FleetOptions
 
 KILLS = 3
 """Workers that a robot may have killed before it is given up."""
+KILLED = f"its computation was killed {KILLS} times; look at the memory, or fit it alone"
+"""Why such a robot has no fit."""
+
+
+class Task:
+    """What is done at once, and kept in a file of its own."""
+
+    folder: Path
+
+    @property
+    def file(self) -> Path:
+        """Where the result goes, named by all that it depends on."""
+        raise NotImplementedError
+
+    def robots(self) -> "tuple[Robot, ...]":
+        """Fit the robots, or say which input is wrong."""
+        raise NotImplementedError
+
+    def read(self) -> "tuple[Robot, ...] | None":
+        """Return what was written; None where nothing was, or the file is damaged."""
+        try:
+            robots = decode(json.loads(self.file.read_text("utf-8")))
+        except (OSError, ValueError, CodecError):
+            return None
+        return robots if isinstance(robots, tuple) else None
+
+    def do(self) -> str:
+        """Fit the robots and write what their data say.
+
+        Returns:
+            What nobody has expected, such as an error of a library; of it nothing is kept, since it may not come again.
+
+        Raises:
+            InputError: the folder can't be written.
+        """
+        file = self.file  # before the inputs are read: had one changed since, the name would not be of the new one
+        try:
+            text = json.dumps(encode(self.robots()))
+        except Exception as error:
+            got = one_line(f"{type(error).__name__}: {error}")[:300]
+            return f"an error in the program or a library ({got}); fit it alone to see more, and report it"
+        replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
+        return ""
+
+
+T = TypeVar("T", bound=Task)
 
 
 @dataclass(frozen=True)
-class Task:
-    """A robot to be fitted.
+class One(Task):
+    """A robot to be fitted by itself.
 
     Attributes:
         name: the robot's.
@@ -48,47 +92,95 @@ class Task:
     folder: Path
 
     @property
+    def key(self) -> str:
+        """A hash of inputs and options, of the program's sources and libraries, and of the machine."""
+        from ident.programs import environment  # it imports jax
+
+        options = self.options.of_each.recorded()
+        paths = [str(self.campaign), str(self.arm)]
+        parts = [self.name, paths, _digest(self.campaign), _digest(self.arm), encode(options), environment()]
+        return _hash(parts)
+
+    @property
     def file(self) -> Path:
-        """Its result's file, named by all that it depends on."""
-        return self.folder / f"{key(self)}.robot"
+        """Where the result goes."""
+        return self.folder / f"{self.key}.robot"
+
+    @property
+    def sources(self) -> "tuple[SourceFile, SourceFile]":
+        """Campaign and arm as they are now."""
+        from ident.identify.fleet import SourceFile
+
+        return SourceFile(str(self.campaign), _digest(self.campaign)), SourceFile(str(self.arm), _digest(self.arm))
+
+    def robots(self) -> "tuple[Robot, ...]":
+        """Fit the robot, or say which input is wrong."""
+        from ident.identify.fleet import robot_of
+        from ident.studies.fit import fit
+
+        sources = self.sources
+        try:
+            return (robot_of(fit(self.arm, self.campaign, self.options).fit, self.name, *sources),)
+        except IdentError as error:
+            return (self.failed(str(error)),)
+
+    def failed(self, error: str) -> "Robot":
+        """Return the robot as one without a fit."""
+        from ident.identify.fleet import Robot
+
+        campaign, arm = self.sources
+        return Robot(name=self.name, campaign=campaign, arm=arm, error=error)
 
 
-def key(task: Task) -> str:
-    """Return a hash of a task's inputs and options, of the program's sources and libraries, and of the machine."""
-    options = {name: value for name, value in task.options.recorded().items() if name != "workers"}
-    paths = [str(task.campaign), str(task.arm)]
-    parts = [task.name, paths, _digest(task.campaign), _digest(task.arm), encode(options), environment()]
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
+@dataclass(frozen=True)
+class Batch(Task):
+    """Robots that are fitted together where they were measured in the same way.
+
+    Attributes:
+        members: the robots.
+        size: robots that the program is for.
+        folder: where the result goes.
+    """
+
+    members: tuple[One, ...]
+    size: int
+    folder: Path
+
+    @property
+    def file(self) -> Path:
+        """Where the result goes."""
+        return self.folder / f"{_hash([member.key for member in self.members])}.robots"
+
+    def robots(self) -> "tuple[Robot, ...]":
+        """Fit those together of which nothing speaks against it, and each of the others by itself."""
+        from ident.identify.fleet_batch import robots_together
+
+        options = self.members[0].options
+        arms: dict[str, Arm] = {}
+        given = [each for member in self.members if (each := _given(member, arms)) is not None]
+        trusted = tuple(map(str, options.trust_values))
+        found = robots_together(given, options.unknowns, self.size, seed=options.seed, trusted=trusted)
+        return tuple(found[member.name] if member.name in found else member.robots()[0] for member in self.members)
 
 
-def read(task: Task) -> "Robot | None":
-    """Return what a task has written; None where it has not, or its file is damaged."""
-    from ident.identify.fleet import Robot
+def _given(member: One, arms: "dict[str, Arm]") -> "Given | None":
+    """Read a robot's files; None where something is wrong with them. An arm that many have is read once."""
+    from ident.identify.fleet_batch import Given
+    from ident.measure import read_campaign
+    from ident.studies.shared import as_file
 
+    campaign_file, arm_file = member.sources
     try:
-        robot = decode(json.loads(task.file.read_text("utf-8")))
-    except (OSError, ValueError, CodecError):
+        if arm_file.sha256 not in arms:
+            arms[arm_file.sha256] = as_file(member.arm, member.options.soft_base).arm
+        campaign = read_campaign(member.campaign)
+        return Given(member.name, campaign, arms[arm_file.sha256], campaign_file, arm_file)
+    except IdentError:
         return None
-    return robot if isinstance(robot, Robot) else None
 
 
-def do(task: Task) -> None:
-    """Fit a robot and write what its data say, or why they say nothing."""
-    file = task.file  # before the inputs are read: had one changed since, the name would not be that of the new one
-    text = json.dumps(encode(_fitted(task)))
-    replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
-
-
-def _fitted(task: Task) -> "Robot":
-    from ident.identify.fleet import Robot, SourceFile, robot_of
-    from ident.studies.fit import fit
-
-    campaign = SourceFile(str(task.campaign), _digest(task.campaign))
-    arm = SourceFile(str(task.arm), _digest(task.arm))
-    try:
-        return robot_of(fit(task.arm, task.campaign, task.options).fit, task.name, campaign, arm)
-    except IdentError as error:
-        return Robot(name=task.name, campaign=campaign, arm=arm, error=str(error))
+def _hash(parts: list[Any]) -> str:
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def _digest(path: Path) -> str:
@@ -98,89 +190,46 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def outcomes(tasks: Sequence[Task], workers: int) -> Iterator["Robot"]:
-    """Do what is not done of the tasks, in the order of the list as workers come free, and return all robots.
+def outcomes(robots: Sequence[One], options: "FleetOptions") -> Iterator["Robot"]:
+    """Fit what is not fitted of the robots, as workers come free, and return all, those that were fitted first.
+
+    Robots of a batch that could not be done as one are done each by itself: it tells which of them is to blame.
 
     Args:
-        tasks: robots.
-        workers: processes; with one, all is done in this process.
+        robots: sorted, so that the same robots make the same batches.
+        options: how many are fitted at the same time, and where.
     """
+    size, single = options.batch, list(robots)
+    if size > 1:
+        parts = [tuple(single[start : start + size]) for start in range(0, len(single), size)]
+        single = []
+        for batch, _ in _done([Batch(part, size, part[0].folder) for part in parts], options):
+            if known := batch.read():
+                yield from known
+            else:
+                single += batch.members
+    for one, reason in _done([*single], options):
+        known = one.read()
+        yield known[0] if known else one.failed(f"{one.campaign}: {reason or 'its result can not be read'}")
+
+
+def _done(tasks: list[T], options: "FleetOptions") -> Iterator[tuple[T, str]]:
+    """Return each task when it is done, and why it is not; those that were done before come first."""
     pending = []
     for task in tasks:
-        if (robot := read(task)) is not None:
-            yield robot
-        else:
+        if task.read() is None:
             pending.append(task)
-    done = map(_alone_here, pending) if workers == 1 else _pooled(pending, workers)
-    for task in done:
-        yield read(task) or _given_up(task)
+        else:
+            yield task, ""
+    if not pending:
+        return
+    if options.dask:
+        from ident.studies.fleet_cluster import on_cluster
 
+        yield from on_cluster(pending, options.dask)
+    elif options.workers > 1:
+        from ident.studies.fleet_pool import in_processes
 
-def _alone_here(task: Task) -> Task:
-    do(task)
-    return task
-
-
-def _pooled(pending: list[Task], workers: int) -> Iterator[Task]:
-    """Do tasks in processes, and return each when it is done or given up."""
-    while pending:
-        running: dict[Future[None], Task] = {}
-        try:
-            with _pool(min(workers, len(pending))) as pool:
-                while pending or running:
-                    while pending and len(running) < workers:
-                        running[pool.submit(do, pending[0])] = pending[0]
-                        del pending[0]
-                    for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        future.result()
-                        yield running.pop(future)
-        except BrokenProcessPool:  # a worker was killed: which of the tasks under way it had, each alone will tell
-            for task in running.values():
-                yield _alone(task)
-
-
-def _alone(task: Task) -> Task:
-    """Do a task in a process of its own, so that what kills it harms no other."""
-    for _ in range(KILLS - 1):
-        if task.file.exists():
-            break
-        try:
-            with _pool(1) as pool:
-                pool.submit(do, task).result()
-        except BrokenProcessPool:
-            continue
-    return task
-
-
-def _given_up(task: Task) -> "Robot":
-    from ident.identify.fleet import Robot, SourceFile
-
-    campaign, arm = (SourceFile(str(path), _digest(path)) for path in (task.campaign, task.arm))
-    error = f"{task.campaign}: its computation was killed {KILLS} times; look at the memory, or fit it alone"
-    return Robot(name=task.name, campaign=campaign, arm=arm, error=error)
-
-
-def _pool(workers: int) -> ProcessPoolExecutor:
-    import jax
-
-    settings = {name: jax.config.values[name] for name in SETTINGS}
-    spawn = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, mp_context=spawn, initializer=_begin, initargs=(settings,))
-
-
-SETTINGS = ("jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
-"""What workers take over of jax's."""
-
-
-def _begin(settings: dict[str, Any]) -> None:
-    """Set a worker up; it ends when the process that has started it is gone."""
-    import jax
-
-    for name, value in settings.items():
-        jax.config.update(name, value)
-    threading.Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
-
-
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
+        yield from in_processes(pending, options.workers)
+    else:
+        yield from ((task, task.do()) for task in pending)

@@ -39,6 +39,7 @@ class PredictOptions(ArmOptions):
         read=reading.postures,
     )
     modes: int = option(6, "number of modes", low=1, high=1000)
+    drives: str = option("brake", "what holds the motors: brake, or servo of the arm file", choices=("brake", "servo"))
     draws: int = option(200, "draws of the posterior", low=2, high=100_000)
     seed: int | None = option(
         None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
@@ -71,7 +72,7 @@ class PredictResult(Result):
     fit: "Values | None" = None
     posterior: "Values | None" = None
 
-    form = "ident-predict/2"
+    form = "ident-predict/3"
     shown = ("predictions",)
     numbers = ("frequencies", "deflections")
     summary = ("deflections", "deflection_bands")
@@ -186,6 +187,6 @@ def predict(
     if drawn and not draws:
         raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
     postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]
-    analyses = [modal_analysis(changed, posture, load, options.modes) for posture in postures]
+    analyses = [modal_analysis(changed, posture, load, options.modes, options.drives) for posture in postures]
     predictions = tuple(predict_draws(each, draws) if draws else Prediction(each) for each in analyses)
     return PredictResult(arm_file, predictions, options, fitted, drawn)

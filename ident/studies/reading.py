@@ -45,6 +45,15 @@ def numbers(texts: Sequence[str], flag: str) -> dict[str, float]:
     return once(flag, [(name, number(value, f"{flag} {text}")) for text, name, value in pairs])
 
 
+def frequencies(texts: Sequence[str], flag: str) -> dict[str, tuple[float, ...]]:
+    """Read NUMBER=HERTZ,HERTZ,..., each number once."""
+    pairs = [(text, *named(text, f"{flag} {text}")) for text in texts]
+    for text, name, _ in pairs:
+        if not name.isdigit():
+            raise InputError(Problem(f"{flag} {text}", f"'{name}'", "the number of a posture", "as 2=4.45,5.01"))
+    return once(flag, [(name, several(value, f"{flag} {text}")) for text, name, value in pairs])
+
+
 def widths(texts: Sequence[str], flag: str) -> dict[str, float]:
     """Read NAME:WIDTH, or NAME alone for an infinite width, each name once."""
     parts = [(text, *text.partition(":")[::2]) for text in texts]

@@ -1,6 +1,7 @@
 """Simulate how the end point vibrates while the arm carries out a motion."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -215,9 +216,10 @@ def simulate(
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     measured = _trace(trace)
     _check_time(options.at, basis)
-    study = _simulated(basis, options, "fast" if drawn else "both", progress)
+    with ThreadPoolExecutor(1) as beside:  # the exact method keeps one core busy
+        phases = beside.submit(simulated_over_phases, basis, options.elastic_belts, options.rate, options.step)
+        study = _simulated(basis, options, "fast" if drawn else "both", progress)
     _check_belts(basis, study)
-    phases = simulated_over_phases(basis, study, options.elastic_belts, options.rate, options.step)
     simulation = Simulation(
         basis,
         study,
@@ -227,7 +229,7 @@ def simulate(
         _draws(basis, options, progress) if study.interrupted is None else None,
         measured,
         _compared(study, measured, options.band) if measured else None,
-        phases,
+        phases.result() if study.interrupted is None else None,
     )
     return SimulateResult(simulation, options)
 

@@ -13,12 +13,14 @@ from engines import Engine, MujocoArm, PinocchioArm, stiffness
 from jaxtyping import Array
 from scipy.linalg import eigh
 from scipy.optimize import root
+from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.mechanics import mass_matrix, potential_derivatives, unflatten
+from ident.arm.mechanics import mass_matrix, point_rotations, potential_derivatives, unflatten
 from ident.arm.modes import natural_frequencies
+from ident.arm.rotations import rotation_vector
 
 pytestmark = pytest.mark.slow
 
@@ -37,6 +39,7 @@ def ours(arm: Arm, posture: Array, x: Array) -> dict[str, Array]:
         "gravity_gradient": gradient,
         "gravity_hessian": hessian,
         "deflection": deflection(chain, equilibrium(chain))[:, -1],
+        "rotation": rotation_vector(point_rotations(chain, equilibrium(chain))[:, :, -1]),
         "frequency": natural_frequencies(chain, 3 * len(arm.joints)),
     }
 
@@ -94,6 +97,17 @@ def test_static_deflection(engine: type, joints: int) -> None:
         other, _, x = settle(engine, joints, index)
         errors.append(relative(mine["deflection"], other.point(x) - other.point(0 * x)))
     # measured: 2e-11, of the root-finder; most arms 1e-13
+    assert max(errors) < 1e-10
+
+
+@pytest.mark.parametrize("joints", JOINTS)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_static_rotation(engine: type, joints: int) -> None:
+    errors = []
+    for index, (_, _, _, mine) in enumerate(cases(joints)):
+        other, _, x = settle(engine, joints, index)
+        turn = Rotation.from_matrix(other.end_axes(x) @ other.end_axes(0 * x).T)
+        errors.append(relative(mine["rotation"], turn.as_rotvec()))
     assert max(errors) < 1e-10
 
 

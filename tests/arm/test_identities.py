@@ -224,7 +224,7 @@ def test_proportional_damping_on_a_whole_arm() -> None:
 def test_damped_eigenvalues_against_the_state_matrix() -> None:
     """The state matrix built without whitening; balanced by SciPy, good to 1e-9 of each eigenvalue here."""
     system = system_of(held(*sample()))
-    M, C, H = (np.asarray(x) for x in system[1:])
+    M, C, H = (np.asarray(x) for x in system[1:4])
     state = np.block([[np.zeros((9, 9)), np.eye(9)], [-sl.solve(M, H), -sl.solve(M, C)]])
     values = sl.eigvals(state)
     found = np.asarray(damped(system))

@@ -15,6 +15,7 @@ from ident.arm.rotations import (
     matvec,
     outer,
     rotation,
+    rotation_vector,
     skew,
     transpose,
     turn_about,
@@ -103,3 +104,15 @@ def test_batch_is_last() -> None:
     phi = jnp.asarray(np.random.default_rng(4).normal(size=(3, 4, 5)) * 0.5)
     assert rotation(phi).shape == (3, 3, 4, 5)
     assert jnp.abs(rotation(phi)[..., 2, 3] - rotation(phi[:, 2, 3])).max() < EPS
+
+
+@pytest.mark.parametrize("angle", [*ANGLES, 1.9e-3, 2.1e-3])
+def test_a_rotation_vector_is_found_again_and_so_is_its_slope(angle):
+    phi = jnp.asarray(angle * np.array([0.48, -0.6, 0.64]))
+    found, slope = jax.jit(
+        lambda p: (rotation_vector(rotation(p)), jax.jacfwd(lambda q: rotation_vector(rotation(q)))(p))
+    )(phi)
+    scipys = Rotation.from_matrix(np.asarray(rotation(phi))).as_rotvec()
+    np.testing.assert_allclose(found, phi, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(found, scipys, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(slope, np.eye(3), atol=1e-12)

@@ -63,6 +63,7 @@ def commands(short: Path) -> dict[str, Command]:
 def run(line: list[str], cache: Path, out: Path, **more: str) -> tuple[float, str, int]:
     """Run a command with a cache of its own; return seconds, what it says of its time, and the exit status."""
     environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache), "IDENT_TIMES": "1", **more}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # who installs ident has its byte code
     begin = time.perf_counter()
     done = subprocess.run([*RUN, *line], env=environment, cwd=out, capture_output=True, text=True, check=False)
     spent = time.perf_counter() - begin

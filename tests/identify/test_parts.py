@@ -31,6 +31,11 @@ def measurement(i):
         return Measurement(kind="damping_ratio", mode="lateral torsion 1", sigma=1e-3, **at)
     if i % 150 == 11:
         return Measurement(kind="deflection_difference", point="tip", sigma=1e-4, load=KILOGRAMS, **at)
+    if i % 150 == 13:
+        about = {"direction": (0, 1, 0), "load": KILOGRAMS} | at
+        return Measurement(
+            kind="rotation_difference" if i % 300 == 13 else "rotation", point="tip", sigma=1e-4, **about
+        )
     if i % 5 == 0:
         return Measurement(kind="deflection", point="tip", sigma=5e-4, **at)
     names = {1: "vertical bending 1", 2: "lateral torsion 1", 3: "vertical bending 2"}

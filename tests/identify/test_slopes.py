@@ -46,6 +46,8 @@ def of_any_arm():
                 "deflection_difference", posture, point="elbow", direction=(0, 1, 0), load=loaded, reference_load=Load()
             )
         ]
+        turned = {"point": "tip", "direction": (0.6, 0.0, 0.8), "load": loaded}
+        rows += [measurement(kind, posture, **turned) for kind in ("rotation", "rotation_difference")]
     return arm, Campaign(measurements=tuple(rows))
 
 

@@ -96,7 +96,7 @@ def test_kinds_whose_derivatives_are_not_known_do_not_count(linear):
     A, d, sigma, measured = linear
     kinds = ("value",) * 6 + ("other",) * 3
     all_of_them = fitted(A, measured, sigma, (1.0, 1.0), kinds)
-    (part,) = score_tests(all_of_them, d[None], np.ones(1), [False], ("other",))
+    (part,) = score_tests(all_of_them, d[None], np.ones(1), [False], np.array(kinds) == "other")
     Q, _ = np.linalg.qr(np.vstack([A[:6] / sigma[:6, None], np.eye(2)]))
     scaled = np.concatenate([d[:6] / sigma[:6], [0, 0]])
     assert part.sd == pytest.approx(1 / np.linalg.norm(scaled - Q @ (Q.T @ scaled)), rel=1e-9)

@@ -24,6 +24,7 @@ from ident.measure import (
     read_campaign,
     write_campaign,
 )
+from ident.measure.campaign import DIFFERENCES
 
 README = Path(__file__).parents[2] / "data" / "README.md"
 
@@ -219,7 +220,7 @@ def measurements(draw):
     fields |= {"posture": draw(st.tuples(*[st.floats(-7, 7)] * 2)), "note": draw(TEXTS)}
     if kind in ("frequency", "damping_ratio"):
         return Measurement(mode=draw(st.none() | TEXTS), drives=draw(st.sampled_from(DRIVE_STATES)), **fields)
-    reference = {"reference_load": Load(("reference",))} if kind == "deflection_difference" else {}
+    reference = {"reference_load": Load(("reference",))} if kind in DIFFERENCES else {}
     return Measurement(point=draw(NAMES), direction=draw(VECTORS), **reference, **fields)
 
 

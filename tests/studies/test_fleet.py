@@ -1,11 +1,14 @@
 """`ident.fleet` from Python and from the command line: robots in, population out, whatever becomes of one of them."""
 
 import os
+import re
 import runpy
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -56,6 +59,34 @@ def test_what_it_says(result, robots):
     off = max(rows, key=lambda row: row["probability_off"])
     assert (off["robot"], off["parameter"]) == (worn, robots[1][worn])
     assert off["against_fleet_log"] < np.log(0.75)
+
+
+def test_its_page_leads_to_one_of_each_robot(result, robots, tmp_path):
+    (worn,) = robots[1]
+    picture, page = result.save_figures(tmp_path)
+    assert picture.suffix == ".png"
+    text = page.read_text()
+    rows = re.findall(r'<th scope="row"[^>]*><a href="([^"]+)">([^<]+)</a>', text)
+    assert [name for _, name in rows[:2]] == [worn, "broken"], "odd ones first"
+    assert len(rows) == 9
+    for address, name in rows:
+        own = (tmp_path / unquote(address)).read_text()
+        assert f"<h1>Robot {name}</h1>" in own
+        assert f'href="../{page.name}"' in own
+    assert "stands out" in text
+    assert "kind,value" not in text
+    assert "It has no fit" in (tmp_path / f"{result.name}.pages" / "broken.html").read_text()
+    assert "none of the fleet" in (tmp_path / f"{result.name}.pages" / f"{worn}.html").read_text()
+    assert "<script" not in text
+
+
+def test_names_that_are_no_addresses_are_written_so(result, tmp_path):
+    odd = replace(result.fleet.robots[0], name="a #1?/<b>")
+    other = replace(result, fleet=replace(result.fleet, robots=(odd, *result.fleet.robots[1:])))
+    other.save_figures(tmp_path)
+    assert "<b>" not in other.html()
+    assert 'pages/a%20%231%3F_%3Cb%3E.html"' in other.html()
+    assert (tmp_path / f"{other.name}.pages" / "a #1?_<b>.html").is_file()
 
 
 def test_its_file_brings_it_back(result, tmp_path):
@@ -114,6 +145,28 @@ def test_what_is_done_is_not_done_again(robots, tmp_path):
     assert len(list((tmp_path / "kept").iterdir())) == 18, "other options, other files"
 
 
+def test_an_error_that_nobody_expected_costs_one_robot(robots, tmp_path, monkeypatch):
+    """It is reported, the others go on, and the next run tries again."""
+    from ident.studies import fit as module
+
+    right = module.fit
+
+    def wrong(arm, campaign, options):
+        if campaign.name == "robot003.csv":
+            raise ZeroDivisionError("of a library")
+        return right(arm, campaign, options)
+
+    monkeypatch.setattr(module, "fit", wrong)
+    result = fleet(robots[0], options=QUICK, folder=tmp_path / "kept")
+    assert set(result.failed) == {"broken", "robot003"}
+    assert "(ZeroDivisionError: of a library)" in result.failed["robot003"]
+    assert "robot003" in result.report()
+    assert result.short
+    assert len(list((tmp_path / "kept").iterdir())) == 8
+    monkeypatch.setattr(module, "fit", right)
+    assert set(fleet(robots[0], options=QUICK, folder=tmp_path / "kept").failed) == {"broken"}
+
+
 def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
     line = [sys.executable, "-m", "ident", "fleet", str(robots[0]), "--starts=4", "--no-figure"]
     line += [f"--soft-base={0.3}"]  # more unknowns: enough time to be killed in
@@ -147,7 +200,7 @@ def test_the_command(run, robots, tmp_path):
     assert code == 3, "a robot failed"
     name = robots[0].name
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {f"{name}.fleet{end}" for end in (".json", ".prior", ".png", ".robots")}
+    assert written == {f"{name}.fleet{end}" for end in (".json", ".prior", ".png", ".html", ".pages", ".robots")}
     flags = (tmp_path / "out" / f"{name}.fleet.prior").read_text().split()
     assert all(flag in out for flag in flags)
     code, out, err = run("fit", robots[0] / "robot002.csv", "--starts=4", "--no-figure", *flags)

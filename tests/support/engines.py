@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
-from ident.arm.parts import Body
+from ident.arm.parts import Body, Joint
 
 EIGHTH_ORDER = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 """Weights of the central difference that is exact for polynomials of degree eight."""
@@ -29,6 +29,7 @@ class Engine(Protocol):
     def gravity_gradient(self, x: np.ndarray) -> np.ndarray: ...
     def gravity_hessian(self, x: np.ndarray) -> np.ndarray: ...
     def point(self, x: np.ndarray) -> np.ndarray: ...
+    def end_axes(self, x: np.ndarray) -> np.ndarray: ...
 
 
 def skew(v: np.ndarray) -> np.ndarray:
@@ -132,6 +133,10 @@ class PinocchioArm:
         pin.forwardKinematics(self.model, self.data, self._q(x))
         return self.data.oMi[self.end_joint].act(self.end)
 
+    def end_axes(self, x: np.ndarray) -> np.ndarray:
+        pin.forwardKinematics(self.model, self.data, self._q(x))
+        return self.data.oMi[self.end_joint].rotation.copy()
+
 
 def shift(offset: np.ndarray) -> pin.SE3:
     return pin.SE3(np.eye(3), np.asarray(offset))
@@ -157,7 +162,7 @@ class MujocoArm:
                 held[name] = next(angles)
             for carrier, bodies in ((shaft, joint.shaft), (parent, joint.link)):
                 for body in bodies:
-                    add_mass(carrier, body)
+                    add_mass(turning(joint, carrier) if body.name.startswith("rotor") else carrier, body)
             if joint.name == end.joint:
                 parent.add_site(name="end", pos=np.asarray(end.position))
         self.model = spec.compile()
@@ -206,6 +211,17 @@ class MujocoArm:
     def point(self, x: np.ndarray) -> np.ndarray:
         self._place(x)
         return self.data.site("end").xpos.copy()
+
+    def end_axes(self, x: np.ndarray) -> np.ndarray:
+        self._place(x)
+        return self.data.site("end").xmat.reshape(3, 3).copy()
+
+
+def turning(joint: Joint, shaft: "mujoco.MjsBody") -> "mujoco.MjsBody":
+    """What turns on a shaft, about the axis of its pin."""
+    rotor = shaft.add_body(name=f"{joint.name} turning")
+    rotor.add_joint(name=f"{joint.name} rotor", type=mujoco.mjtJoint.mjJNT_HINGE, axis=np.asarray(joint.axis))
+    return rotor
 
 
 def add_mass(carrier: "mujoco.MjsBody", body: Body) -> None:

@@ -17,6 +17,7 @@ from ident.inference.optima import Optimum
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import Choice, InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
+from ident.measure.campaign import DIFFERENCES, KINDS
 
 HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
 """A name that no picture may take for a formula, a break or a reason to grow."""
@@ -34,14 +35,16 @@ def fitted(name):
 def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
     """A fit of a linear model that was never run, as large as one likes; half the parameters are left open."""
     rng = np.random.default_rng(seed)
-    kinds = ("frequency", "deflection", "deflection_difference", "damping_ratio")
+    kinds = ("frequency", "deflection", "deflection_difference", "damping_ratio", "rotation", "rotation_difference")
     measured = []
     for i in range(measurements):
-        kind = kinds[i % 4]
-        point = "tip" if "deflection" in kind else None
-        load = Load.parse("glass + 5 kg @ tip") if kind == "deflection_difference" else Load()
+        kind = kinds[i % len(kinds)]
+        point = "tip" if KINDS[kind] in ("length", "rotation") else None
+        direction = (0.0, 1.0, 0.0) if point else None
+        load = Load.parse("glass + 5 kg @ tip") if kind in DIFFERENCES else Load()
         posture = tuple(rng.uniform(-2, 2, 6))
-        measured.append(Measurement(kind=kind, posture=posture, value=0.03, sigma=1e-4, point=point, load=load))
+        where = {"point": point, "direction": direction}
+        measured.append(Measurement(kind=kind, posture=posture, value=0.03, sigma=1e-4, load=load, **where))
     campaign = Campaign("made up", measurements=tuple(measured))
     fields = ("k_bend", "k_tors", "tau_bend", "mass", "com.x", "offset.z")
     names = [f"a_rather_long_joint_name{i}.{fields[i % 6]}" for i in range(parameters)]

@@ -72,6 +72,18 @@ def drawn_again(likelihood, mean, sd, share, rng, count=2000):
     return rng.permutation(np.concatenate(parts))
 
 
+def off_if_known(fleet, r):
+    """Return the probability that a robot is off, for who knows the population: the sum over what may be off."""
+    likelihood, share, log_mass = fleet.likelihoods[r], SHARE[0] / sum(SHARE), []
+    for off in map(np.array, product((False, True), repeat=len(fleet.mean))):
+        width = np.where(off, FAULT, fleet.sd)
+        precision, at = likelihood.precision + np.diag(width**-2.0), likelihood.shift + fleet.mean / width**2
+        prior = np.where(off, np.log(share), np.log1p(-share)) - np.log(width) - (fleet.mean / width) ** 2 / 2
+        log_mass.append(prior.sum() + at @ np.linalg.solve(precision, at) / 2 - np.linalg.slogdet(precision)[1] / 2)
+    mass = np.exp(np.array(log_mass) - max(log_mass))
+    return 1 - mass[0] / mass.sum()
+
+
 @dataclass
 class GaussianFleet:
     """How a fleet of 20 with one faulty robot came out."""
@@ -80,6 +92,7 @@ class GaussianFleet:
     own_error: float
     shrunk_error: float
     any_off: np.ndarray
+    if_known: np.ndarray
     faulty: int
 
     @property
@@ -100,8 +113,9 @@ class GaussianFleet:
         for draws, truth in ((result.mean, fleet.mean), (result.sd, fleet.sd)):
             low, high = np.quantile(draws, [0.025, 0.975], 0)
             covered.append((low < truth) & (truth < high))
+        known = np.array([off_if_known(fleet, r) for r in range(len(fleet.likelihoods))])
         own, shrunk = (np.mean((x - fleet.theta) ** 2) for x in (own_estimates(fleet), result.robot_mean))
-        return cls(np.array(covered), float(own), float(shrunk), result.any_off, 7)
+        return cls(np.array(covered), float(own), float(shrunk), result.any_off, known, 7)
 
 
 def joint_nuts(fleet, seed, count=1500):

@@ -11,7 +11,7 @@ from ident.assess.diagnosis import Diagnosis
 from ident.present.figures.narrow import WIDTH as PHONE
 from ident.present.figures.narrow import narrowed
 from ident.present.figures.resonance import resonance_figure
-from ident.present.figures.style import BLUE, plain, ratio_axis, rows
+from ident.present.figures.style import BLUE, note, plain, ratio_axis, rows
 from ident.present.figures.validate import validate_figure
 from ident.present.text.remedy_words import change_words
 from ident.present.text.units import MM
@@ -92,15 +92,15 @@ def _sensitivities_figure(diagnosis: Diagnosis) -> Figure:
     sensitivities = diagnosis.sensitivities
     order = sensitivities.order[:SENSITIVITIES]
     figure, axes = _rows([sensitivities.paths[i] for i in order])
-    values = sensitivities.elasticity[order, int(np.argmax(sensitivities.amplitude))]
-    axes.barh(np.arange(len(order)), values, color=BLUE, height=0.6)
+    column = int(np.argmax(sensitivities.amplitude))
+    values, unsure = sensitivities.elasticity[order, column], sensitivities.unsure[order, column]
+    axes.barh(np.arange(len(order)), values, color=np.where(unsure, "white", BLUE), edgecolor=BLUE, height=0.6)
     axes.axvline(0, color="black", linewidth=0.8)
-    axes.set_xscale("symlog", linthresh=1.0)
-    reach = float(np.abs(values).max())
-    ticks = [sign * tick for tick in (0.5, 1, 2, 5, 10, 20, 50) if tick <= max(reach, 1) for sign in (-1, 1)]
-    axes.set_xticks([0, *ticks], [f"{tick:+g}" if tick else "0" for tick in [0, *ticks]])
-    axes.minorticks_off()
-    axes.set_xlabel("percent of vibration per percent of the number (beyond 1: logarithmic)", fontsize=9)
+    for place, value in enumerate(values):
+        side, align = (-3, "right") if value < 0 else (3, "left")
+        note(axes, f"{value:+.2f}", (value, place), (side, 0), ha=align, va="center")
+    axes.margins(x=0.15)
+    axes.set_xlabel("percent of vibration per percent of the number", fontsize=9)
     return figure
 
 

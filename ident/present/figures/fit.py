@@ -45,6 +45,8 @@ KIND_STYLES: dict[str, Style] = {
     "frequency": {"color": BLUE, "marker": "o"},
     "deflection": {"color": ORANGE, "marker": "s"},
     "deflection_difference": {"color": PINK, "marker": "D"},
+    "rotation": {"color": ORANGE, "marker": "v"},
+    "rotation_difference": {"color": PINK, "marker": "P"},
     "damping_ratio": {"color": GREEN, "marker": "^"},
 }
 RIMMED: Style = {"markersize": 8, "markeredgecolor": "black", "markeredgewidth": 1.8}

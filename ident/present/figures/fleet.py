@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -33,20 +34,37 @@ def fleet_figure(fleet: Fleet) -> Figure:
     height = PANEL[1] * math.ceil(count / columns) + 1.1
     figure = titled((PANEL[0] * columns, height), f"A fleet of {len(fleet.robots)} robots")
     axes = np.atleast_1d(figure.subplots(math.ceil(count / columns), columns, squeeze=False)).ravel()
-    shown = np.sort(np.argsort(-population.any_off, kind="stable")[:MOST])
+    shown = _shown(population)
     for i, panel in enumerate(axes):
         if i < count:
             _panel(panel, fleet, population, i, shown)
         else:
             panel.set_visible(False)
-    handles = [
+    key_below(
+        figure, _handles(), "robots from left to right by name; own fits that leave a stiffness open are not drawn"
+    )
+    return figure
+
+
+def stiffness_figure(fleet: Fleet, population: Population, i: int) -> Figure:
+    """Draw one stiffness of all robots."""
+    figure = titled((6.4, 3.6), "")
+    _panel(figure.subplots(), fleet, population, i, _shown(population))
+    key_below(figure, _handles(), "")
+    return figure
+
+
+def _shown(population: Population) -> np.ndarray:
+    return np.sort(np.argsort(-population.any_off, kind="stable")[:MOST])
+
+
+def _handles() -> list[Artist]:
+    return [
         Patch(color=PALE_BLUE, label="95 % of healthy robots"),
         Line2D([], [], color=PALE, marker="_", linestyle="", markersize=8, label="own fit, 95 %"),
         Line2D([], [], color=BLUE, marker="o", linestyle="", markersize=4, label="shrunk, 95 %"),
         Line2D([], [], color=ORANGE, marker="o", linestyle="", markersize=4, label="probably off"),
     ]
-    key_below(figure, handles, "robots from left to right by name; own fits that leave a stiffness open are not drawn")
-    return figure
 
 
 def _panel(axes: Axes, fleet: Fleet, population: Population, i: int, shown: np.ndarray) -> None:

@@ -36,6 +36,7 @@ def mode_figure(analysis: ModalAnalysis) -> Figure:
     frame = _frame(shapes, 0.05 * length)
     figure, panels = _panels(len(analysis.labels), [high - low for low, high in frame])
     title = f"Modes of {cut(analysis.arm.name, 40)} at {degrees(analysis.posture)}, load: {cut(str(analysis.load), 40)}"
+    title += ", servo on" if analysis.drives == "servo" else ""
     note = f"grey: at rest; in colour: the mode, its largest displacement drawn as {SWING * length:.2g} m"
     figure.suptitle(f"{title}\n{note}", parse_math=False, fontsize=11)
     for i, label in enumerate(analysis.labels):

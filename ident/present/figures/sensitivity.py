@@ -8,8 +8,10 @@ from matplotlib.patches import Patch
 
 from ident.assess.design import DesignStudy
 from ident.present.figures.style import BLUE, GREY, ORANGE, key_below, motion_title, note, plain, rows, titled
+from ident.present.text.sensitivity import UNSURE
 from ident.present.text.units import MM, value_in_words
 from ident.present.text.words import cut
+from ident.vibrate.redesign.sensitivity import NEARBY
 from ident.vibrate.response.study import DIRECTIONS
 
 WIDTH, ROW = 9.0, 0.24
@@ -39,7 +41,8 @@ def sensitivity_figure(study: DesignStudy) -> Figure:
 def _direction(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None:
     each = study.sensitivities
     values, places = each.elasticity[shown, d], np.arange(len(shown))
-    axes.barh(places, values, height=0.62, color=np.where(values < 0, BLUE, ORANGE), linewidth=0, zorder=2)
+    color, unsure = np.where(values < 0, BLUE, ORANGE), each.unsure[shown, d]
+    axes.barh(places, values, height=0.62, color=np.where(unsure, "white", color), edgecolor=color, zorder=2)
     if study.draws:
         low, high = each.band[:, shown, d]
         axes.hlines(places, low, high, color="black", linewidth=1.1, zorder=3)
@@ -60,7 +63,8 @@ def _numbers(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None:
     for place, value in enumerate(values):
         end = ends[:, place].min() if value < 0 else ends[:, place].max()
         side, align = (-3, "right") if value < 0 else (3, "left")
-        note(axes, f"{value:+.2f}", (end, place), (side, 0), ha=align, va="center", fontsize=7)
+        mark = f" {UNSURE}" if each.unsure[shown[place], d] else ""
+        note(axes, f"{value:+.2f}{mark}", (end, place), (side, 0), ha=align, va="center", fontsize=7)
     room = 0.24 * (max(ends.max(), 0.0) - min(ends.min(), 0.0))
     axes.set_xlim(min(ends.min(), 0.0) - room, max(ends.max(), 0.0) + room)
 
@@ -72,6 +76,9 @@ def _key(figure: Figure, study: DesignStudy, shown: int) -> None:
     ]
     if study.draws:
         handles.append(Line2D([], [], color="black", linewidth=1.1, label=f"5 to 95 % of {study.draws} draws"))
+    if study.sensitivities.unsure[study.sensitivities.order[:shown]].any():
+        unsure = "of either sign over the draws" if study.draws else f"turns within {100 * NEARBY:g} % of it"
+        handles.append(Patch(facecolor="white", edgecolor=GREY, label=f"{UNSURE} {unsure}"))
     left = len(study.sensitivities.paths) - shown
     notes = [f"{study.evaluator.measure} of the vibration, at the arm as it is; scales differ"]
     notes += [f"{left} weaker ones are not shown"] if left else []

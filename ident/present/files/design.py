@@ -4,6 +4,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ident.assess.design import DesignStudy, bound_of
 from ident.files import replace_file
 from ident.present.text.units import unit_of
@@ -30,10 +32,14 @@ def design_rows(study: DesignStudy, design: Design) -> list[dict[str, Any]]:
 
 
 def sensitivity_rows(each: Sensitivities) -> list[dict[str, Any]]:
-    """Return a row for each number [SI], the strongest first: percent of amplitude per percent of it in x, y and z."""
+    """Return a row for each number [SI], the strongest first: percent of amplitude per percent of it in x, y and z.
+
+    `unsure` names the directions in which its sign is another for nearby arms.
+    """
     return [
         {"number": each.paths[i], "unit": unit_of(each.paths[i]), "present": float(each.present[i])}
         | dict(zip(DIRECTIONS, map(float, each.elasticity[i]), strict=True))
+        | {"unsure": "".join(np.array([*DIRECTIONS])[each.unsure[i]])}
         for i in each.order
     ]
 

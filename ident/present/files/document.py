@@ -6,6 +6,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -39,10 +40,15 @@ def provenance(form: str, inputs: Mapping[str, Any], options: Mapping[str, Any])
     return {
         "format": form,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": {name: version(name) for name in LIBRARIES} | {"python": platform.python_version()},
+        "software": _versions() | {"python": platform.python_version()},
         "options": plain(options),
         "inputs": sources,
     }
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in LIBRARIES}
 
 
 def write_json(document: Mapping[str, Any], path: Path) -> None:

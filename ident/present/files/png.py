@@ -3,6 +3,7 @@
 import warnings
 from pathlib import Path
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ident.files import replace_file
@@ -11,7 +12,8 @@ DPI = 130
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all."""
+    """Write a figure as PNG, whole or not at all; what `Figure.savefig` writes, which draws it twice."""
+    figure.set_dpi(DPI)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        replace_file(path, lambda file: figure.savefig(file, format="png", dpi=DPI), make_folders=True)
+        replace_file(path, FigureCanvasAgg(figure).print_png, make_folders=True)

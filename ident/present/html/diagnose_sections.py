@@ -13,6 +13,7 @@ from ident.present.html.picture import picture
 from ident.present.text.diagnose import stage_report
 from ident.present.text.remedy_words import change_words
 from ident.present.text.resonance_words import caused_words, grouped, sources_words
+from ident.present.text.sensitivity import UNSURE, unsure_words
 from ident.present.text.units import MM, is_stiffness, nmm_per_deg, unit_of
 from ident.present.text.words import percent
 
@@ -115,12 +116,16 @@ def _sensitivities(diagnosis: Diagnosis) -> Table:
         (
             sensitivities.paths[i],
             f"{sensitivities.present[i]:.4g}",
-            *(f"{value:+.2f}" for value in sensitivities.elasticity[i]),
+            *(
+                f"{value:+.2f}" + f" {UNSURE}" * bool(unsure)
+                for value, unsure in zip(sensitivities.elasticity[i], sensitivities.unsure[i], strict=True)
+            ),
         )
         for i in sensitivities.order[:SENSITIVITIES]
     )
     head = ("number", "now [SI]", "x [% per %]", "y [% per %]", "z [% per %]")
     note = "At the present design, by exact derivatives: small changes only."
+    note += f" {UNSURE}: {unsure_words()}." if sensitivities.unsure[sensitivities.order[:SENSITIVITIES]].any() else ""
     return Table("Sensitivities, the strongest first", head, rows, note)
 
 
@@ -199,7 +204,7 @@ def _captions(diagnosis: Diagnosis, stage: str) -> tuple[str, str]:
         ),
         "sensitivities": (
             "Bars of the sensitivity of the largest vibration to each number",
-            f"Percent of the vibration in {direction} for one percent of each number.",
+            f"Percent of the vibration in {direction} for one percent of each number. White: {unsure_words()}.",
         ),
         "remedies": (
             "Largest vibration after each remedy, with the limit",

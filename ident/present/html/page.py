@@ -7,11 +7,12 @@ autoescape, and a content security policy refuses whatever a text might still as
 import base64
 import re
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import escape
 
 from ident.files import replace_file
@@ -36,9 +37,11 @@ class Table:
         rows: cells, as many in each row as there are columns.
         note: what to know when reading it; may be empty.
         strong: numbers of the rows to emphasise, from 0.
+        links: address that the name of each row leads to, relative to the page; none for no links.
 
     Raises:
-        ValueError: a row has another number of cells than the head, or an emphasised row is not there.
+        ValueError: a row has another number of cells than the head, an emphasised row is not there, or links are not
+            as many as rows.
     """
 
     caption: str
@@ -46,6 +49,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
     strong: tuple[int, ...] = ()
+    links: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for i, row in enumerate(self.rows):
@@ -53,6 +57,8 @@ class Table:
                 raise ValueError(f"row {i} of a table has {len(row)} cells under {len(self.head)} heads")
         if not all(0 <= i < len(self.rows) for i in self.strong):
             raise ValueError(f"strong rows {self.strong} of a table with {len(self.rows)}")
+        if self.links and len(self.links) != len(self.rows):
+            raise ValueError(f"{len(self.links)} links in a table with {len(self.rows)} rows")
 
 
 @dataclass(frozen=True)
@@ -147,6 +153,7 @@ class Page:
         inputs: what went in, as a table: name, file, hash.
         assumptions: what was taken for granted, a sentence each.
         provenance: names and values that say how the page came about: versions, options, seeds.
+        above: words and relative address of the page that led here; empty for none.
     """
 
     title: str
@@ -157,17 +164,22 @@ class Page:
     inputs: Table
     assumptions: tuple[str, ...] = ()
     provenance: tuple[tuple[str, str], ...] = ()
+    above: tuple[str, str] = ("", "")
 
 
 def render(page: Page) -> str:
     """Return a page as HTML; the same page gives the same text."""
+    scripts = [section.frame.script for section in page.sections if section.frame]
+    return _template().render(page=page, words=WORDS, scripts=scripts) + "\n"
+
+
+@cache
+def _template() -> Template:
     environment = Environment(
         autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"columns": columns, "data_uri": data_uri, "whole": escape}
-    template = environment.from_string((files("ident.present.html") / TEMPLATE).read_text("utf-8"))
-    scripts = [section.frame.script for section in page.sections if section.frame]
-    return template.render(page=page, words=WORDS, scripts=scripts) + "\n"
+    return environment.from_string((files("ident.present.html") / TEMPLATE).read_text("utf-8"))
 
 
 def write_page(page: Page, path: Path) -> None:

@@ -52,7 +52,7 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
     known = f"{fine} of {count} identifiable by the data alone"
     near = ", but only near these values (see below)" if check.others and check.others.exact else ""
     yield f"  {len(check.campaign)} measurements, {count} unknowns: {known}{near}"
-    yield from drive_states(check.campaign)
+    yield from drive_states(check.arm, check.campaign)
     if check.tried > check.answered:
         yield f"  WARNING: the model has no answer at {check.tried - check.answered} of {check.tried} points looked at"
     if check.missing.any():

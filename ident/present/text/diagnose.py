@@ -12,6 +12,7 @@ from ident.identify.validate import Validation
 from ident.present.text.basis import UNDRIVEN, assumed
 from ident.present.text.remedy_words import change_words
 from ident.present.text.resonance_words import caused_words, grouped, sources_words
+from ident.present.text.sensitivity import unsure_words
 from ident.present.text.units import MM
 from ident.present.text.words import cut, folded, percent
 from ident.vibrate.modal.resonance import ResonanceCrossing
@@ -229,6 +230,9 @@ def _sensitivities(diagnosis: Diagnosis) -> tuple[list[str], str]:
         f"{percents} % for each percent.",
         "Drive ratios and masses move a resonance along the path; they are rarely free to choose.",
     ]
+    unsure = [sensitivities.paths[i] for i in order if sensitivities.unsure[i, column]]
+    if unsure:
+        findings.append(f"That of {' and '.join(unsure)} {unsure_words()}.")
     return (
         findings,
         "Where something must be changed: torsional stiffness first, mass centres second; or speed.",

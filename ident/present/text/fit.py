@@ -41,7 +41,7 @@ def _heading(fit: CampaignFit) -> Iterator[str]:
         f"  {len(fit.campaign)} measurements, {len(fit.information.names)} unknowns;"
         f" chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
     )
-    yield from drive_states(fit.campaign)
+    yield from drive_states(fit.arm, fit.campaign)
 
 
 def _answer(fit: CampaignFit) -> Iterator[str]:

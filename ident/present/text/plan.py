@@ -12,7 +12,7 @@ from ident.inference.optimal_design import A_OPTIMAL, D_OPTIMAL
 from ident.inference.parameters import Parameter
 from ident.inference.prior_information import OPEN_SD
 from ident.present.text.units import unit_of
-from ident.present.text.words import cut, degrees, kept, paragraphs, scatter
+from ident.present.text.words import cut, degrees, drive_states, kept, paragraphs, scatter
 
 RANKED = 8
 """Postures that are listed."""
@@ -61,6 +61,8 @@ def _heading(plan: CampaignPlan) -> Iterator[str]:
     yield f"  {different} of them{beside} show different things, {len(plan.experiments)} experiments"
     words, unit = criterion_in_words(plan)
     yield f"  chosen for {words}, most gain [{unit}] per minute first"
+    if plan.fit:
+        yield from drive_states(plan.arm, plan.fit.campaign)
     for doubt in plan.fit.doubts if plan.fit else ():
         yield f"  WARNING: {doubt.replace(' (see below)', '')}"
     if plan.fit and plan.fit.doubts:

@@ -8,6 +8,7 @@ import numpy as np
 from ident.assess.prediction import Prediction
 from ident.identify.modal_analysis import ModalAnalysis
 from ident.identify.values import Values
+from ident.measure import DRIVE_STATES
 from ident.present.text.basis import changes_in_words, values_in_words
 from ident.present.text.words import WIDTH, degrees, paragraphs, span
 
@@ -33,7 +34,8 @@ def predict_report(
 
 def _heading(prediction: Prediction) -> Iterator[str]:
     analysis = prediction.analysis
-    yield f"{analysis.arm.name} at {degrees(analysis.posture)}, load: {analysis.load}"
+    servo = "" if analysis.drives == DRIVE_STATES[0] else f", {analysis.drives} on"
+    yield f"{analysis.arm.name} at {degrees(analysis.posture)}, load: {analysis.load}{servo}"
     for name, angle, (low, high) in analysis.beyond_limits():
         limits = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg"
         yield f"  WARNING: {name} at {math.degrees(angle):.4g} deg is outside its limits, {limits}"

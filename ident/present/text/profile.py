@@ -6,7 +6,7 @@ from ident.identify.fit import CampaignFit
 from ident.inference.profile import FLAT, Interval, Profile, threshold
 from ident.inference.profile_path import Ending
 from ident.present.text.units import unit_of
-from ident.present.text.words import paragraphs, priors_in_words
+from ident.present.text.words import drive_states, paragraphs, priors_in_words
 
 SIDES = ("below", "above")
 
@@ -26,6 +26,7 @@ def _heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
     yield f"  chi-squared is {threshold(level):.3g}, with one degree of freedom. Data and priors count, as in the fit."
     for prior in priors_in_words(fit.problem.parameters.items):
         yield f"  prior: {prior}"
+    yield from drive_states(fit.arm, fit.campaign)
     for doubt in fit.doubts:
         yield f"  WARNING: {doubt.replace('see below', 'see ident fit')}"
     if fit.doubts:

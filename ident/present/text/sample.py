@@ -11,7 +11,7 @@ from ident.inference.posterior_summary import LEARNED, combinations, quantiles, 
 from ident.inference.sample import RIVAL
 from ident.present.text.directions import product
 from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
-from ident.present.text.words import cut, describe, paragraphs, priors_in_words, scatter, span
+from ident.present.text.words import cut, describe, drive_states, paragraphs, priors_in_words, scatter, span
 
 
 def sample_report(result: CampaignSample) -> str:
@@ -32,6 +32,7 @@ def _heading(result: CampaignSample) -> Iterator[str]:
     yield f"Posterior of {result.fitted.arm.name} given {result.fitted.campaign.name}"
     draws, ensembles, walkers, _ = sample.theta.shape
     yield f"  {(draws - sample.burn_in) * ensembles * walkers} draws by {ensembles} ensembles of {walkers} walkers"
+    yield from drive_states(result.fitted.arm, result.fitted.campaign)
     for doubt in result.fitted.doubts:
         yield f"  WARNING: of the fit: {doubt}"
     if result.fitted.contradictory and not any("discrepancy" in n for n in sample.posterior.parameters.names):

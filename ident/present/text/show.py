@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.arm.fields import fields_of
+from ident.arm.fields import fields_in
 from ident.assess.arm_view import ArmView
 from ident.present.text.words import cut, degrees, paragraphs
 
@@ -82,7 +82,7 @@ def _numbers(view: ArmView) -> Iterator[str]:
 def number_rows(arm: Arm, origins: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
     """Yield path, value [SI], unit and origin of every number or vector."""
     for part in arm.parts():
-        for field in fields_of(type(part).__name__):
+        for field in fields_in(part):
             value = np.asarray(getattr(part, field.name))
             places = list(field.ends.values())
             path = f"{part.name}.{field.name}"

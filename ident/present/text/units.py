@@ -3,7 +3,13 @@
 from ident.arm.fields import SPEED, STIFFNESS, field_named, field_of
 from ident.units import NMM_PER_DEG
 
-KINDS = {"frequency": (1.0, "Hz"), "deflection": (1e3, "mm"), "deflection_difference": (1e3, "mm")}
+KINDS = {
+    "frequency": (1.0, "Hz"),
+    "deflection": (1e3, "mm"),
+    "deflection_difference": (1e3, "mm"),
+    "rotation": (1e3, "mrad"),
+    "rotation_difference": (1e3, "mrad"),
+}
 MM = 1e3
 """mm in a metre."""
 NMM = field_named("k_tors").read_unit

@@ -6,7 +6,7 @@ import numpy as np
 
 from ident.identify.validate import Validation
 from ident.inference.held_out import HeldOut
-from ident.present.text.words import cut, paragraphs, percent
+from ident.present.text.words import cut, drive_states, paragraphs, percent
 
 PARTS = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "fraction": "fifths"}
 """What is left out at a time, in words."""
@@ -29,6 +29,7 @@ def _heading(validation: Validation) -> Iterator[str]:
     if validation.missed:
         named = ", ".join(cut(part.name, 30) for part in validation.missed)
         yield f"  NOT to be trusted: too far from the prediction: {named}"
+    yield from drive_states(fit.arm, fit.campaign)
     for doubt in fit.doubts:
         yield f"  WARNING: {doubt.replace('see below', 'see ident fit')}"
 

@@ -7,10 +7,12 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ident.arm.arm import Arm
 from ident.arm.fields import field_of
 from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
+from ident.measure.campaign import DIFFERENCES
 from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
@@ -124,7 +126,7 @@ def short(m: Measurement) -> str:
     value, unit = in_read_unit(m.kind, m.value)
     what = m.mode or m.point or ""
     loads = f", {m.load}" if m.load else ""
-    against = f" - {m.reference_load}" if m.kind == "deflection_difference" else ""
+    against = f" - {m.reference_load}" if m.kind in DIFFERENCES else ""
     defined = f" ({m.of})" if m.of else ""
     loads += _held(m)
     return f"{f'{what}:' if what else ''} {value:.4g} {unit}{defined}{loads}{against} at {degrees(m.posture)}".strip()
@@ -135,7 +137,7 @@ def describe(m: Measurement) -> str:
     what = m.mode or m.point or ""
     loads = f" {m.load}" if m.load else ""
     held = _held(m)
-    against = f" - {m.reference_load}" if m.kind == "deflection_difference" and m.reference_load else ""
+    against = f" - {m.reference_load}" if m.kind in DIFFERENCES and m.reference_load else ""
     return f"{m.of or ''} {m.kind.replace('_', ' ')} {what}{loads}{against}{held} at {degrees(m.posture)}".replace(
         "  ", " "
     ).strip()
@@ -146,8 +148,10 @@ def _held(m: Measurement) -> str:
     return "" if m.drives == DRIVE_STATES[0] else f", {m.drives} on"
 
 
-def drive_states(campaign: Campaign) -> Iterator[str]:
-    """Warn in one line of rows whose motors a servo held, of which the model knows nothing."""
+def drive_states(arm: Arm, campaign: Campaign) -> Iterator[str]:
+    """Warn in one line of rows whose motors a servo held, where the arm file describes none."""
+    if arm.servos:
+        return
     own = [m.where.rpartition(":")[2] or str(i) for i, m in enumerate(campaign, 1) if m.drives == "servo"]
     if not own:
         return

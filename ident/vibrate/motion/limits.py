@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.interpolate import BPoly, PPoly
 
 from ident.arm.arm import Arm, Joint
 from ident.errors import InputError, Problem
@@ -29,11 +28,11 @@ def beyond_limits(arm: Arm, motion: Motion) -> None:
 
 
 def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
-    path = PPoly(np.asarray(motion.coefficients[..., number]), np.asarray(motion.breaks))
+    c, breaks = np.asarray(motion.coefficients)[..., number], np.asarray(motion.breaks)
     low, high = joint.limits
-    doubtful = np.flatnonzero(_may_leave(path, low, high)).tolist()
-    times = np.concatenate([path.x, *(_turning_points(path, k) for k in doubtful)])
-    angles = path(times)
+    doubtful = np.flatnonzero(_may_leave(c, np.diff(breaks), low, high)).tolist()
+    times = np.concatenate([breaks, *(breaks[k] + _turning_points(c[:, k], np.diff(breaks)[k]) for k in doubtful)])
+    angles = np.asarray(motion(times)[0])[number]
     excess = np.maximum(low - angles, angles - high)
     worst = int(np.argmax(excess))
     if excess[worst] > JOINED:
@@ -43,14 +42,22 @@ def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
         yield Problem(motion.name, got, expected, "shorten the path, or correct the limits")
 
 
-def _may_leave(path: PPoly, low: float, high: float) -> Bool[np.ndarray, " pieces"]:
-    """Tell which pieces may leave the limits: a polynomial stays within its Bernstein coefficients."""
-    bounds = BPoly.from_power_basis(path).c
+def _may_leave(
+    c: Float[np.ndarray, "powers pieces"], lengths: Float[np.ndarray, " pieces"], low: float, high: float
+) -> Bool[np.ndarray, " pieces"]:
+    """Tell which pieces may leave the limits: a polynomial stays within its Bernstein coefficients.
+
+    b_j = sum over k <= j of C(j, k) / C(n, k) a_k, a_k the factor of the k-th power of the share of the piece. SciPy's
+    are the same, and take longer to import than a simulation to compute.
+    """
+    n = len(c) - 1
+    of_powers = np.array([[math.comb(j, k) / math.comb(n, k) for k in range(n + 1)] for j in range(n + 1)])
+    bounds = of_powers @ (c[::-1] * lengths ** np.arange(n + 1)[:, None])
     return (bounds.min(axis=0) < low) | (bounds.max(axis=0) > high)
 
 
-def _turning_points(path: PPoly, k: int) -> Float[np.ndarray, " times"]:
-    """Return the times within piece k at which the angle turns back."""
-    roots = np.roots(np.polyder(path.c[:, k]))
-    within = (abs(roots.imag) < 1e-6) & (roots.real > 0) & (roots.real < path.x[k + 1] - path.x[k])
-    return path.x[k] + roots.real[within]
+def _turning_points(c: Float[np.ndarray, " powers"], length: float) -> Float[np.ndarray, " times"]:
+    """Return the times within a piece, from its start, at which the angle turns back."""
+    roots = np.roots(np.polyder(c))
+    within = (abs(roots.imag) < 1e-6) & (roots.real > 0) & (roots.real < length)
+    return roots.real[within]

@@ -1,16 +1,21 @@
-"""What to change first: by how many percent the amplitude changes with each of the arm's numbers."""
+"""What to change first: percent of amplitude per percent of each number of the arm, and where its sign is not sure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.fields import field_of
 from ident.vibrate.redesign.evaluator import WIDTH, Evaluator
 from ident.vibrate.redesign.variable import Variable, check_path
 from ident.vibrate.response.exact import Progress
+
+NEARBY = 0.1
+"""Share of a number by which nearby arms differ in it, either way."""
+FLAT = 0.002
+"""Share of an amplitude below which a change is none: peaks are sampled."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +27,8 @@ class Sensitivities:
         present: (P,) [SI] as they are.
         amplitude: (3,) [m] as it is.
         elasticity: (P, 3) [-] percent of amplitude per percent of the number, in each direction.
+        unsure: (P, 3) whether its sign is another for nearby arms: with draws, for more than 5 % of them; without,
+            where `NEARBY` more or less of the number itself changes the amplitude the other way.
         draws: (P, 3, D) of the draws; None without.
     """
 
@@ -29,13 +36,14 @@ class Sensitivities:
     present: Float[np.ndarray, "P"]
     amplitude: Float[np.ndarray, "3"]
     elasticity: Float[np.ndarray, "P 3"]
+    unsure: Bool[np.ndarray, "P 3"]
     draws: Float[np.ndarray, "P 3 D"] | None = None
 
     @property
     def band(self) -> Float[np.ndarray, "2 P 3"]:
         """5 and 95 % quantiles over the draws."""
         assert self.draws is not None
-        return np.quantile(self.draws, (0.05, 0.95), axis=-1)
+        return _band(self.draws)
 
     @property
     def order(self) -> list[int]:
@@ -82,7 +90,41 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     present = np.array([float(evaluator.arm.get(path)) for path in paths])
     nothing = np.zeros((1, len(evaluator.variables)))
     amplitude = evaluator.alone.amplitudes(nothing)[:, 0, 0] if evaluator.unknown else parts[:, :, 0].max(1)
-    return Sensitivities(paths, present, amplitude, whole[..., 0], whole[..., 1:] if evaluator.draws else None)
+    each, draws = whole[..., 0], whole[..., 1:] if evaluator.draws else None
+    unsure = _turning(evaluator, paths, each) if draws is None else _of_both_signs(draws)
+    return Sensitivities(paths, present, amplitude, each, unsure, draws)
+
+
+def _band(draws: Float[np.ndarray, "P 3 D"]) -> Float[np.ndarray, "2 P 3"]:
+    return np.quantile(draws, (0.05, 0.95), axis=-1)
+
+
+def _of_both_signs(draws: Float[np.ndarray, "P 3 D"]) -> Bool[np.ndarray, "P 3"]:
+    low, high = _band(draws)
+    return (low < 0) & (high > 0)
+
+
+def _turning(
+    evaluator: Evaluator, paths: Sequence[str], elasticity: Float[np.ndarray, "P 3"]
+) -> Bool[np.ndarray, "P 3"]:
+    """Tell where 10 % more or less of a number changes the amplitude, or makes the arm collapse, against its slope."""
+    matters = [k for k, each in enumerate(elasticity) if np.abs(each).max() * NEARBY >= FLAT]
+    variables = tuple(Variable((paths[k],), -np.inf, np.inf) for k in matters)
+    signs, whole = (1.0, -1.0), replace(evaluator, variables=variables, draws={})
+    ends = [[v.change(evaluator.arm, v.present(evaluator.arm) * (1 + s * NEARBY)) for v in variables] for s in signs]
+    changes = np.concatenate([np.zeros((1, len(variables))), *(np.diag(np.array(end, float)) for end in ends)])
+    stands = np.asarray(whole.end_states(changes).frequency) > 0
+    amplitudes = np.full((3, len(changes)), np.nan)
+    amplitudes[:, stands] = whole.amplitudes(changes[stands])[:, :, 0]
+    more, less = np.split((amplitudes[:, 1:] / amplitudes[:, :1] - 1).T, 2)
+    turning = np.zeros(elasticity.shape, bool)
+    turning[matters] = _against(more, elasticity[matters]) | _against(-less, elasticity[matters])
+    return turning
+
+
+def _against(change: Float[np.ndarray, "V 3"], slope: Float[np.ndarray, "V 3"]) -> Bool[np.ndarray, "V 3"]:
+    """Tell which changes are notable and have not the sign of their slope; a collapse has none."""
+    return ~((np.abs(change) < FLAT) | (np.sign(change) == np.sign(slope)))
 
 
 def _worst_phases(evaluator: Evaluator) -> list[dict[str, float]]:

@@ -1,6 +1,7 @@
 """The exact equations of motion integrated in time, with error control. The only module with diffrax."""
 
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -13,7 +14,7 @@ from ident.arm.multibody import Multibody
 from ident.arm.multibody_dynamics import residual
 from ident.arm.multibody_kinematics import Command
 from ident.errors import ConvergenceError, ModelError
-from ident.jit import AnyArray, jit
+from ident.jit import LONG_LOOPS, RUNS_ONCE, AnyArray, jit
 from ident.vibrate.motion.motion import Motion
 
 MAX_STEPS = 2_000_000
@@ -147,7 +148,7 @@ def _explicit_steps(model: Multibody, motion: Motion, start: tuple[AnyArray, Any
     return float(np.abs(np.linalg.eigvals(np.asarray(_linear(model, motion, start)))).max() / REACH)
 
 
-@jit
+@partial(jit, options=RUNS_ONCE)
 def _linear(model: Multibody, motion: Motion, start: tuple[AnyArray, AnyArray]) -> Float[Array, "state state"]:
     """Return the derivatives of the rates at the start by the state there, by differences."""
     command = Command(*motion(motion.breaks[0]))
@@ -157,11 +158,11 @@ def _linear(model: Multibody, motion: Motion, start: tuple[AnyArray, AnyArray]) 
         return jnp.concatenate([yd, acceleration(model, command, y, yd)])
 
     state = jnp.concatenate(start)
-    moved = jax.vmap(rates)(state + NEAR * jnp.eye(len(state)))
-    return (moved - rates(state)).T / NEAR
+    moved = jax.vmap(rates)(state + NEAR * jnp.eye(len(state) + 1, len(state)))
+    return (moved[:-1] - moved[-1]).T / NEAR
 
 
-@jit
+@partial(jit, options=LONG_LOOPS)
 def _solve(
     model: Multibody,
     motion: Motion,

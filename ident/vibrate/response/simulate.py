@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import jax
@@ -14,7 +14,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, has_transmission_error, multibody
 from ident.errors import InputError, ModelError, Problem
-from ident.jit import AnyArray, concrete, cores, jit, library
+from ident.jit import RUNS_ONCE, AnyArray, concrete, cores, jit, library
 from ident.vibrate.modal.modes_along_path import nominal
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact, fast
@@ -278,6 +278,6 @@ def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
         )
 
 
-@jit
+@partial(jit, options=RUNS_ONCE)
 def _multibody(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
     return multibody(arm, loads, rank=rank, elastic_belts=elastic)

@@ -32,8 +32,10 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
+from ident.jit import AnyArray, concrete
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.simulate import RATE, fast_method, refuse_collapse, vibrations
+from ident.vibrate.response.fast_method import FastMethod, vibration_of
+from ident.vibrate.response.simulate import RATE, by_chunk, fast_method, refuse_collapse, vibrations
 
 TOGETHER = 32
 """Sets of phases for which the vibration is computed together."""
@@ -127,6 +129,7 @@ def superposition(
     elastic_belts: bool = False,
     rate: float = RATE,
     step: float | None = None,
+    together: bool = True,
 ) -> Superposition:
     """Return the vibration over a motion by what excites it, with the fast method.
 
@@ -138,17 +141,31 @@ def superposition(
         elastic_belts: whether belts stretch.
         rate: samples a second.
         step: longest time step [s]; see `fast.step_for` when None.
+        together: whether the simulations go by the program of many arms, or by that of a single one: whichever is
+            loaded anyhow.
 
     Raises:
         InputError: see `simulate`.
         ModelError: the arm collapses.
     """
     solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
-    count = 1 + 2 * len(unknown)
-    each = {path: np.broadcast_to(value, count) for path, value in numbers_of(arm).items()} | members_of(unknown)
-    members = np.asarray(vibrations(arm, each, solve))
+    members = np.asarray((_together if together else _one_by_one)(arm, unknown, solve))
     refuse_collapse(motion, members)
     return Superposition(np.asarray(solve.time)[: int(solve.samples)], tuple(unknown), *parts_of(members))
+
+
+def _together(arm: Arm, unknown: Sequence[str], solve: FastMethod) -> Float[AnyArray, "3 T members"]:
+    count = 1 + 2 * len(unknown)
+    each = {path: np.broadcast_to(value, count) for path, value in numbers_of(arm).items()} | members_of(unknown)
+    return vibrations(arm, each, solve)
+
+
+def _one_by_one(arm: Arm, unknown: Sequence[str], solve: FastMethod) -> Float[AnyArray, "3 T members"]:
+    def alone(phases: Float[np.ndarray, "1 U"]) -> Float[AnyArray, "1 3 T"]:
+        turned = arm.replace(dict(zip(unknown, phases[0], strict=True)))
+        return vibration_of(concrete(solve(turned)))[None, :, : int(solve.samples)]
+
+    return np.moveaxis(by_chunk(alone, _phases_of_members(len(unknown)), chunk=1), 0, -1)
 
 
 def members_of(unknown: Sequence[str]) -> dict[str, Float[np.ndarray, "members"]]:
@@ -156,9 +173,12 @@ def members_of(unknown: Sequence[str]) -> dict[str, Float[np.ndarray, "members"]
 
     Without unknown phases it is the arm as it is.
     """
-    alone = np.eye(len(unknown))
-    each = np.pi / 2 * np.concatenate([np.zeros((1, len(unknown))), alone, 2 * alone])
-    return dict(zip(unknown, each.T, strict=True))
+    return dict(zip(unknown, _phases_of_members(len(unknown)).T, strict=True))
+
+
+def _phases_of_members(count: int) -> Float[np.ndarray, "members U"]:
+    alone = np.eye(count)
+    return np.pi / 2 * np.concatenate([np.zeros((1, count)), alone, 2 * alone])
 
 
 def parts_of(members: Float[np.ndarray, "*shape members"]) -> tuple[Any, Any, Any]:

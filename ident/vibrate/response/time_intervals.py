@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 from numpy.polynomial import Polynomial
-from scipy.interpolate import PPoly
 
 from ident.jit import AnyArray
 from ident.vibrate.motion.motion import Motion, last_before
@@ -112,8 +111,10 @@ def _cost(edges: np.ndarray, counts: np.ndarray, step: float) -> int:
 
 def fastest(motion: Motion) -> Float[np.ndarray, "driven"]:
     """Return the highest speed of each driven joint [rad/s], by samples; the motion is known, also under `jit`."""
-    rate = _path(motion).derivative()
-    return np.abs(rate(np.linspace(rate.x[0], rate.x[-1], 2000))).max(0)
+    breaks, rate = np.asarray(motion.breaks), _derivative(motion, 1)
+    time = np.linspace(breaks[0], breaks[-1], 2000)
+    piece = np.clip(last_before(breaks, time), 0, len(breaks) - 2)
+    return np.asarray(np.abs(np.polyval(rate[:, piece], (time - breaks[piece])[:, None])).max(0))
 
 
 def _jumps(motion: Motion) -> np.ndarray:
@@ -121,21 +122,25 @@ def _jumps(motion: Motion) -> np.ndarray:
     inner = np.asarray(motion.breaks)[1:-1]
     jumps = np.zeros(len(inner), bool)
     for order in range(1, 4):
-        largest = max(np.abs(_path(motion).derivative(order).c[-1]).max(), 1e-12)
+        largest = max(np.abs(_derivative(motion, order)[-1]).max(), 1e-12)
         jumps |= (jumps_of(motion, order) > JUMP * largest).any(1)
     return inner[jumps]
 
 
 def jumps_of(motion: Motion, order: int) -> Float[np.ndarray, "inner driven"]:
     """Return by how much a derivative of each angle jumps at the inner breaks [rad/s^order]."""
-    rate = _path(motion).derivative(order)
-    powers = np.arange(len(rate.c))[::-1, None, None]
-    ends = (rate.c * np.diff(rate.x)[:, None] ** powers).sum(0)
-    return np.abs(rate.c[-1, 1:] - ends[:-1])
+    rate = _derivative(motion, order)
+    powers = np.arange(len(rate))[::-1, None, None]
+    ends = (rate * np.diff(np.asarray(motion.breaks))[:, None] ** powers).sum(0)
+    return np.abs(rate[-1, 1:] - ends[:-1])
 
 
-def _path(motion: Motion) -> PPoly:
-    return PPoly(np.asarray(motion.coefficients), np.asarray(motion.breaks))
+def _derivative(motion: Motion, order: int) -> Float[np.ndarray, "powers pieces driven"]:
+    """Return the coefficients of a derivative of the angles, the highest power first."""
+    c = np.asarray(motion.coefficients)
+    for _ in range(order):
+        c = c[:-1] * np.arange(len(c) - 1, 0, -1)[:, None, None] if len(c) > 1 else np.zeros_like(c)
+    return c
 
 
 def basis(places: np.ndarray) -> list[Polynomial]:

@@ -3,8 +3,6 @@
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
-from scipy.fft import dst, idst
-from scipy.interpolate import CubicSpline
 
 from ident.vibrate.signal.series import samples
 
@@ -26,6 +24,9 @@ def second_derivative(time: ArrayLike, values: ArrayLike) -> Float[np.ndarray, "
     References:
         Lanczos, "Discourse on Fourier Series", 1966, section 16. Brandt, 2nd ed., 2023, section 3.4.
     """
+    from scipy.fft import dst, idst
+    from scipy.interpolate import CubicSpline
+
     trace = samples(time, values)
     ends, duration = trace.time[[0, -1]], trace.time[-1] - trace.time[0]
     s = ((trace.time - ends[0]) / duration).reshape(-1, *[1] * (trace.values.ndim - 1))

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
-from scipy.signal import find_peaks, welch
 
 from ident.errors import Problem
 from ident.vibrate.signal.series import SHORTEST, band_problems, refuse, samples
@@ -94,6 +93,8 @@ def amplitude_spectrum(
     References:
         Welch, IEEE Trans. Audio Electroacoust. 15 (1967). Heinzel et al., 2002, eqs. (19), (23).
     """
+    from scipy.signal import welch  # long to import, as all of that: a simulation alone needs none
+
     trace = samples(time, values)
     refuse(overlap_problems(overlap))
     length, step = _segment(len(trace.time), segments, overlap)
@@ -129,6 +130,8 @@ def peaks(spectrum: Spectrum, count: int, between: tuple[float, float] = (0.0, n
     References:
         Smith, Serra, "PARSHL", Proc. ICMC 1987. Brandt, 2nd ed., section 9.3.
     """
+    from scipy.signal import find_peaks
+
     refuse([*_single(spectrum), *band_problems(*between)])
     places, _ = find_peaks(spectrum.amplitude)
     refined = [_refined(spectrum, int(place)) for place in places]

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import get_window
 
 from ident.errors import Problem
 from ident.text import did_you_mean, quoted
@@ -22,6 +21,8 @@ WINDOWS = {
 
 def window_samples(window: str, count: int) -> Float[np.ndarray, "N"]:
     """Return the periodic (DFT-even) form of a window, (N,) [-]."""
+    from scipy.signal import get_window
+
     refuse(_window_problems(window))
     return np.asarray(get_window(window, count, fftbins=True))
 

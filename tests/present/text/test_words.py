@@ -1,10 +1,24 @@
 """Numbers in words, the hopeless ones too."""
 
 import math
+from dataclasses import replace
 
 import pytest
+from arms import lcd_arm
 
-from ident.present.text.words import WIDTH, as_factor, folded, in_percent, kept, percent, scatter, three_digits
+from ident.arm.drive import Servo
+from ident.measure import Campaign, Measurement
+from ident.present.text.words import (
+    WIDTH,
+    as_factor,
+    drive_states,
+    folded,
+    in_percent,
+    kept,
+    percent,
+    scatter,
+    three_digits,
+)
 
 
 @pytest.mark.parametrize(
@@ -57,3 +71,15 @@ def test_a_long_line_is_folded_and_goes_on_farther_in():
 
 def test_a_short_line_is_left_alone():
     assert folded(f"  a  b  {kept('c d')}") == "  a  b  c d"
+
+
+def test_rows_with_a_servo_on_are_warned_of_unless_the_arm_describes_it():
+    rows = [
+        Measurement(kind="frequency", posture=(0.0,) * 3, value=4.0, sigma=0.1, drives=d) for d in ("servo", "brake")
+    ]
+    mixed, servo = Campaign(measurements=tuple(rows)), Campaign(measurements=tuple(rows[:1]))
+    (words,) = drive_states(lcd_arm(), mixed)
+    assert words == "  WARNING: brake and servo mixed, fit them apart: servo on in row 1"
+    assert "k_tors contains the servo" in next(drive_states(lcd_arm(), servo))
+    described = replace(lcd_arm(), servos=(Servo("servo1", "joint1", k_servo=100.0),))
+    assert list(drive_states(described, mixed)) == []

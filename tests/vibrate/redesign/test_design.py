@@ -16,7 +16,7 @@ from ident.vibrate.redesign.constraints import Requirements
 from ident.vibrate.redesign.design import design
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.search import Search
-from ident.vibrate.redesign.sensitivity import changeable, sensitivities
+from ident.vibrate.redesign.sensitivity import FLAT, changeable, sensitivities
 from ident.vibrate.redesign.sweep import axis, sweep
 from ident.vibrate.redesign.variable import Variable, check
 from ident.vibrate.redesign.verify import exceedances, verify
@@ -161,6 +161,29 @@ def test_sensitivities_are_those_of_differences():
     assert got.order[0] == strongest
     assert {K1, "joint3.tau_bend", "drive1.eccentricity"} <= set(changeable(lcd_arm()))
     assert not any(path.startswith("glass") for path in changeable(lcd_arm()))
+
+
+def test_signs_are_unsure_where_a_tenth_more_or_less_does_the_opposite():
+    """Against arms that are made one by one; and with draws, by their share."""
+    paths = (K1, K2, "link2.mass", "fingers.com.x", "drive2.ratio", "drive2.eccentricity")
+    trial = replace(short(()), step=STEP / 2)
+    got = sensitivities(trial, paths)
+
+    def peaks(path, factor):
+        arm = lcd_arm().replace({path: float(lcd_arm().get(path)) * factor})
+        return replace(trial, arm=arm).amplitudes(np.zeros((1, 0)))[:, 0, 0]
+
+    for path, slope, unsure in zip(paths, got.elasticity, got.unsure, strict=True):
+        less, now, more = (peaks(path, factor) for factor in (0.9, 1.0, 1.1))
+        steps = np.array([more / now - 1, 1 - less / now])
+        against = (np.abs(steps) >= FLAT) & (steps * slope < 0)
+        assert unsure.tolist() == against.any(0).tolist(), path
+    assert got.unsure.any()
+    assert not got.unsure[-1].any()  # what turns off its axis makes all of the vibration
+    assert not got.unsure.all()
+    drawn_signs = sensitivities(replace(trial, draws=drawn(3, 5)), paths[:2])
+    low, high = drawn_signs.band
+    assert drawn_signs.unsure.tolist() == (low * high < 0).tolist()
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,143 @@
+"""The modes of each posture of a modal test with their names, and the campaign that they make."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Complex, Float
+
+from ident.arm.arm import Arm
+from ident.errors import InputError, Problem
+from ident.identify.mode_labels import ModeLabels, label_modes
+from ident.inference.parameters import Parameters
+from ident.measure import Campaign, Measurement
+from ident.modal.estimate import Modes, modes_of, together
+from ident.modal.modal_test import ModalTest
+from ident.text import one_line
+
+
+@dataclass(frozen=True)
+class IdentifiedModes:
+    """Modes of one posture.
+
+    Attributes:
+        modes: frequencies, damping ratios and shapes with their joint covariance.
+        labels: what each is called, and how sure.
+    """
+
+    modes: Modes
+    labels: ModeLabels
+
+    @property
+    def fitted(self) -> Complex[np.ndarray, "O I F"]:
+        """Frequency responses of the modes [1/kg], at the lines within the band."""
+        frf = self.modes.frf
+        return self.modes.model.accelerance(2j * np.pi * frf.frequency + frf.decay)
+
+
+@dataclass(frozen=True)
+class ModalCampaign:
+    """Frequencies and damping ratios of the modes that have a name, as a campaign.
+
+    Attributes:
+        campaign: the rows: of each posture the frequencies, then the damping ratios.
+        covariance: (D, D) [Hz and -, as the rows] of their errors; rows of different postures are independent.
+        groups: (D,) number of the posture of each row, from 1.
+    """
+
+    campaign: Campaign
+    covariance: Float[np.ndarray, "D D"]
+    groups: tuple[int, ...]
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "D D"]:
+        """Correlation of the rows' errors [-]."""
+        sd = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(sd, sd)
+
+    def pairs(self) -> Iterator[tuple[int, int, int, float]]:
+        """Yield group, places i < j within it, from 1, and correlation of each pair of rows of a group."""
+        correlation, groups = self.correlation, np.array(self.groups)
+        for group in dict.fromkeys(self.groups):
+            rows = np.flatnonzero(groups == group)
+            for i, j in zip(*np.triu_indices(len(rows), 1), strict=True):
+                yield group, int(i) + 1, int(j) + 1, float(correlation[rows[i], rows[j]])
+
+
+def identify_modes(
+    arm: Arm,
+    tests: Sequence[ModalTest],
+    parameters: Parameters,
+    *,
+    near: Mapping[int, tuple[float, ...]] | None = None,
+    seed: int = 0,
+) -> tuple[IdentifiedModes, ...]:
+    """Identify and name the modes of each posture; their covariances are scaled by the scatter of all hits together.
+
+    Args:
+        arm: with the points at which was measured.
+        tests: of the postures.
+        parameters: the unknowns with their priors, over which modes are named.
+        near: [Hz] overrules the choice of modes of a test, by its number from 1.
+        seed: of the draws.
+
+    Raises:
+        InputError: a test without a mode, of too few hits or lines, or a number that is no test's.
+    """
+    near = near or {}
+    for number in near:
+        if not 1 <= number <= len(tests):
+            remedy = "postures are numbered as in the report"
+            raise InputError(Problem("modes", f"posture {number}", f"1 to {len(tests)}", remedy))
+    modes = together([_modes(test, near.get(number)) for number, test in enumerate(tests, 1)])
+    return tuple(
+        IdentifiedModes(each, label_modes(arm, test.posture, each, parameters, test.load, seed=seed))
+        for test, each in zip(tests, modes, strict=True)
+    )
+
+
+def _modes(test: ModalTest, near: tuple[float, ...] | None) -> Modes:
+    try:
+        return modes_of(test.frf, near=near)
+    except InputError as error:
+        where = one_line(", ".join(test.files))
+        problems = (Problem(where, each.got, each.expected, each.remedy, each.column) for each in error.problems)
+        raise InputError(problems) from None
+
+
+def modal_campaign(name: str, tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes]) -> ModalCampaign:
+    """Return the campaign of the modes that have a name; a doubtful one is no row, as it could be matched wrongly."""
+    rows = [row for pair in zip(tests, identified, strict=True) for row in _rows(*pair)]
+    blocks = [_covariance(each) for each in identified]
+    groups = tuple(number for number, block in enumerate(blocks, 1) for _ in block)
+    return ModalCampaign(Campaign(name=name, measurements=tuple(rows)), scipy.linalg.block_diag(*blocks), groups)
+
+
+def _named(each: IdentifiedModes) -> list[int]:
+    return [i for i, label in enumerate(each.labels.given) if label is not None]
+
+
+def _covariance(each: IdentifiedModes) -> np.ndarray:
+    """Return the covariance of the frequencies and damping ratios of the modes that have a name."""
+    count, named = len(each.modes.frequency), _named(each)
+    at = [*named, *(count + i for i in named)]
+    return each.modes.covariance[np.ix_(at, at)]
+
+
+def _rows(test: ModalTest, each: IdentifiedModes) -> Iterator[Measurement]:
+    modes = each.modes
+    for kind, values, sigma in zip(
+        ("frequency", "damping_ratio"), (modes.frequency, modes.damping), modes.sigma, strict=True
+    ):
+        for i in _named(each):
+            yield Measurement(
+                kind=kind,
+                posture=test.posture,
+                value=float(values[i]),
+                sigma=float(sigma[i]),
+                mode=str(each.labels.given[i]),
+                of="pole" if kind == "frequency" else None,
+                load=test.load,
+                drives=test.drives,
+            )

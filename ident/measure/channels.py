@@ -1,0 +1,283 @@
+"""The channel table of a modal test: what each channel of each file measured, where, along what, in which unit."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ident.errors import InputError, Problem
+from ident.measure.campaign import DRIVE_STATES, drive_state_problems
+from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
+from ident.measure.table import (
+    Findings,
+    Record,
+    decimal_mark,
+    misfit,
+    read_records,
+    read_table,
+    sniff_delimiter,
+    table_text,
+)
+from ident.measure.text import parse_number
+from ident.text import did_you_mean, one_line, quoted
+from ident.units import si_factor
+
+FORCE, RESPONSE, TIME, IGNORED = "force", "response", "time", "ignore"
+ROLES = (FORCE, RESPONSE, TIME, IGNORED)
+"""What a channel may be for: the force, a response to it, the times of the samples, or nothing."""
+QUANTITIES = {FORCE: ("force",), RESPONSE: ("acceleration", "velocity", "length"), TIME: ("time",)}
+"""What a channel of each role may measure; a length is a displacement."""
+FRAMES = ("base", "body")
+"""In which frame a direction has its components: the base's, or that of the body which carries the point."""
+COLUMNS = (
+    "file",
+    "channel",
+    "role",
+    "point",
+    "joint",
+    "position",
+    "direction",
+    "frame",
+    "quantity",
+    "unit",
+    "sensitivity",
+    "full_scale",
+    "rate",
+    "decay",
+    "load",
+    "drives",
+    "note",
+)
+"""Names of the columns, beside the joint angles `q1 [deg]`, ...; `position [mm]` has its unit in the header."""
+REQUIRED = ("file", "channel", "role", "point", "direction", "unit", "q1")
+_NAME = re.compile(r"(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?")
+_ANGLE = re.compile(r"q[1-9][0-9]{0,2}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelRow:
+    """What one channel measured.
+
+    Attributes:
+        where: `file:row` of the table.
+        file: name of the recording, beside the table; `*` stands for any letters.
+        channel: name of the channel, as the recording has it.
+        role: one of `ROLES`.
+        posture: (joints,) [rad] at which the arm was held.
+        point: name of a point of the arm.
+        joint: joint on whose body the point lies, where the arm has no such point.
+        position: (3,) [m] of that point in the body's frame.
+        direction: (3,) [-] along which the force acts or the response counts.
+        frame: one of `FRAMES`.
+        quantity: what is measured; empty to take what the unit measures.
+        unit: of the quantity; empty to take what the file says.
+        sensitivity: number of the file for one `unit`; None where the file's numbers are in the unit already.
+        full_scale: [unit] beyond which the input is overloaded; None where the file's largest numbers tell.
+        rate: [Hz] of the samples; None where the file says it.
+        decay: [1/s] by which the analyser's own exponential window has faded the response.
+        load: what hung on the arm, sensors included.
+        drives: what held the motors.
+    """
+
+    where: str
+    file: str
+    channel: str
+    role: str
+    posture: tuple[float, ...]
+    point: str = ""
+    joint: str = ""
+    position: Vector | None = None
+    direction: Vector | None = None
+    frame: str = FRAMES[0]
+    quantity: str = ""
+    unit: str = ""
+    sensitivity: float | None = None
+    full_scale: float | None = None
+    rate: float | None = None
+    decay: float = 0.0
+    load: Load = OWN_WEIGHT
+    drives: str = DRIVE_STATES[0]
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is a force or a response."""
+        return self.role in (FORCE, RESPONSE)
+
+
+@dataclass(frozen=True)
+class ChannelTable:
+    """The channels of a modal test.
+
+    Attributes:
+        path: the table's file.
+        sha256: hash of its bytes.
+        rows: in the order of the file.
+    """
+
+    path: str
+    sha256: str
+    rows: tuple[ChannelRow, ...]
+
+
+def read_channels(path: str | Path) -> ChannelTable:
+    """Read a channel table from CSV; docs/commands/modal.md has its columns.
+
+    Raises:
+        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+    """
+    import hashlib
+
+    data, findings = read_table(path), Findings()
+    file = one_line(str(path))
+    text = table_text(data, file)
+    delimiter = sniff_delimiter(text, lambda name: _split(name)[0].lower() in COLUMNS)
+    records = list(read_records(text, delimiter, file, findings))
+    if len(records) < 2:
+        remedy = "see `ident modal --init`, which writes one to fill in"
+        raise InputError([*findings, Problem(file, "no row", "a header and a row for each channel", remedy)])
+    header = _Header.of(records[0], findings)
+    if findings:
+        raise InputError(findings)
+    rows = [row for record in records[1:] for row in _row(record, header, delimiter, findings)]
+    if findings:
+        raise InputError(findings)
+    return ChannelTable(str(path), hashlib.sha256(data).hexdigest(), tuple(rows))
+
+
+def _split(cell: str) -> tuple[str, str]:
+    match = _NAME.fullmatch(cell)
+    return (match["name"], (match["unit"] or "").strip()) if match else (cell, "")
+
+
+@dataclass(frozen=True)
+class _Header:
+    """Names of the columns, and SI units per unit of those that have theirs in the header."""
+
+    names: tuple[str, ...]
+    factors: Mapping[str, float]
+
+    @property
+    def angles(self) -> list[str]:
+        return sorted((name for name in self.names if _ANGLE.fullmatch(name)), key=lambda name: int(name[1:]))
+
+    @classmethod
+    def of(cls, record: Record, findings: Findings) -> "_Header":
+        where, cells = record
+        named = [(name.lower(), unit) for name, unit in map(_split, cells)]
+        factors: dict[str, float] = {}
+        for name, unit in named:
+            quantity = "angle" if _ANGLE.fullmatch(name) else {"position": "length"}.get(name)
+            if quantity:
+                factors[name] = findings.attempt(where, name, _factor, unit, name, quantity) or 1.0
+            elif name not in COLUMNS:
+                expected = f"one of {', '.join(COLUMNS)}, q1 [deg], ..."
+                remedy = did_you_mean(name, COLUMNS, "remove or rename the column")
+                findings.append(Problem(where, f"the unknown column {quoted(name)}", expected, remedy))
+        names = tuple(name for name, _ in named)
+        for name in REQUIRED:
+            if name not in names:
+                findings.append(Problem(where, "no such column", f"a column {name}", "add the column", name))
+        for name in sorted({name for name in names if names.count(name) > 1}):
+            findings.append(Problem(where, "the column twice", "it once", "remove or rename one", name))
+        return cls(names, factors)
+
+
+def _factor(unit: str, name: str, quantity: str) -> float:
+    if not unit:
+        example = f"'{name} [{'deg' if quantity == 'angle' else 'mm'}]'"
+        raise InputError(Problem("", "no unit", f"a unit, as in {example}", "write the unit in square brackets"))
+    return si_factor(unit, quantity)
+
+
+def _row(record: Record, header: _Header, delimiter: str, findings: Findings) -> Iterator[ChannelRow]:
+    """Yield the row that a record says, or nothing where it is wrong."""
+    where, cells = record
+    if len(cells) != len(header.names):
+        findings.append(misfit(where, len(cells), len(header.names), delimiter))
+        return
+    cell = dict(zip(header.names, cells, strict=True))
+    mine = Findings()
+    fields = _fields(where, cell, header, delimiter, mine)
+    mine += [replace(problem, where=where) for problem in _lacks(cell, fields)]
+    findings += mine
+    if not mine:
+        yield ChannelRow(where=where, **fields)
+
+
+def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str, mine: Findings) -> dict[str, Any]:
+    decimal = decimal_mark(delimiter, cell.values())
+
+    def number(name: str, above: float | None = 0.0) -> float | None:
+        return mine.attempt(where, name, _number, cell[name], decimal, above) if cell.get(name) else None
+
+    role = cell["role"].lower()
+    if role == IGNORED or not role:
+        return {"file": cell["file"], "channel": cell["channel"], "role": IGNORED, "posture": ()}
+    direction, position = cell["direction"], cell.get("position", "")
+    return {
+        "file": cell["file"],
+        "channel": cell["channel"],
+        "role": role,
+        "posture": tuple(
+            (mine.attempt(where, name, _number, cell[name], decimal, None) or 0.0) * header.factors[name]
+            for name in header.angles
+        ),
+        "point": cell["point"],
+        "joint": cell.get("joint", ""),
+        "position": mine.attempt(where, "position", _position, position, decimal, header.factors) if position else None,
+        "direction": mine.attempt(where, "direction", parse_direction, direction, decimal) if direction else None,
+        "frame": cell.get("frame", "").lower() or FRAMES[0],
+        "quantity": _quantity(cell.get("quantity", "")),
+        "unit": cell["unit"],
+        "sensitivity": number("sensitivity"),
+        "full_scale": number("full_scale"),
+        "rate": number("rate"),
+        "decay": number("decay") or 0.0,
+        "load": mine.attempt(where, "load", Load.parse, cell.get("load", ""), decimal=decimal),
+        "drives": cell.get("drives", "").lower() or DRIVE_STATES[0],
+    }
+
+
+def _quantity(text: str) -> str:
+    return "length" if text.lower() == "displacement" else text.lower()
+
+
+def _number(text: str, decimal: str, above: float | None) -> float:
+    value = parse_number(text, decimal)
+    if above is not None and not value > above:
+        raise InputError(Problem("", quoted(text), f"a number above {above:g}", "correct it, or leave the cell empty"))
+    return value
+
+
+def _position(text: str, decimal: str, factors: Mapping[str, float]) -> Vector:
+    parts = text.split()
+    if len(parts) != 3:
+        remedy = "give its coordinates in the body's frame, separated by blanks"
+        raise InputError(Problem("", quoted(text), "three numbers", remedy))
+    x, y, z = (parse_number(part, decimal) * factors["position"] for part in parts)
+    return x, y, z
+
+
+def _lacks(cell: Mapping[str, str], fields: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield what a row lacks, or says of no meaning."""
+    role, frame, quantity = fields["role"], fields.get("frame", FRAMES[0]), fields.get("quantity", "")
+    for name in ("file", "channel"):
+        if not cell[name]:
+            yield Problem("", "nothing", f"the {name}'s name", "fill the cell", name)
+    if role not in ROLES:
+        yield Problem("", quoted(role), f"one of {', '.join(ROLES)}", did_you_mean(role, ROLES, "correct it"), "role")
+        return
+    if frame not in FRAMES:
+        yield Problem("", quoted(frame), f"one of {', '.join(FRAMES)}", "correct it", "frame")
+    if quantity and quantity not in QUANTITIES[role]:
+        yield Problem(
+            "", quoted(quantity), f"one of {', '.join(QUANTITIES[role])}, of a {role}", "correct it", "quantity"
+        )
+    if role in (FORCE, RESPONSE):
+        yield from drive_state_problems(fields["drives"])
+        for name, example in (("point", "a point of the arm"), ("direction", "x, -z, ... or three numbers")):
+            if not cell[name]:
+                yield Problem("", "nothing", f"{example}, of a {role}", "fill the cell", name)
+        if bool(cell.get("joint")) != bool(cell.get("position")):
+            yield Problem("", "one of joint and position", "both, or neither", "fill the other cell", "position")

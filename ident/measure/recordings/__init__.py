@@ -1,0 +1,57 @@
+"""Recordings of test equipment, whatever the format of their file: one file a format, one value for all."""
+
+import hashlib
+import importlib
+from pathlib import Path
+
+from ident.errors import InputError, Problem
+from ident.measure.recordings.recording import Channel, Recording, Shape
+from ident.text import one_line, read_bytes
+
+__all__ = ["ENDINGS", "Channel", "Recording", "Shape", "is_recording", "read_recording"]
+
+ENDINGS = {
+    **dict.fromkeys((".uff", ".unv", ".uf", ".bunv"), "universal"),
+    ".csv": "csv_columns",
+    ".txt": "csv_columns",
+    ".mat": "matlab",
+    **dict.fromkeys((".h5", ".hdf5", ".hdf"), "hdf5"),
+    ".lvm": "labview",
+    ".tdms": "tdms",
+    ".wav": "wave",
+}
+"""Which module reads a file, by the ending of its name."""
+
+
+def is_recording(path: Path) -> bool:
+    """Tell by its ending whether a file may be a recording."""
+    return path.suffix.lower() in ENDINGS
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Read a recording from a file of a universal (UFF), CSV, MATLAB, LabVIEW (LVM, TDMS), WAV or HDF5 format.
+
+    Numbers and units are those of the file: a channel table says what they mean.
+
+    Args:
+        path: the file; its ending tells the format.
+
+    Returns:
+        Its channels.
+
+    Raises:
+        InputError: there is no such file, it is damaged or truncated, or the package that reads it is not installed.
+    """
+    path = Path(path)
+    file = one_line(str(path))
+    if not is_recording(path):
+        expected = f"a recording, one of {', '.join(ENDINGS)}"
+        raise InputError(Problem(file, f"the ending '{path.suffix}'", expected, "export it in one of these formats"))
+    data = read_bytes(path, "a recording")
+    if not data:
+        raise InputError(Problem(file, "an empty file", "a recording", "export it anew"))
+    module = importlib.import_module(f"ident.measure.recordings.{ENDINGS[path.suffix.lower()]}")
+    channels, shapes, places = module.read(path, data)
+    if not channels and not shapes:
+        raise InputError(Problem(file, "no channel", "at least one row of numbers", "export it anew"))
+    return Recording(str(path), hashlib.sha256(data).hexdigest(), channels, shapes, places)

@@ -1,0 +1,1 @@
+"""From force and response of a test to modes with their covariance; knows no arm."""

@@ -1,0 +1,139 @@
+"""Which measured shape is which computed one: probabilities of all pairs, over draws of what computed them."""
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+from numpy.polynomial.hermite_e import hermegauss
+from scipy.special import gammaln, logsumexp
+
+INEXACT = 0.15
+"""How far a computed shape is off, as a share of its length: places, directions, what the model leaves out."""
+COUPLING = 0.05
+"""How far squared frequencies are off, as a share: it mixes the shapes of modes that are near each other."""
+FREQUENCY_SD = 0.3
+"""How far computed frequencies are off beyond their draws, in ln."""
+NODES = 9
+"""Tangents of angles at which mixed shapes are computed."""
+UNSEEN = 0.05
+"""Probability that a test does not show a mode within its band."""
+NONE = 0.02
+"""Probability that a measured mode is none of the computed ones, before its shape is seen."""
+
+
+def likelihoods(
+    shape: Complex[np.ndarray, "O"],
+    covariance: Float[np.ndarray, "n n"],
+    computed: Float[np.ndarray, "O m"],
+    frequency: Float[np.ndarray, "m"],
+    measured: float,
+) -> Float[np.ndarray, "m"]:
+    """Return ln(likelihood of a measured shape) for each computed one, over that of a shape of no mode.
+
+    The measured shape is a multiple c of the computed one, c complex and of any size, with its own covariance and an
+    inexactness of the computed one. A small error of the model mixes modes that are near each other: the computed shape
+    is turned towards that of its neighbour by an angle of unknown tangent, normal with standard deviation
+    kappa = COUPLING w_a w_b / |w_a^2 - w_b^2|, at most one. So modes that nearly coincide are compared as the plane
+    that they span, within which the nearer one is the more probable; modes far apart as they are. A shape of no mode
+    has any direction alike.
+
+    Args:
+        shape: of the measured mode.
+        covariance: its own, real parts first.
+        computed: shapes at the same places, mass-normalised.
+        frequency: [Hz] of the computed modes.
+        measured: [Hz] of the measured one; the frequencies agree to within `FREQUENCY_SD` only.
+
+    References:
+        Fox, Kapoor, "Rates of change of eigenvalues and eigenvectors", AIAA J. 6, 1968 (mixing).
+    """
+    length = np.linalg.norm(shape)
+    unit, outputs = shape / length, len(shape)
+    S = covariance / length**2 + np.eye(2 * outputs) * INEXACT**2 / (2 * outputs)
+    tangents, weights = hermegauss(NODES)
+    partner, kappa = _neighbours(frequency)
+    turned = computed[:, None] + computed[:, partner][:, None] * kappa * tangents[:, None]
+    turned /= np.linalg.norm(turned, axis=0)
+    logs = _log_density(np.concatenate([unit.real, unit.imag]), S, _doubled(turned.reshape(outputs, -1)))
+    mixed = logsumexp(logs.reshape(NODES, -1), 0, b=weights[:, None] / weights.sum())
+    return mixed - (gammaln(outputs) - (outputs - 1) * math.log(math.pi)) + _by_frequency(frequency, measured)
+
+
+def _neighbours(frequency: Float[np.ndarray, "m"]) -> tuple[Int[np.ndarray, "m"], Float[np.ndarray, "m"]]:
+    """Return the mode that each mixes with most, and by how much."""
+    gap = np.abs(frequency[:, None] ** 2 - frequency**2)
+    product = frequency[:, None] * frequency * (1 - np.eye(len(frequency)))
+    kappa = np.minimum(COUPLING * product / np.maximum(gap, COUPLING * np.maximum(product, 1e-300)), 1.0)
+    partner = np.argmax(kappa, 1)
+    return partner, np.take_along_axis(kappa, partner[:, None], 1)[:, 0]
+
+
+def _by_frequency(frequency: Float[np.ndarray, "m"], measured: float) -> Float[np.ndarray, "m"]:
+    return -((np.log(frequency / measured) / FREQUENCY_SD) ** 2) / 2
+
+
+def _doubled(shapes: Float[np.ndarray, "O n"]) -> Float[np.ndarray, "n two_O two"]:
+    """Return what the real and the imaginary part of a factor do."""
+    outputs, count = shapes.shape
+    out = np.zeros((count, 2 * outputs, 2))
+    out[:, :outputs, 0] = out[:, outputs:, 1] = shapes.T
+    return out
+
+
+def _log_density(
+    y: Float[np.ndarray, "k"], S: Float[np.ndarray, "k k"], A: Float[np.ndarray, "n k two"]
+) -> Float[np.ndarray, "n"]:
+    """Return ln of the integral over c of the normal density of y about A c with covariance S."""
+    factor = np.linalg.cholesky(S)
+    white, columns = np.linalg.solve(factor, y), np.linalg.solve(factor, A)
+    information = np.swapaxes(columns, 1, 2) @ columns
+    c = np.linalg.solve(information, (np.swapaxes(columns, 1, 2) @ white)[..., None])
+    squared = ((white - (columns @ c)[..., 0]) ** 2).sum(1)
+    determinants = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(information)[1]
+    return -(squared + determinants + (len(y) - 2) * math.log(2 * math.pi)) / 2
+
+
+def pair_probabilities(
+    logs: Float[np.ndarray, "D R m"], within: Bool[np.ndarray, "D m"]
+) -> tuple[Float[np.ndarray, "D R m"], Float[np.ndarray, "D"]]:
+    """Return the probability of each pair, and of each draw, over all ways to pair measured modes with computed ones.
+
+    No computed mode is two measured ones, and a measured one may be none: what is missing of a row's sum to one.
+
+    Args:
+        logs: ln(likelihood) of each pair over that of no mode, for D draws.
+        within: which computed modes lie in the band: there one rarely goes unseen.
+    """
+    draws, rows, count = logs.shape
+    height = np.maximum(logs.max(2), 0.0)
+    weight = np.exp(logs - height[..., None]) * ((1 - NONE) / count)
+    none = np.exp(-height) * NONE
+    masks = np.arange(2**count)
+    ahead = [np.zeros((draws, 2**count))]
+    ahead[0][:, 0] = 1.0
+    for r in range(rows):
+        ahead.append(_next(ahead[-1], weight[:, r], none[:, r], masks))
+    unseen = (masks[:, None] >> np.arange(count)) & 1 == 0
+    behind = UNSEEN ** (within.astype(float) @ unseen.T)
+    pairs = np.zeros((draws, rows, count))
+    for r in reversed(range(rows)):
+        before = none[:, r, None] * behind
+        for m in range(count):
+            free = masks[(masks >> m) & 1 == 0]
+            on = weight[:, r, m, None] * behind[:, free | 1 << m]
+            pairs[:, r, m] = (ahead[r][:, free] * on).sum(1)
+            before[:, free] += on
+        behind = before
+    total = behind[:, 0]
+    log_draw = np.log(total) + height.sum(1)
+    return pairs / total[:, None, None], np.exp(log_draw - logsumexp(log_draw))
+
+
+def _next(
+    before: Float[np.ndarray, "D S"], weight: Float[np.ndarray, "D m"], none: Float[np.ndarray, "D"], masks: np.ndarray
+) -> Float[np.ndarray, "D S"]:
+    out = before * none[:, None]
+    for m in range(weight.shape[1]):
+        free = masks[(masks >> m) & 1 == 0]
+        out[:, free | 1 << m] += weight[:, m, None] * before[:, free]
+    return out

@@ -1,0 +1,236 @@
+"""A file of a modal test in SI: force and responses, each with its place, as the channel table says."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from ident.errors import InputError, Problem
+from ident.measure.channels import FORCE, IGNORED, RESPONSE, TIME, ChannelRow, ChannelTable
+from ident.measure.load import Load
+from ident.measure.recordings import Channel, Recording
+from ident.measure.recordings.sampling import even_step
+from ident.modal.frf import Place
+from ident.modal.units import quantity_and_factor
+from ident.text import did_you_mean, one_line, quoted
+
+ORDER = {"acceleration": 0, "velocity": 1, "length": 2}
+"""How often a response is differentiated to give an acceleration."""
+SAME = 1e-6
+"""Relative difference of two rates that are the same."""
+
+
+@dataclass(frozen=True)
+class Response:
+    """One measured response in SI.
+
+    Attributes:
+        place: where and along what.
+        values: (B, T) [m/s^2, m/s or m] samples; of frequency responses (B, F) [the same / N].
+        order: how often it is differentiated to give an acceleration.
+        full_scale: [SI] of its input, None where it is not known.
+        channel: its name in the file.
+    """
+
+    place: Place
+    values: np.ndarray
+    order: int
+    full_scale: float | None
+    channel: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """What one file measured at one state of the arm by one force.
+
+    Attributes:
+        file: its name, for messages.
+        posture: (joints,) [rad]
+        load: the load case, sensors included.
+        drives: what held the motors.
+        decay: [1/s] of a window that the analyser has applied.
+        step: [s] between samples, or [Hz] between lines.
+        start: [Hz] first line of frequency responses.
+        reference: where the force acts.
+        force: (B, T) [N] samples; None for finished frequency responses.
+        full_scale: [N] of the force's input, None where it is not known.
+        responses: what answered.
+    """
+
+    file: str
+    posture: tuple[float, ...]
+    load: Load
+    drives: str
+    decay: float
+    step: float
+    start: float
+    reference: Place
+    force: np.ndarray | None
+    full_scale: float | None
+    responses: tuple[Response, ...]
+
+    @property
+    def state(self) -> tuple[tuple[float, ...], Load, str]:
+        """At what posture, under what load and held by what it was measured."""
+        return self.posture, self.load, self.drives
+
+
+def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[Source, ...]:
+    """Return what the files of a test measured; directions of the table have to be those of the base frame.
+
+    Args:
+        table: the channel table.
+        recordings: by the name that the table may give them.
+
+    Raises:
+        InputError: table and files do not fit together, a unit, a rate or a force is missing, values are no numbers.
+    """
+    problems: list[Problem] = []
+    found: list[Source] = []
+    for pattern, row in {row.file: row for row in reversed(table.rows)}.items():
+        if not any(fnmatchcase(name, pattern) for name in recordings):
+            expected, remedy = "a file of the test", did_you_mean(pattern, recordings, "correct the name")
+            problems.append(Problem(row.where, quoted(pattern), expected, remedy, "file"))
+    for name, recording in recordings.items():
+        rows = [row for row in table.rows if fnmatchcase(name, row.file)]
+        try:
+            found += _of_file(name, rows, recording) if any(row.counts for row in rows) else ()
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    if not found:
+        raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
+    return tuple(found)
+
+
+def _of_file(name: str, rows: list[ChannelRow], recording: Recording) -> Iterator[Source]:
+    _check_names(name, rows, recording)
+    counting = [row for row in rows if row.counts]
+    forces = [row for row in counting if row.role == FORCE]
+    if not forces:
+        got = f"no reference channel of {quoted(name)}"
+        remedy = "give the channel of the hammer or the force cell this role"
+        raise InputError(Problem(counting[0].where, got, "a channel of role force", remedy, "role"))
+    _check_state(counting)
+    finished = any(channel.reference for channel in recording.channels)
+    if len(forces) > 1 and not finished:
+        got = f"{len(forces)} forces in {quoted(name)}"
+        remedy = "give each force a file of its own, or the role ignore"
+        raise InputError(Problem(forces[1].where, got, "one force in a file of samples", remedy, "role"))
+    for force in forces:
+        yield _source(name, force, [row for row in counting if row.role == RESPONSE], rows, recording)
+
+
+def _source(
+    name: str, force: ChannelRow, rows: list[ChannelRow], every: list[ChannelRow], recording: Recording
+) -> Source:
+    """Return what a file measured of one force."""
+    finished = any(channel.reference for channel in recording.channels)
+    reference = force.channel if finished else ""
+    by_name = {each.name: each for each in recording.channels if each.reference == reference}
+    rows = [row for row in rows if row.channel in by_name]
+    if not rows:
+        got = f"no response of {quoted(name)} to {quoted(force.channel)}"
+        raise InputError(Problem(force.where, got, "a channel of role response", "add its row to the table", "role"))
+    used = [by_name[row.channel] for row in rows] + ([] if finished else [by_name[force.channel]])
+    step = _step(name, every, recording, used, finished)
+    below = quantity_and_factor(force, used[0].reference_unit)[1] if finished else 1.0
+    responses = tuple(_response(name, row, by_name[row.channel], below) for row in rows)
+    if len({each.values.shape for each in responses}) > 1:
+        got = f"channels of different lengths in {quoted(name)}"
+        raise InputError(Problem(rows[0].where, got, "the same length", "export them again together", "channel"))
+    pushed, full_scale = None, None
+    if not finished:
+        channel = by_name[force.channel]
+        _, factor = quantity_and_factor(force, channel.unit)
+        pushed = _finite(name, channel) * factor
+        full_scale = _full_scale(force)
+    return Source(
+        name, force.posture, force.load, force.drives, force.decay, step, used[0].start, _place(force), pushed,
+        full_scale, responses,
+    )  # fmt: skip
+
+
+def _response(name: str, row: ChannelRow, channel: Channel, below: float) -> Response:
+    quantity, factor = quantity_and_factor(row, channel.unit)
+    values = _finite(name, channel) * (factor / below)
+    return Response(_place(row), values, ORDER[quantity], _full_scale(row), row.channel)
+
+
+def _full_scale(row: ChannelRow) -> float | None:
+    """Return the full scale in SI; it has the unit of the table, which then must have one."""
+    if row.full_scale is None:
+        return None
+    if not row.unit:
+        raise InputError(
+            Problem(row.where, "a full scale without unit", "the unit that it is in", "fill the cell", "unit")
+        )
+    return row.full_scale * quantity_and_factor(replace(row, sensitivity=None), "")[1]
+
+
+def _place(row: ChannelRow) -> Place:
+    assert row.direction is not None
+    return Place(row.point, row.direction)
+
+
+def _finite(name: str, channel: Channel) -> np.ndarray:
+    """Return the values of a channel, all of which must be numbers."""
+    wrong = np.argwhere(~np.isfinite(channel.values))
+    if len(wrong):
+        block, sample = (int(each) + 1 for each in wrong[0])
+        where = f"{one_line(name)}, block {block}, sample {sample}"
+        remedy = "export it anew, or give the channel the role ignore"
+        raise InputError(Problem(where, f"{len(wrong)} values that are no number", "numbers", remedy, channel.name))
+    return channel.values
+
+
+def _check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None:
+    """Refuse rows of channels that a file has not, or that stand twice."""
+    problems = []
+    for row in rows:
+        if row.channel not in recording.names and row.role != IGNORED:
+            remedy = did_you_mean(row.channel, recording.names, f"it has {', '.join(recording.names[:8])}")
+            expected = f"a channel of {quoted(name)}"
+            problems.append(Problem(row.where, quoted(row.channel), expected, remedy, "channel"))
+    names = [row.channel for row in rows]
+    for i, row in enumerate(rows):
+        if row.channel in names[:i]:
+            got = f"{quoted(row.channel)} twice"
+            problems.append(Problem(row.where, got, "each channel once", "keep one", "channel"))
+    if problems:
+        raise InputError(problems)
+
+
+def _check_state(rows: list[ChannelRow]) -> None:
+    """Refuse a file whose rows say different postures, loads, states of the drives or windows."""
+    for field, column in (("posture", "q1"), ("load", "load"), ("drives", "drives"), ("decay", "decay")):
+        for row in rows:
+            if getattr(row, field) != getattr(rows[0], field):
+                got, remedy = f"another {field} than the file's first row", "a file is of one state of the arm"
+                raise InputError(Problem(row.where, got, "the same", remedy, column))
+
+
+def _step(name: str, rows: list[ChannelRow], recording: Recording, used: Iterable[Channel], finished: bool) -> float:
+    """Return the step of a file's channels, which must be one, by the file or else by the table."""
+    said = {channel.step for channel in used if channel.step}
+    times = [row for row in rows if row.role == TIME]
+    if times:
+        channel = next(each for each in recording.channels if each.name == times[0].channel)
+        factor = quantity_and_factor(times[0], channel.unit)[1]
+        said.add(even_step(channel.values[0] * factor, one_line(name), channel.name))
+    given = [row for row in rows if row.rate]
+    if not finished:
+        said |= {1 / row.rate for row in given if row.rate}
+    where = (given or rows)[0].where
+    if not said:
+        remedy = "give the column rate [Hz], or the role time to the channel that holds the times"
+        raise InputError(
+            Problem(where, f"no sampling rate of {quoted(name)}", "one: the file says none", remedy, "rate")
+        )
+    if max(said) > min(said) * (1 + SAME):
+        got = f"sampling of {1 / max(said):.6g} and of {1 / min(said):.6g} Hz for {quoted(name)}"
+        remedy = "correct the table, or export the channels with one sampling"
+        raise InputError(Problem(where, got, "one sampling", remedy, "rate"))
+    return min(said)

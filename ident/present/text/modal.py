@@ -1,0 +1,111 @@
+"""The printed report of a hammer test: each posture's hits and checks, its modes, names, and what is in doubt."""
+
+from collections.abc import Iterator, Sequence
+from itertools import chain, zip_longest
+
+import numpy as np
+
+from ident.assess.identified_modes import IdentifiedModes, ModalCampaign
+from ident.modal.frf import Place
+from ident.modal.modal_test import ModalTest
+from ident.present.text.words import cut, degrees, paragraphs
+
+CORRELATED = 0.3
+"""Correlation of two rows of a campaign from which on it is said."""
+
+
+def modal_report(
+    tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes] = (), campaign: ModalCampaign | None = None
+) -> str:
+    """Return the report: a heading, then each posture with its modes, then what the campaign has."""
+    postures = [
+        chain(_test(number, test), _modes(each) if each else ())
+        for number, (test, each) in enumerate(zip_longest(tests, identified), 1)
+    ]
+    return paragraphs([_heading(tests), *postures, _campaign(identified, campaign) if campaign else ()])
+
+
+def _heading(tests: Sequence[ModalTest]) -> Iterator[str]:
+    hits = sum(len(test.frf.hits) * len(test.frf.references) for test in tests)
+    rejected = sum(len(test.rejected) for test in tests)
+    states = f"{len(tests)} posture{'s' * (len(tests) > 1)}"
+    yield f"Hammer test at {states}: {hits} hits count, {rejected} {'does' if rejected == 1 else 'do'} not"
+    doubtful = sum(not check.good for test in tests for check in test.checks)
+    if doubtful:
+        fail = "s fail" if doubtful > 1 else " fails"
+        yield f"  WARNING: {doubtful} check{fail}, see below: look at directions first"
+
+
+def _test(number: int, test: ModalTest) -> Iterator[str]:
+    frf = test.frf
+    yield f"Posture {number}: {degrees(test.posture)}, {cut(str(test.load), 50)}, drives: {test.drives}"
+    low, high = frf.frequency[0], frf.frequency[-1]
+    step = frf.frequency[1] - frf.frequency[0]
+    record = f", records of {test.duration:.4g} s" if test.duration else ", finished frequency responses"
+    hits = f"{len(frf.hits)} hits at each of {len(frf.references)} points"
+    yield f"  {hits}{record}; {low:.3g} to {high:.4g} Hz by {step:.3g} Hz"
+    if frf.decay:
+        yield f"  exponential window: adds {frf.decay:.4g} 1/s to the decay rate of each mode, to be taken off again"
+    for each in test.rejected:
+        yield f"  REJECTED {cut(each.file, 30)}, hit {each.number}: {each.reason}"
+    for remark in test.remarks:
+        yield f"  {remark}"
+    yield f"  {'coherence, median over lines':34s}" + "".join(
+        f"{place_in_words(place):>16s}" for place in frf.references
+    )
+    for o, place in enumerate(frf.responses):
+        cells = "".join(f"{float(np.median(each)):16.3f}" for each in test.coherence[o])
+        yield f"    {place_in_words(place):32s}{cells}"
+    for check in test.checks:
+        verdict = "good" if check.good else f"BAD: {check.remedy}"
+        places = " and ".join(map(place_in_words, check.places))
+        yield f"  {check.name}, {places}: {100 * check.value:.1f} % (at most {100 * check.limit:.0f} %), {verdict}"
+
+
+def _modes(each: IdentifiedModes) -> Iterator[str]:
+    """Yield the modes of a posture, each with its name or what is in doubt."""
+    modes, labels = each.modes, each.labels
+    yield f"  {'mode':>6s}{'frequency':>12s}{'sd':>9s}{'damping':>10s}{'sd':>9s}  {'MAC':>5s}  name"
+    for i, (label, why) in enumerate(zip(labels.given, labels.why, strict=True)):
+        frequency, damping = modes.frequency[i], 100 * modes.damping[i]
+        sd = modes.sigma[0, i], 100 * modes.sigma[1, i]
+        numbers = f"{frequency:9.4f} Hz{sd[0]:9.4f}{damping:8.3f} %{sd[1]:9.3f}"
+        yield f"  {i + 1:6d}{numbers}  {float(labels.mac[i].max()):5.2f}  {label or '-'}"
+        if why:
+            yield f"         NO NAME for mode {i + 1}: {why}"
+    low, high = modes.ratio.band
+    verdict = "beyond" if modes.ratio.doubtful else "within"
+    yield (
+        f"  scatter of the hits: {modes.ratio.value:.2f} of the variance by maximum likelihood, {verdict} "
+        f"{low:.2f} to {high:.2f} (99 %)"
+    )
+    for pole in modes.rejected:
+        yield f"  no mode at {pole.frequency:.2f} Hz: {pole.why}"
+    if not modes.converged:
+        yield "  WARNING: the search for the most probable modes has not ended"
+
+
+def _campaign(identified: Sequence[IdentifiedModes], made: ModalCampaign) -> Iterator[str]:
+    """Yield what the campaign has, and what a fit does not use of it."""
+    named = sum(label is not None for each in identified for label in each.labels.given)
+    every = sum(len(each.labels.given) for each in identified)
+    yield f"Campaign: {named} of {every} modes have a name: rows of frequency (|pole| / 2 pi) and damping ratio"
+    if not named:
+        return
+    correlation = made.correlation - np.eye(len(made.covariance))
+    strongest = float(abs(correlation).max())
+    if strongest > CORRELATED:
+        first, second = (int(k) for k in np.unravel_index(abs(correlation).argmax(), correlation.shape))
+        rows = [made.campaign.measurements[k] for k in sorted((first, second))]
+        words = " and ".join(f"{row.mode} ({row.kind.replace('_', ' ')})" for row in rows)
+        yield f"  largest correlation {correlation[first, second]:.2f}: {words} at {degrees(rows[0].posture)}"
+    yield "  ident fit takes the rows as independent: their covariance is in the file beside the campaign"
+
+
+def place_in_words(place: Place) -> str:
+    """Write a place as `tip -z`, or with the components of its direction."""
+    axes = np.array(place.direction)
+    along = np.flatnonzero(abs(axes) > 1 - 1e-9)
+    if len(along):
+        return f"{cut(place.point, 12)} {'-' if axes[along[0]] < 0 else ''}{'xyz'[along[0]]}"
+    return f"{cut(place.point, 12)} ({' '.join(f'{each + 0.0:.2g}' for each in axes)})"

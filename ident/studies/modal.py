@@ -1,0 +1,244 @@
+"""From the files of a hammer test to a campaign: frequency responses, modes with their covariance, labels."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies import reading
+from ident.studies.options import option
+from ident.studies.result import Result
+from ident.studies.shared import ProblemOptions, as_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.assess.identified_modes import IdentifiedModes, ModalCampaign
+    from ident.description.file import ArmFile
+    from ident.measure.channels import ChannelTable
+    from ident.modal.modal_test import ModalTest, Processing
+
+CHANNELS, ARM = "channels.csv", "arm.toml"
+"""Files beside the recordings that are taken where none are named."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalOptions(ProblemOptions):
+    """Options of `ident.modal_test`: how records become frequency responses, and what is known before the data.
+
+    The unknowns and their priors say how far a computed shape may be off, by which measured modes are named.
+    """
+
+    estimator: str = option("h1", "h1 (noise of the responses), h2 (of the force) or hv", choices=("h1", "h2", "hv"))
+    window_end: float = option(
+        0.001, "share to which an exponential window fades each record, 1 for none", above=0.0, high=1.0
+    )
+    rest: float = option(1.0, "time [s] between two hits of one record: closer ones are one double hit", above=0.0)
+    band: tuple[float, float] | None = option(
+        None, "frequencies LOW:HIGH [Hz]; default: what the hammer excites, to 20 dB below its most", read=reading.band
+    )
+
+    modes: dict[str, tuple[float, ...]] = option(
+        {},
+        "frequencies [Hz] of the modes to take at a posture, by its number, as 2=4.45,5.01; may be repeated",
+        repeated=True,
+        read=reading.frequencies,
+    )
+    no_modes: bool = option(False, "frequency responses only")
+
+    @property
+    def processing(self) -> "Processing":
+        """The same as `ident.modal` takes it."""
+        from ident.modal.modal_test import Processing
+
+        return Processing(self.estimator, self.window_end, self.rest, self.band)
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that was read.
+
+    Attributes:
+        path: where it was.
+        sha256: hash of its bytes.
+    """
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ModalResult(Result):
+    """Frequency responses and modes of a hammer test.
+
+    Its figures show each posture's frequency responses, and of which poles its modes were chosen; its table has a row
+    for each mode: posture [deg], frequency [Hz], damping ratio, their standard deviations, label.
+
+    Attributes:
+        arm: the arm as its file has it, with the points that the channel table adds.
+        tests: what was measured, by posture and load.
+        identified: modes of each test; none where they were not asked for.
+        modal_campaign: the modes that have a name, as a campaign with covariance; None where none were asked for.
+        files: recordings, by name, and the channel table.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    tests: "tuple[ModalTest, ...]"
+    identified: "tuple[IdentifiedModes, ...]" = ()
+    modal_campaign: "ModalCampaign | None" = None
+    files: Mapping[str, SourceFile] = field(default_factory=dict)
+    options: ModalOptions = field(default_factory=ModalOptions)
+
+    form = "ident-modal/1"
+    suffix = ".nc"
+    shown = ("tests", "identified", "modal_campaign")
+    summary = ("hits", "rejected")
+
+    @property
+    def name(self) -> str:
+        """The folder of the recordings, and what was done with it."""
+        return f"{Path(self.files['channels'].path).absolute().parent.name}.modal"
+
+    @property
+    def hits(self) -> int:
+        """Hits that count."""
+        return sum(len(test.frf.hits) * len(test.frf.references) for test in self.tests)
+
+    @property
+    def rejected(self) -> tuple[str, ...]:
+        """Hits that do not count, with the reason."""
+        return tuple(f"{each.file}, hit {each.number}: {each.reason}" for test in self.tests for each in test.rejected)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a driving point, reciprocal responses, or the scatter of the hits contradict each other."""
+        scattered = any(each.modes.ratio.doubtful for each in self.identified)
+        return scattered or any(not check.good for test in self.tests for check in test.checks)
+
+    @property
+    def short(self) -> bool:
+        """Whether a search for the most probable modes has not ended."""
+        return any(not each.modes.converged for each in self.identified)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return for each posture its frequency responses, how its modes were chosen (`modes`), and `shapes`."""
+        from ident.present.figures.argand import argand_figure
+        from ident.present.figures.modal import modal_figure
+        from ident.present.figures.stabilisation import stabilisation_figure
+
+        words = ["" if i == 1 else str(i) for i in range(1, len(self.tests) + 1)]
+        found = self.identified or (None,) * len(self.tests)
+        figures = {word: modal_figure(test, each) for word, test, each in zip(words, self.tests, found, strict=True)}
+        diagrams = {
+            f"modes{word}": stabilisation_figure(test, each)
+            for word, test, each in zip(words, self.tests, self.identified, strict=False)
+        }
+        planes = {
+            f"shapes{word}": argand_figure(test, each)
+            for word, test, each in zip(words, self.tests, self.identified, strict=False)
+        }
+        return figures | diagrams | planes
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.present.files.modal import write_campaign_files, write_netcdf
+
+        document = self._beside(path, ".json")
+        encoded = self._write_netcdf(path, lambda part: write_netcdf(self.tests, head, part))
+        self._write_json(document, head, encoded)
+        tables = self._beside(path, ".csv"), self._beside(path, ".covariance.csv")
+        if self.modal_campaign is None or not self.modal_campaign.campaign:
+            return path, document
+        write_campaign_files(self.modal_campaign, head, *tables)
+        return *tables, path, document
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, **self.files}
+
+    def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
+        """Return the folder of the recordings, the channel table and the arm."""
+        first = next(path for name, path in inputs.items() if name not in ("arm", "channels"))
+        return {"tests": first.parent, "channels": inputs["channels"], "arm": inputs["arm"]}
+
+
+def modal_test(
+    tests: str | Path,
+    channels: "ChannelTable | str | Path | None" = None,
+    arm: "Arm | ArmFile | str | Path | None" = None,
+    options: ModalOptions | None = None,
+) -> ModalResult:
+    """Make frequency responses of the hits of a hammer test, identify the modes, and name them by their shapes.
+
+    Args:
+        tests: folder of the recordings; other files in it are passed over.
+        channels: what each channel measured; by default channels.csv in that folder.
+        arm: the arm; by default arm.toml in that folder.
+        options: windows, estimator and band, which modes to take, and what is known of the arm before the data.
+
+    Raises:
+        InputError: a file is damaged, the table is wrong, or both do not fit together; each mistake has a line.
+    """
+    from dataclasses import replace
+
+    from ident.assess.places import in_base_frame, with_places
+    from ident.measure.channel_template import recordings_of
+    from ident.measure.channels import ChannelTable, read_channels
+    from ident.modal.hammer import modal_tests
+
+    options, folder = ModalOptions.of(options), Path(tests)
+    recordings = recordings_of(folder)
+    table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
+    arm_file = as_file(arm if arm is not None else folder / ARM, options.soft_base)
+    placed = with_places(arm_file.arm, table)
+    measured = modal_tests(in_base_frame(placed, table), recordings, options.processing)
+    files = {"channels": SourceFile(table.path, table.sha256)}
+    used = {name for test in measured for name in test.files}
+    files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
+    identified, campaign = _identified(folder.absolute().name, placed, measured, options)
+    return ModalResult(replace(arm_file, arm=placed), measured, identified, campaign, files, options)
+
+
+def _identified(
+    name: str, arm: "Arm", tests: "tuple[ModalTest, ...]", options: ModalOptions
+) -> "tuple[tuple[IdentifiedModes, ...], ModalCampaign | None]":
+    """Return the modes of each test and their campaign, where they are asked for."""
+    from ident.assess.identified_modes import identify_modes, modal_campaign
+    from ident.identify.unknowns import stiffness_parameters
+
+    if options.no_modes:
+        return (), None
+    near = {int(number): frequencies for number, frequencies in options.modes.items()}
+    parameters = stiffness_parameters(arm, options.unknowns)
+    identified = identify_modes(arm, tests, parameters, near=near, seed=options.seed)
+    return identified, modal_campaign(f"{name}.modal", tests, identified)
+
+
+modal = modal_test
+"""The study by the name that its result files say."""
+
+
+def new_channels(
+    tests: str | Path, channels: str | Path | None = None, arm: str | Path | None = None
+) -> tuple[Path, int]:
+    """Write a channel table to fill in for the recordings of a folder, and return its path and how many rows it has.
+
+    Args:
+        tests: folder of the recordings.
+        channels: where it goes; by default channels.csv in that folder.
+        arm: its number of joints; by default that of arm.toml in that folder, else one.
+
+    Raises:
+        InputError: no recordings, or the table is there already.
+    """
+    from ident.measure.channel_template import write_template
+
+    folder = Path(tests)
+    beside = folder / ARM
+    source = arm or (beside if beside.exists() else None)
+    joints = len(as_file(source).arm.driven) if source else 1
+    path = Path(channels) if channels else folder / CHANNELS
+    if path.is_dir():
+        raise InputError(Problem(str(path), "a folder", "a file to write", "name the table"))
+    return path, write_template(folder, path, joints)

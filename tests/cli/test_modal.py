@@ -1,0 +1,73 @@
+"""`ident modal`: files of a hammer test to frequency responses, and the channel table to fill in."""
+
+from shutil import copy
+
+import pytest
+from commands import files
+from hammer_files import FOLDER
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """One posture of the shipped test."""
+    made = tmp_path / "tests"
+    made.mkdir()
+    for name in ("alpha60_z.unv", "alpha60_y.unv", "arm.toml"):
+        copy(FOLDER / name, made)
+    lines = (FOLDER / "channels.csv").read_text().splitlines()
+    (made / "channels.csv").write_text("\n".join(line for line in lines if "alpha" not in line or "alpha60" in line))
+    return made
+
+
+def test_modal_writes_what_it_says(run, folder, tmp_path):
+    code, out, err = run("modal", folder)
+    assert (code, err) == (0, "")
+    assert "Hammer test at 1 posture: 10 hits count, 1 does not" in out
+    assert "REJECTED alpha60_y.unv, hit 2: overload of the force: 250 of a full scale of 250 N" in out
+    written = [name for name in files(tmp_path) if name.startswith("out")]
+    ends = (".covariance.csv", ".csv", ".json", ".modes.png", ".nc", ".png", ".shapes.png")
+    assert written == [f"out/tests.modal{end}" for end in ends]
+    assert "vertical bending 2" in out
+    assert "ident fit takes the rows as independent" in " ".join(out.split())
+
+
+def test_frequency_responses_alone(run, folder):
+    code, out, _ = run("modal", folder, "--no-figure", "--no-modes", "--band=2:20", "--strict")
+    assert code == 0
+    assert "mode   frequency" not in out
+    assert run("show", "out/tests.modal.nc")[1] in out
+    code, _, err = run("modal", folder, "--modes", "x=3")
+    assert code == 2
+    assert "--modes x=3: got 'x', expected the number of a posture" in err
+
+
+def test_init_writes_a_table_to_fill_in_and_overwrites_none(run, folder):
+    code, out, err = run("modal", "--init", folder)
+    assert code == 2
+    assert "channels.csv: got a file that is there" in err
+    code, out, err = run("modal", "--init", folder, "--channels", "mine.csv")
+    assert (code, err) == (0, "")
+    assert "14 channels to fill in; then: ident modal" in out
+    code, out, err = run("modal", folder, "--channels", "mine.csv")
+    assert code == 2
+    assert "mine.csv:7, point: got nothing, expected a point of the arm, of a force" in err
+
+
+def test_a_reversed_sensor_is_seen(run, folder):
+    table = folder / "channels.csv"
+    table.write_text(table.read_text().replace("tip,-z,base", "tip,z,base"))
+    code, out, _ = run("modal", folder, "--no-figure", "--no-modes", "--strict")
+    assert code == 3
+    assert "WARNING: 2 checks fail, see below" in out
+    assert "(at most 10 %), BAD: turn the direction of the force or the response" in " ".join(out.split())
+
+
+def test_bad_files_are_refused_all_at_once(run, folder):
+    for name in ("alpha60_z.unv", "alpha60_y.unv"):
+        data = (folder / name).read_bytes()
+        (folder / name).write_bytes(data[:-1000])
+    code, out, err = run("modal", folder)
+    assert (code, out) == (2, "")
+    assert err.count("damaged or truncated file") == 2

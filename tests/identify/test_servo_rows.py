@@ -1,0 +1,171 @@
+"""Rows of a campaign that a servo held: what they predict, what is fitted to them, and what is said of them."""
+
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arms import lcd_arm
+from scipy.linalg import eig
+
+from ident.arm.arm import Arm
+from ident.arm.chain import at_posture
+from ident.arm.drive import Servo
+from ident.arm.modes import linearize
+from ident.errors import InputError
+from ident.identify.conditions import bind
+from ident.identify.fit import CampaignFit, fit_campaign
+from ident.identify.modal_analysis import modal_analysis
+from ident.identify.parts import LARGE, in_parts
+from ident.identify.predict import predict
+from ident.identify.unknowns import Unknowns
+from ident.measure import Campaign, Measurement
+from ident.present.text.fit import fit_report
+
+sys.path.append(str(Path(__file__).parents[1] / "arm"))
+from test_servo import held, matrices, with_servo
+
+pytestmark = pytest.mark.slow
+
+UNFOLDED, BENT = (0.0, 0.0, 0.0), tuple(np.deg2rad([40.0, -80.0, 40.0]))
+SERVO = 100.0
+PLACES = {"lateral torsion 1": 0, "vertical bending 1": 1, "lateral torsion 2": 3, "lateral torsion 3": 4}
+"""Places of the modes among those with the servo on, unfolded: the motor's own is lateral torsion 2 or 3."""
+
+
+@cache
+def arm() -> Arm:
+    return replace(lcd_arm(), servos=(Servo("servo1", "joint1", k_servo=SERVO, tau=2e-3),))
+
+
+def frequency(mode: str | None, posture=UNFOLDED, **more) -> Measurement:
+    return Measurement(kind="frequency", posture=posture, value=4.0, sigma=0.01, mode=mode, **more)
+
+
+def predicted(arm: Arm, *rows: Measurement) -> np.ndarray:
+    conditions = bind(arm, Campaign(measurements=rows))
+    return np.asarray(jax.jit(lambda: predict(arm, {}, conditions))())
+
+
+def reference(posture) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies with the servo on and with the brake on, by the equations of motion."""
+    direction = np.asarray(arm().stroke.direction)
+    system = matrices(arm(), direction, np.asarray(posture))
+    return with_servo(system, SERVO * float(arm().drives[0].ratio) ** 2), held(system)
+
+
+def test_each_row_has_the_modes_of_what_held_its_motors():
+    on, off = reference(UNFOLDED)
+    rows = [frequency(mode, drives=drives) for drives in ("servo", "brake") for mode in PLACES]
+    values = predicted(arm(), *rows)
+    np.testing.assert_allclose(values[:4], on[list(PLACES.values())], rtol=1e-9)
+    np.testing.assert_allclose(values[4:7], off[[0, 1, 3]], rtol=1e-9)
+    lower, upper = values[[2, 3]] / off[3]
+    assert lower == pytest.approx(15.29 / off[3], abs=1e-3)
+    assert upper == pytest.approx(20.12 / off[3], abs=1e-3)
+
+
+def test_without_a_label_they_are_counted_with_the_motors_own():
+    values = predicted(arm(), *(replace(frequency(None, BENT, drives="servo"), value=4.0 + i) for i in range(5)))
+    np.testing.assert_allclose(values, reference(BENT)[0][:5], rtol=1e-9)
+
+
+def test_an_arm_without_servos_predicts_them_as_held():
+    rows = [frequency(mode, drives=drives) for drives in ("servo", "brake") for mode in PLACES]
+    values = predicted(lcd_arm(), *rows)
+    np.testing.assert_array_equal(values[:4], values[4:])
+    assert bind(lcd_arm(), Campaign(measurements=tuple(rows))).servo is None
+    assert bind(arm(), Campaign(measurements=tuple(rows[4:]))).servo is None
+
+
+def test_damping_ratios_contain_the_servo():
+    ratio = Measurement(
+        kind="damping_ratio", posture=UNFOLDED, value=0.05, sigma=0.01, mode="lateral torsion 2", drives="servo"
+    )
+    system = linearize(at_posture(arm(), jnp.zeros((3, 1)), None, jnp.ones(1)))
+    M, C, H = (np.asarray(x[..., 0]) for x in (system.M, system.C, system.H))
+    n = len(M)
+    state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, H), -np.linalg.solve(M, C)]])
+    s = eig(state, right=False)
+    s = s[(s.imag > 0)]
+    s = s[np.argmin(np.abs(np.abs(s) / (2 * np.pi) - reference(UNFOLDED)[0][3]))]
+    (value,) = predicted(arm(), ratio)
+    assert value == pytest.approx(-s.real / abs(s), rel=1e-8)
+    assert value > 0.02
+
+
+def test_modes_beyond_the_motors_are_refused():
+    with pytest.raises(InputError, match="vertical bending 1"):
+        bind(arm(), Campaign(measurements=(frequency("lateral 10"),)))
+    bind(arm(), Campaign(measurements=(frequency("lateral 10", drives="servo"),)))
+    rows = tuple(replace(frequency(None, drives="servo"), value=4.0 + i) for i in range(11))
+    bind(arm(), Campaign(measurements=rows[:10]))
+    with pytest.raises(InputError, match="at most 10"):
+        bind(arm(), Campaign(measurements=rows))
+
+
+def campaign() -> Campaign:
+    """What the arm would show, with brake and with servo, but for 0.02 % of scatter."""
+    scatter = np.random.default_rng(3)
+    rows = [
+        frequency(mode, posture, drives=drives, where=f"c.csv:{2 + 8 * i + 4 * k + j}")
+        for i, posture in enumerate((UNFOLDED, BENT))
+        for k, drives in enumerate(("brake", "servo"))
+        for j, mode in enumerate(("lateral torsion 1", "vertical bending 1", "lateral torsion 2", "vertical bending 2"))
+    ]
+    measured = predicted(arm(), *rows) * (1 + 2e-4 * scatter.standard_normal(len(rows)))
+    rows = [replace(row, value=float(x), sigma=2e-4 * float(x)) for row, x in zip(rows, measured, strict=True)]
+    return Campaign(measurements=tuple(rows))
+
+
+@cache
+def fitted() -> CampaignFit:
+    start = arm().replace({"servo1.k_servo": 1.15 * SERVO, "joint1.k_tors": 1.1 * float(arm().get("joint1.k_tors"))})
+    return fit_campaign(start, campaign(), Unknowns(free={"servo1.k_servo": 0.5}), starts=4)
+
+
+def test_a_servo_is_fitted_with_the_stiffnesses():
+    best = fitted().parameters
+    for path in ("servo1.k_servo", "joint1.k_tors", "joint2.k_tors", "joint3.k_tors"):
+        assert float(best[path]) == pytest.approx(float(arm().get(path)), rel=0.02), path
+    assert not fitted().contradictory
+    report = fit_report(fitted())
+    assert "servo on in" not in report
+    assert "nan" not in report
+    assert np.isfinite([item.test.shift for item in fitted().assumptions.items]).all()
+
+
+def test_large_campaigns_keep_what_held_the_motors_and_what_is_measured():
+    rows = [
+        replace(
+            frequency("lateral torsion 1" if i % 2 else None, (1e-3 * i, -2e-3 * i, 1e-3 * i)),
+            drives="servo" if i % 3 == 0 else "brake",
+            of="pole" if i % 5 == 0 else "undamped",
+        )
+        for i in range(LARGE + 1)
+    ]
+    whole = bind(arm(), Campaign(measurements=tuple(rows)))
+    parts = in_parts(whole)
+    definitions = np.asarray(whole.definitions)
+    for part, values in zip(parts.conditions, parts.values, strict=True):
+        frequencies = np.concatenate([np.asarray(part.named.states), np.asarray(part.unnamed.states)])
+        np.testing.assert_allclose(part.definitions, definitions[values[: len(frequencies)]])
+        states = np.concatenate([np.asarray(whole.named.states), np.asarray(whole.unnamed.states)])[values]
+        np.testing.assert_allclose(part.servo[frequencies], np.asarray(whole.servo)[states[: len(frequencies)]])
+
+
+def test_modes_with_the_servo_on_are_shown_with_their_names():
+    """The motor's own mode moves the tip as the pins turn: its line is that of the arm between bushings and pins."""
+    analysis = modal_analysis(arm(), UNFOLDED, modes=10, drives="servo")
+    np.testing.assert_allclose(analysis.modes.frequency, reference(UNFOLDED)[0], rtol=1e-9)
+    labels = [str(label) for label in analysis.labels]
+    assert {name: labels[place] for name, place in PLACES.items()} == {name: name for name in PLACES}
+    line, displacement = analysis.outline
+    np.testing.assert_allclose(displacement[:, -1], analysis.modes.motion[:, -1], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(line[:, -1], modal_analysis(arm(), UNFOLDED).outline[0][:, -1], rtol=1e-12)
+    with pytest.raises(InputError, match="drives: got servo, expected brake"):
+        modal_analysis(lcd_arm(), UNFOLDED, drives="servo")

@@ -1,0 +1,119 @@
+"""Modes of synthetic hammer tests against the modes that made them."""
+
+import numpy as np
+import pytest
+from known_modes import arm_like, directions, hammer_test
+from scipy.stats import binom, chi2
+
+from ident.errors import InputError
+from ident.modal.estimate import modes_of, together
+from ident.modal.frf import Frf
+
+CLOSE = 0.02
+BAND = (3.0, 24.0)
+"""The close pair and a third mode: two more are residuals."""
+
+
+def test_clean_functions_give_the_modes_to_many_digits():
+    rng = np.random.default_rng(0)
+    truth = arm_like(rng, inputs=2, close=CLOSE)
+    modes = modes_of(hammer_test(truth, rng, noise=1e-3))
+    assert modes.frequency == pytest.approx(truth.frequency[:5], rel=2e-5)
+    assert modes.damping == pytest.approx(truth.damping[:5], rel=1e-3)
+    overlap = (modes.shape * truth.shape[:, :5]).sum(0) / np.linalg.norm(truth.shape[:, :5], axis=0)
+    assert np.abs(overlap) / np.linalg.norm(modes.shape, axis=0) == pytest.approx(np.ones(5), abs=1e-3)
+    assert not modes.rejected
+
+
+def misfit(modes, truth):
+    """Errors of frequencies and damping ratios in their sigma, and as chi-squared with their covariance."""
+    count = len(truth.frequency[:3])
+    errors = np.concatenate([modes.frequency - truth.frequency[:count], modes.damping - truth.damping[:count]])
+    both = 2 * count
+    return errors / modes.sigma.ravel(), errors @ np.linalg.solve(modes.covariance[:both, :both], errors)
+
+
+@pytest.fixture(scope="module")
+def repeated():
+    """Twelve tests of structures with a close pair, one reference, noise of 3 %, half of them with a window."""
+    out = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        truth = arm_like(rng, close=CLOSE)
+        out.append((modes_of(hammer_test(truth, rng, noise=0.03, decay=0.4 * (seed % 2)), band=BAND), truth))
+    return out
+
+
+def test_intervals_cover_and_the_joint_covariance_passes(repeated):
+    """The small form of tests/benchmarks/modal.py, which has 200 tests."""
+    assert [len(modes.frequency) for modes, _ in repeated] == [3] * len(repeated)
+    scaled, squared = zip(*(misfit(modes, truth) for modes, truth in repeated), strict=True)
+    inside, number = (np.abs(scaled) < 1.96).sum(), np.size(scaled)
+    assert binom.ppf(0.005, number, 0.95) <= inside <= binom.ppf(0.995, number, 0.95)
+    low, high = chi2.interval(0.99, 6 * len(repeated))
+    assert low < sum(squared) < high
+
+
+def test_the_ratio_of_the_jackknife_is_pooled_over_tests(repeated):
+    tests = together([modes for modes, _ in repeated])
+    ratio = tests[0].ratio
+    assert ratio.freedom == 12 * 6 * 4
+    assert not ratio.doubtful
+    first = repeated[0][0]
+    assert tests[0].covariance / first.covariance * first.ratio.scale == pytest.approx(ratio.scale)
+
+
+def test_hits_that_differ_more_than_their_noise_says_are_flagged():
+    """Each hit finds the modes a little off, as where a joint warms up: no scatter of lines says so."""
+    rng = np.random.default_rng(5)
+    truth = arm_like(rng)
+    lines = np.arange(3.0, 55.0, 0.125)
+    each = [truth.accelerance(lines * (1 + 2e-4 * x)) for x in rng.normal(size=5)]
+    frf = hammer_test(truth, rng, noise=1e-3)
+    moved = Frf(lines, frf.hits - truth.accelerance(lines) + np.array(each), frf.responses, frf.references)
+    assert modes_of(moved).ratio.doubtful
+
+
+def test_the_choice_of_poles_can_be_overruled():
+    rng = np.random.default_rng(6)
+    truth = arm_like(rng)
+    frf = hammer_test(truth, rng)
+    modes = modes_of(frf, near=(19.0, 31.0), band=(15.0, 37.0))
+    assert modes.frequency == pytest.approx(truth.frequency[2:4], rel=2e-3)
+    with pytest.raises(InputError, match="two frequencies with one pole"):
+        modes_of(frf, near=(18.99, 18.9901))
+
+
+def test_real_shapes_are_known_better():
+    rng = np.random.default_rng(7)
+    truth = arm_like(rng, close=CLOSE)
+    frf = hammer_test(truth, rng, noise=0.03)
+    free, real = (modes_of(frf, band=BAND, real=each) for each in (False, True))
+    assert (real.shape.imag == 0).all()
+    assert (real.sigma / real.ratio.scale**0.5 < free.sigma / free.ratio.scale**0.5)[:, :2].all()
+
+
+def test_noise_alone_is_no_mode():
+    rng = np.random.default_rng(8)
+    lines = np.arange(3.0, 55.0, 0.25)
+    hits = rng.normal(size=(5, 3, 1, len(lines), 2)) @ np.array([1, 1j])
+    with pytest.raises(InputError, match="without a mode"):
+        modes_of(Frf(lines, hits, directions(3), directions(1)))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [({"band": (10.0, 11.0)}, "lines in the band"), ({"near": (19.0, 19.0)}, "two frequencies with one pole")],
+)
+def test_what_cannot_be_is_said(change, said):
+    rng = np.random.default_rng(9)
+    with pytest.raises(InputError, match=said):
+        modes_of(hammer_test(arm_like(rng), rng), **change)
+
+
+def test_values_that_are_not_finite_are_refused():
+    rng = np.random.default_rng(10)
+    frf = hammer_test(arm_like(rng), rng)
+    frf.hits[0, 0, 0, 5] = np.nan
+    with pytest.raises(InputError, match="not finite"):
+        modes_of(frf)

@@ -1,0 +1,287 @@
+"""From files to frequency responses: against closed forms, and each mistake of file or table in one line."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hammer_files import oscillator
+
+from ident.errors import InputError
+from ident.measure.channels import ChannelRow, ChannelTable
+from ident.measure.recordings import Channel, Recording
+from ident.modal.hammer import modal_tests
+from ident.modal.modal_test import Processing
+
+STEP, COUNT = 1e-3, 8000
+FREQUENCY, RATIO, MASS = 6.0, 0.02, 10.0
+
+
+def truth(s):
+    w = 2 * np.pi * FREQUENCY
+    return s**2 / MASS / (s**2 + 2 * RATIO * w * s + w**2)
+
+
+def blocks(count=4, noise=1e-4, before=100, seed=4):
+    """Force and acceleration of an oscillator, hit with different strength."""
+    random = np.random.default_rng(seed)
+    time = (np.arange(COUNT) - before) * STEP
+    force, answer = oscillator(time, FREQUENCY, RATIO, MASS)
+    size = 1 + 0.3 * random.random((count, 1))
+    error = noise * random.standard_normal((2, count, COUNT))
+    return size * force + error[0], size * answer + error[1]
+
+
+def row(channel, role, **more):
+    common = {
+        "where": f"channels.csv:{3 if role == 'force' else 2}",
+        "file": "a.uff",
+        "posture": (0.0,),
+        "point": "tip",
+    }
+    return ChannelRow(**common | {"channel": channel, "role": role, "direction": (0.0, 0.0, 1.0)} | more)
+
+
+def table(*more, force=None, response=None):
+    first = row("z", "response", **(response or {})), row("f", "force", **(force or {}))
+    return ChannelTable("channels.csv", "", (*first, *more))
+
+
+def recording(force, answer, step=STEP, units=("m/s^2", "N"), more=()):
+    channels = (Channel("z", answer, units[0], step), Channel("f", force, units[1], step), *more)
+    return {"a.uff": Recording("a.uff", "", channels)}
+
+
+def refused(table, recordings, processing=None):
+    with pytest.raises(InputError) as caught:
+        modal_tests(table, recordings, processing)
+    assert len(caught.value.problems) == 1
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("window_end", [0.01, 1e-4])
+def test_the_frequency_response_lies_on_the_line_of_the_window(window_end):
+    """H(sigma + i omega) of the closed form, up to what of the decay the record cuts off: a common factor."""
+    (test,) = modal_tests(table(), recording(*blocks()), Processing(window_end=window_end, band=(1.0, 40.0)))
+    frf = test.frf
+    assert frf.decay == pytest.approx(-np.log(window_end) / test.duration)
+    expected = truth(frf.decay + 2j * np.pi * frf.frequency)
+    left = window_end * np.exp(-RATIO * 2 * np.pi * FREQUENCY * test.duration)
+    assert frf.hits.shape == (4, 1, 1, len(frf.frequency))
+    np.testing.assert_allclose(frf.mean[0, 0], expected, rtol=0, atol=(2 * left + 3e-4) * abs(expected).max())
+    assert test.coherence.min() > 0.999
+
+
+def test_displacements_and_velocities_become_accelerations():
+    force, answer = blocks(noise=0)
+    (direct,) = modal_tests(table(), recording(force, answer), Processing(band=(2.0, 30.0)))
+    velocity = np.cumsum(answer, 1) * STEP - answer * STEP / 2
+    (derived,) = modal_tests(table(), recording(force, velocity, units=("m/s", "N")), Processing(band=(2.0, 30.0)))
+    displacement = (np.cumsum(velocity, 1) * STEP - velocity * STEP / 2) * 1e3
+    (twice,) = modal_tests(table(), recording(force, displacement, units=("mm", "N")), Processing(band=(2.0, 30.0)))
+    for each in (derived, twice):
+        np.testing.assert_allclose(each.frf.mean, direct.frf.mean, rtol=0, atol=0.01 * abs(direct.frf.mean).max())
+
+
+def test_a_long_record_gives_the_same_as_blocks():
+    force, answer = blocks(3)
+    whole = recording(force.reshape(1, -1), answer.reshape(1, -1))
+    (long,), (cut,) = (
+        modal_tests(table(), each, Processing(band=(1.0, 30.0))) for each in (whole, recording(force, answer))
+    )
+    assert len(long.frf.hits) == 3
+    at = 2j * np.pi * long.frf.frequency + long.frf.decay
+    np.testing.assert_allclose(long.frf.mean[0, 0], truth(at), rtol=0, atol=0.02 * abs(truth(at)).max())
+    assert cut.duration == pytest.approx(long.duration, rel=0.02)
+
+
+def test_an_arm_that_still_moves_before_a_hit_is_said():
+    force, answer = blocks(3)
+    swing = 1.0 * np.sin(2 * np.pi * FREQUENCY * STEP * np.arange(COUNT))
+    (test,) = modal_tests(table(), recording(force, answer + swing * np.array([[0], [1], [0]])))
+    assert test.remarks == ("a.uff: the arm still moved before hit 2; wait for longer",)
+
+
+def test_an_offset_of_the_sensors_is_taken_off():
+    force, answer = blocks()
+    plain, moved = (
+        modal_tests(table(), recording(force + 2 * k, answer + k), Processing(band=(1.0, 30.0)))[0].frf.mean
+        for k in (0, 1)
+    )
+    np.testing.assert_allclose(moved, plain, rtol=0, atol=1e-3 * abs(plain).max())
+
+
+def test_a_window_of_the_analyser_counts_for_velocities_too():
+    force, answer = blocks(noise=0)
+    velocity, faded = np.cumsum(answer, 1) * STEP - answer * STEP / 2, np.exp(-0.4 * STEP * np.arange(COUNT))
+    rows = table(force={"decay": 0.4}, response={"decay": 0.4})
+    (test,) = modal_tests(
+        rows, recording(force * faded, velocity * faded, units=("m/s", "N")), Processing(band=(2.0, 30.0))
+    )
+    expected = truth(test.frf.decay + 2j * np.pi * test.frf.frequency)
+    np.testing.assert_allclose(test.frf.mean[0, 0], expected, rtol=0, atol=0.01 * abs(expected).max())
+
+
+def test_a_window_of_the_analyser_counts_in_the_decay():
+    force, answer = blocks(noise=0)
+    faded = np.exp(-0.4 * STEP * np.arange(COUNT))
+    rows = table(force={"decay": 0.4}, response={"decay": 0.4})
+    plain, again = (
+        modal_tests(t, recording(f, a), Processing(window_end=0.01, band=(1.0, 30.0)))[0]
+        for t, f, a in ((table(), force, answer), (rows, force * faded, answer * faded))
+    )
+    assert again.frf.decay == pytest.approx(plain.frf.decay)
+    np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=0, atol=1e-4 * abs(plain.frf.mean).max())
+
+
+def test_sensitivity_and_units_scale_as_they_say():
+    force, answer = blocks(noise=0)
+    volts = table(response={"unit": "g_0", "sensitivity": 0.1}, force={"unit": "kN"})
+    scaled = recording(force / 1000, answer / 9.80665 * 0.1, units=("V", ""))
+    (plain,), (again,) = modal_tests(table(), recording(force, answer)), modal_tests(volts, scaled)
+    np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=1e-9)
+
+
+UNITS = [
+    ("", None, {}, "channels.csv:2, unit: got no unit of channel 'z', expected a unit such as m/s^2, g_0, m/s or mm: "
+     "neither the file nor the table has one; fill the cell"),
+    ("N", None, {}, "got 'N' of channel 'z', expected a unit of response, such as m/s^2, g_0, m/s or mm; "
+     "write the unit and the sensitivity into the table"),
+    ("g", None, {}, "got the ambiguous 'g', expected an acceleration unit such as m/s^2; write g_0"),
+    ("m/s^2", "mm/s^2", {}, "got 'mm/s^2' of channel 'z', expected 'm/s^2', as in the file; correct one of them"),
+    ("V", "g_0", {}, "got 'g_0' of channel 'z', expected 'V', as in the file; give its sensitivity"),
+    ("m/s^2", "g_0", {"sensitivity": 0.1}, "got a sensitivity of channel 'z', whose file is in 'm/s^2'"),
+    ("m/s^2", None, {"quantity": "velocity"}, "got 'm/s^2' of channel 'z', expected a unit of velocity"),
+    ("m/s^2", None, {"full_scale": 3.0}, "got a full scale without unit"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("file", "said", "more", "words"), UNITS)
+def test_units_are_never_guessed(file, said, more, words):
+    rows = table(response={"unit": said or "", **more})
+    assert words in refused(rows, recording(*blocks(), units=(file, "N")))
+
+
+def test_g_of_a_file_is_what_the_table_says():
+    force, answer = blocks(noise=0)
+    rows = table(response={"unit": "g_0"})
+    (plain,), (again,) = (
+        modal_tests(table(), recording(force, answer)),
+        modal_tests(rows, recording(force, answer / 9.80665, units=("g", "N"))),
+    )
+    np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=1e-9)
+
+
+def test_sampling_that_is_missing_or_contradictory():
+    force, answer = blocks()
+    assert "got no sampling rate of 'a.uff', expected one: the file says none" in refused(
+        table(), recording(force, answer, None)
+    )
+    other = table(response={"rate": 500.0})
+    assert "got sampling of 500 and of 1000 Hz for 'a.uff'" in refused(other, recording(force, answer))
+    assert modal_tests(table(response={"rate": 1 / STEP}), recording(force, answer, None))[0].duration > 7
+    two = {**recording(force, answer), "b.uff": replace(recording(force, answer, 2 * STEP)["a.uff"], path="b.uff")}
+    rows = table(row("z", "response", file="b.uff"), row("f", "force", file="b.uff"))
+    assert "b.uff: got a rate of 500 Hz, expected 1000 Hz, as of 'a.uff'" in refused(rows, two)
+
+
+def test_a_channel_of_times_gives_the_sampling():
+    force, answer = blocks()
+    times = np.arange(COUNT) * STEP * 1e3
+    rows = table(row("t", "time", unit="ms"))
+    made = recording(force, answer, None, more=(Channel("t", times[None]),))
+    given, said = modal_tests(rows, made)[0], modal_tests(table(), recording(force, answer))[0]
+    assert given.duration == pytest.approx(said.duration, rel=1e-12)
+    uneven = recording(force, answer, None, more=(Channel("t", times[None] ** 1.1),))
+    assert "a.uff, t: got an interval of" in refused(rows, uneven)
+
+
+def test_values_that_are_no_number_are_refused_with_their_place():
+    force, answer = blocks()
+    answer[1, 70] = np.nan
+    line = refused(table(), recording(force, answer))
+    assert line.startswith("a.uff, block 2, sample 71, z: got 1 values that are no number, expected numbers;")
+
+
+def test_a_missing_reference_is_refused():
+    rows = ChannelTable("channels.csv", "", (row("z", "response"),))
+    line = refused(rows, recording(*blocks()))
+    assert line.startswith(
+        "channels.csv:2, role: got no reference channel of 'a.uff', expected a channel of role force;"
+    )
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (table(row("q", "response")), "got 'q', expected a channel of 'a.uff'; it has z, f"),
+        (table(row("z", "response")), "got 'z' twice, expected each channel once"),
+        (table(row("z", "response", file="c.uff")), "got 'c.uff', expected a file of the test"),
+        (table(force={"posture": (1.0,)}), "got another posture than the file's first row"),
+        (ChannelTable("channels.csv", "", (row("z", "ignore"),)), "got no row of a response"),
+    ],
+)
+def test_a_table_that_does_not_fit_the_files(rows, words):
+    assert words in refused(rows, recording(*blocks()))
+
+
+def test_clipped_hits_are_rejected_by_name_and_a_test_of_them_alone_is_refused():
+    force, answer = blocks(4)
+    answer[2] = np.clip(answer[2], -1.0, 1.0)
+    force[0] = np.clip(force[0], 0, 0.7 * force[0].max())
+    (test,) = modal_tests(table(), recording(force, answer))
+    assert [(each.number, each.reason.partition(":")[0]) for each in test.rejected] == [
+        (1, "overload of the force"),
+        (3, "overload of z"),
+    ]
+    assert len(test.frf.hits) == 2
+    line = refused(table(), recording(force[:1].repeat(2, 0), answer[:2]))
+    assert "a.uff: got no good hit (hit 1: overload of the force: " in line
+
+
+def test_a_mains_line_is_said():
+    force, answer = blocks()
+    hum = answer + 0.01 * np.sin(2 * np.pi * 50 * STEP * np.arange(COUNT))
+    (test,) = modal_tests(table(), recording(force, hum))
+    assert [each for each in test.remarks if "mains at 50 Hz in z" in each]
+    assert not modal_tests(table(), recording(force, answer))[0].remarks
+
+
+def test_postures_are_tests_of_their_own_and_a_response_must_be_measured_by_each_force():
+    made = recording(*blocks())["a.uff"]
+    rows = table(*(row(each, role, file="b.uff", posture=(1.0,)) for each, role in (("z", "response"), ("f", "force"))))
+    both = modal_tests(rows, {"a.uff": made, "b.uff": made})
+    assert [test.posture for test in both] == [(0.0,), (1.0,)]
+    rows = table(
+        row("z", "response", file="b.uff", point="elbow"), row("f", "force", file="b.uff", direction=(1.0, 0.0, 0.0))
+    )
+    assert "got no response at elbow to the force at tip" in refused(rows, {"a.uff": made, "b.uff": made})
+
+
+def test_hits_of_two_files_are_hits_of_one_test():
+    force, answer = blocks(5)
+    names = {f"{k}.uff": recording(force[k:k + 1], answer[k:k + 1])["a.uff"] for k in range(5)}  # fmt: skip
+    rows = ChannelTable("channels.csv", "", tuple(replace(each, file="?.uff") for each in table().rows))
+    (test,), (together,) = modal_tests(rows, names), modal_tests(table(), recording(force, answer))
+    np.testing.assert_allclose(test.frf.hits, together.frf.hits, rtol=1e-6)
+
+
+def test_fewer_good_hits_at_one_point_are_said():
+    force, answer = blocks(4)
+    made = {"a.uff": recording(force, answer)["a.uff"], "b.uff": recording(force[:2], answer[:2])["a.uff"]}
+    rows = table(row("z", "response", file="b.uff"), row("f", "force", file="b.uff", point="elbow"))
+    (test,) = modal_tests(rows, made)
+    assert test.frf.hits.shape[:3] == (2, 1, 2)
+    assert test.remarks == ("2 hits count at each point, as many as at the one with fewest; others have up to 4",)
+
+
+def test_finished_frequency_responses_of_an_analyser():
+    frequency = 0.25 * np.arange(1, 200)
+    response = truth(2j * np.pi * frequency) / (2j * np.pi * frequency) * 1e3
+    channel = Channel("z", np.stack([response, 1.01 * response]), "mm/s", 0.25, 0.25, "f", "N")
+    (test,) = modal_tests(table(response={"decay": 0.0}), {"a.uff": Recording("a.uff", "", (channel,))})
+    np.testing.assert_allclose(test.frf.hits[0, 0, 0], truth(2j * np.pi * frequency), rtol=1e-9)
+    np.testing.assert_allclose(test.frf.mean[0, 0], 1.005 * truth(2j * np.pi * frequency), rtol=1e-9)
+    assert (test.frf.decay, test.duration) == (0.0, 0.0)
+    windowed = Recording("a.uff", "", (replace(channel, values=channel.values[:1]),))
+    (faded,) = modal_tests(table(force={"decay": 0.5}, response={"decay": 0.5}), {"a.uff": windowed})
+    assert faded.frf.decay == 0.5

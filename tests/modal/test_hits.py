@@ -1,0 +1,74 @@
+"""Hits in a record: found where they are, and refused by name where they are double, overloaded or none."""
+
+import numpy as np
+import pytest
+
+from ident.modal.hits import find_hits, overload
+from ident.modal.windows import exponential_decay, exponential_window, force_window
+
+STEP = 0.005
+
+
+def pulse(count, begin, peak=100.0, width=5):
+    force = np.zeros(count)
+    force[begin : begin + width] = peak * np.sin(np.pi * (np.arange(width) + 0.5) / width)
+    return force
+
+
+def noisy(force, sd=0.05, seed=1):
+    return force + sd * np.random.default_rng(seed).standard_normal(force.shape)
+
+
+def test_hits_of_one_long_record_are_cut_where_the_next_begins():
+    record = noisy(sum(pulse(6000, begin, peak) for begin, peak in ((300, 90), (2000, 130), (4500, 60))))
+    hits = find_hits(record[None], STEP, rest=1.0)
+    assert [(hit.block, hit.begin, hit.until) for hit in hits] == [(0, 300, 2000), (0, 2000, 4500), (0, 4500, 6000)]
+    assert [hit.flaw for hit in hits] == ["", "", ""]
+    assert all(hit.end - hit.begin == 5 for hit in hits)
+
+
+def test_a_second_pulse_within_the_rest_makes_a_double_hit():
+    record = noisy(pulse(4000, 300) + pulse(4000, 318, 30.0) + pulse(4000, 2000))
+    first, second = find_hits(record[None], STEP, rest=1.0)
+    assert first.flaw == "a double hit: 30 N after 100 N"
+    assert (second.begin, second.flaw) == (2000, "")
+
+
+def test_a_weak_rebound_below_the_threshold_of_hits_is_still_seen():
+    record = noisy(pulse(4000, 300) + pulse(4000, 330, 7.0))
+    assert find_hits(record[None], STEP, rest=1.0)[0].flaw == "a double hit: 7.02 N after 100 N"
+
+
+def test_triggered_blocks_hold_one_hit_each():
+    blocks = noisy(np.array([pulse(500, 20), pulse(500, 20) + pulse(500, 300, 50.0), pulse(500, 20, -100.0)]))
+    hits = find_hits(blocks, STEP, rest=1.0)
+    assert [hit.block for hit in hits] == [0, 1, 2]
+    assert [bool(hit.flaw) for hit in hits] == [False, True, False]
+    assert find_hits(np.array([pulse(500, 20), np.zeros(500)]), STEP, 1.0)[1].flaw == "no pulse of the force"
+
+
+def test_a_filter_that_rings_to_the_other_side_is_no_second_hit():
+    force = pulse(500, 20)
+    force[26:29] = -9.0
+    assert find_hits(noisy(np.array([force, force])), STEP, 1.0)[0].flaw == ""
+
+
+def test_overload_by_full_scale_or_by_a_flat_top():
+    time = np.arange(2000) * STEP
+    wave = noisy(80 * np.sin(9 * time) * np.exp(-time / 3), 0.01)
+    assert overload(wave, None) == ""
+    assert "equal samples in a row at its largest number, 60" in overload(np.clip(wave, -60, 60), None)
+    assert overload(wave, 70.0).endswith("of a full scale of 70")
+    assert overload(wave, 100.0) == ""
+    assert overload(np.round(wave / 40), None) == "", "a coarse channel says nothing by equal numbers"
+
+
+def test_windows():
+    assert exponential_decay(10.0, 0.01) == pytest.approx(np.log(100) / 10)
+    assert exponential_decay(10.0, 0.01, 0.3) == pytest.approx(np.log(100) / 10 - 0.3)
+    assert exponential_decay(10.0, 0.01, 2.0) == exponential_decay(10.0, 1.0) == 0.0
+    np.testing.assert_allclose(exponential_window(3, 0.5, 2.0), np.exp([0, -1, -2]), rtol=1e-15)
+    window = force_window(100, 20, 25)
+    assert (window[:40] == 1).all()
+    assert (np.diff(window[40:55]) <= 0).all()
+    assert (window[55:] == 0).all()

@@ -1,0 +1,132 @@
+"""`ident fleet --dask`: real schedulers and workers on the loopback, killed one by one; the files stay the same."""
+
+import os
+import random
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+from arms import DATA
+from clusters import Cluster, Disturbed, Run
+from results import TIME
+
+from ident import InputError
+from ident.programs import SOURCES, circumstances
+from ident.studies import fleet_cluster
+from ident.studies.fleet import FleetOptions, fleet
+from ident.studies.fleet_worker import given_up, marks_of
+
+pytestmark = pytest.mark.slow
+generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
+FAILED = 3
+"""Exit status where a robot failed."""
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory):
+    """Six robots, and one file that is no campaign."""
+    folder = tmp_path_factory.mktemp("cluster") / "robots"
+    generate(folder, 6, 1, seed=1)
+    (folder / "broken.csv").write_text("kind,value\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(robots, tmp_path_factory):
+    """What two processes of this machine make of them."""
+    out = tmp_path_factory.mktemp("undisturbed") / "out"
+    assert Run(robots, out, "--workers=2").end() == FAILED
+    return files(out)
+
+
+def files(folder):
+    """The contents of all files by name, but for the time that a result was made."""
+    paths = [path for path in folder.rglob("*") if path.is_file() and ".part" not in path.name]
+    paths = [path for path in paths if not path.parent.name.startswith(".attempts-")]  # of a client that was killed
+    return {path.relative_to(folder): TIME.sub("", path.read_text()) for path in paths}
+
+
+def test_whatever_is_killed_the_files_are_those_of_the_pool(robots, undisturbed, tmp_path):
+    """A client, a worker and the scheduler; 20 times each on 50 robots: tests/benchmarks/fleet_killed.py."""
+    with Cluster(tmp_path / "cluster") as cluster:
+        fleet = Disturbed(cluster, robots, tmp_path / "out", random.Random(7))
+        assert fleet.kill_clients(1).killed == 1
+        scheduler = fleet.kill_schedulers(1)
+        assert scheduler.exits == [1]
+        assert scheduler.said_after < 30
+        assert "the same command goes on" in (tmp_path / "out.log").read_text()
+        worker = fleet.kill_workers(1)
+    assert worker.killed == 1
+    assert worker.exits == [FAILED]
+    assert files(tmp_path / "out") == undisturbed
+
+
+def test_an_input_that_kills_its_workers_is_given_up(robots, tmp_path):
+    """The robot's file kills whoever opens it on a worker; the others are done."""
+    (tmp_path / "sitecustomize.py").write_text(KILLER)
+    hooked = {"PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
+    with Cluster(tmp_path / "cluster", hooked) as cluster:
+        for _ in range(4):
+            cluster.start_worker()
+        result = fleet(robots, options=FleetOptions(starts=4, dask=cluster.address), folder=tmp_path / "kept")
+        dead = [worker for worker in cluster.workers if worker.poll() is not None]
+    assert set(result.failed) == {"broken", "robot002"}
+    assert "killed 3 times" in result.failed["robot002"]
+    assert len(result.fleet.members) == 5
+    assert len(dead) == 3
+    assert not list((tmp_path / "kept").glob(".attempts-*"))
+
+
+KILLER = """
+import os, sys
+def watch(event, args):
+    if event == "open" and str(args[0]).endswith("robot002.csv"):
+        import traceback
+        if any(frame.name == "robots" for frame in traceback.extract_stack()):
+            os.kill(os.getpid(), 9)
+sys.addaudithook(watch)
+"""
+
+
+def test_a_scheduler_that_is_none_is_refused(robots, tmp_path):
+    options = FleetOptions(dask="tcp://127.0.0.1:9")
+    with pytest.raises(InputError, match=r"no scheduler at tcp://127.0.0.1:9 .*dask scheduler"):
+        fleet(robots, options=options, folder=tmp_path / "kept")
+    assert not (tmp_path / "kept").exists()
+    with pytest.raises(InputError, match="one of both"):
+        FleetOptions(dask="tcp://127.0.0.1:9", workers=2)
+
+
+def test_workers_of_another_kind_are_refused(robots, tmp_path):
+    with Cluster(tmp_path / "cluster", {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false"}) as cluster:
+        cluster.start_worker()
+        options = FleetOptions(starts=4, dask=cluster.address)
+        with pytest.raises(InputError, match="another XLA_FLAGS or EQX_ON_ERROR than here"):
+            fleet(robots, options=options, folder=tmp_path / "kept")
+    assert not (tmp_path / "kept").exists()
+
+
+def test_workers_without_the_folder_are_refused(tmp_path):
+    """What a worker answers that has another folder of this name, or can't write."""
+    own = {"ident": SOURCES, **circumstances()}
+    for shared in ("", "of-another-folder"):
+        (problem,) = fleet_cluster._wrong("tcp://127.0.0.1:1", {"shared": shared, **own}, tmp_path)
+        assert "one that all can read and write" in str(problem)
+    (tmp_path / "seen").touch()
+    assert not list(fleet_cluster._wrong("tcp://127.0.0.1:1", {"shared": "seen", **own}, tmp_path))
+    (problem,) = fleet_cluster._wrong(
+        "w", {**own, "shared": "seen", "jax": own["jax"] | {"jax_enable_x64": 0}}, tmp_path
+    )
+    assert "another jax_enable_x64 than here" in str(problem)
+
+
+def test_marks_of_other_runs_count_nothing(tmp_path):
+    for run, marks in (("one", 3), ("other", 2)):
+        folder = marks_of(tmp_path, run)
+        folder.mkdir()
+        for i in range(marks):
+            Path(folder / f"key-{i}").touch()
+    assert given_up(tmp_path, "one", "key")
+    assert not given_up(tmp_path, "other", "key")
+    assert not given_up(tmp_path, "one", "another")

@@ -1,0 +1,236 @@
+"""The shipped hammer test: its generator against an integrator, and frequency responses against the model's."""
+
+from dataclasses import replace
+from shutil import copy
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hammer_files import FOLDER, generator
+from scipy.integrate import solve_ivp
+from scipy.stats import chi2
+
+import ident
+from ident.arm.chain import at_posture
+from ident.arm.equilibrium import static_equilibrium
+from ident.arm.labels import mode_labels
+from ident.arm.mechanics import point_positions, unflatten
+from ident.arm.modes import damped_eigenvalues, linearize, modes
+from ident.description.file import read_arm
+from ident.errors import InputError
+from ident.identify.conditions import loads_of
+from ident.measure import Load
+from ident.measure.channels import read_channels
+from ident.measure.recordings import read_recording
+
+pytestmark = pytest.mark.slow
+
+POSTURE = np.radians([60.0, -120.0, 60.0])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return read_arm(FOLDER / "arm.toml").arm
+
+
+@pytest.fixture(scope="module")
+def seen(arm):
+    return generator().system(arm, POSTURE)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return ident.modal_test(FOLDER)
+
+
+@pytest.fixture(scope="module")
+def posture():
+    """The channels of one posture."""
+    rows = read_channels(FOLDER / "channels.csv")
+    return replace(rows, rows=tuple(row for row in rows.rows if "alpha60" in row.file))
+
+
+def test_the_generators_modes_are_those_of_the_model(arm, seen):
+    chain = at_posture(arm, jnp.asarray(POSTURE), loads_of(arm, Load.parse(generator().LOAD)))
+    expected = np.asarray(damped_eigenvalues(linearize(chain)))
+    poles = seen.poles[seen.poles.imag > 0]
+    assert max(min(abs(poles - each)) / abs(each) for each in expected) < 1e-9
+
+
+def test_the_generators_response_is_that_of_an_integrator(arm, seen):
+    """M x'' + C x' + H x = J' f by DOP853 with the static deflection, shifts of the tip by differences."""
+    made = generator()
+    chain = at_posture(arm, jnp.asarray(POSTURE), loads_of(arm, Load.parse(made.LOAD)))
+    at = static_equilibrium(chain)
+    M, C, H = (np.asarray(each) for each in linearize(chain, at)[1:])
+    small, tip = 1e-6, [point.name for point in arm.points].index("tip")
+    shifts = [small * unflatten(each) for each in jnp.eye(len(M))]
+    J = np.array([(point_positions(chain, at.phi + d) - point_positions(chain, at.phi - d))[:, tip] for d in shifts])
+    J = J.T / (2 * small)
+    pulse, peak = 0.025, 150.0
+    push = lambda t: peak * np.sin(np.pi * t / pulse) * (t < pulse)  # noqa: E731
+
+    def rate(t, x):
+        return np.concatenate([x[9:], np.linalg.solve(M, -J[2] * push(t) - C @ x[9:] - H @ x[:9])])
+
+    time = np.linspace(0, 0.4, 81)
+    first = solve_ivp(rate, (0, pulse), np.zeros(18), "DOP853", rtol=1e-10, atol=1e-13)
+    rest = solve_ivp(rate, (pulse, 0.4), first.y[:, -1], "DOP853", t_eval=time[time > pulse], rtol=1e-10, atol=1e-13)
+    expected = np.array([J @ rate(t, x)[9:] for t, x in zip(rest.t, rest.y.T, strict=True)]).T
+    answer = seen.response(time, peak, pulse, list(made.FORCES).index("z"))[:3, time > pulse]
+    turned = made._about_z(0.0) @ answer
+    np.testing.assert_allclose(turned, expected, rtol=0, atol=1e-6 * abs(expected).max())
+
+
+def test_the_generators_accelerance_is_that_of_its_response(seen):
+    """By a Fourier transform of a long response, no window."""
+    time = np.arange(2**15) / 800.0
+    push = generator().half_sine(time, 0.025)
+    answers = np.fft.rfft(seen.response(time, 1.0, 0.025, 1)) / 800.0
+    force = np.fft.rfft(push) / 800.0
+    lines = np.fft.rfftfreq(len(time), 1 / 800.0)
+    inside = (lines > 2) & (lines < 30)
+    expected = seen.accelerance(2j * np.pi * lines[inside])[:, 1]
+    np.testing.assert_allclose(answers[:, inside] / force[inside], expected, rtol=0, atol=2e-3 * abs(expected).max())
+
+
+def test_the_shipped_files_are_those_of_the_generator(arm):
+    made = generator()
+    pushed, answers = made.records(made.system(arm, np.zeros(3)), 0, "z", np.random.default_rng(made.SEED))
+    channels = {each.name: each.values for each in read_recording(FOLDER / made.name(0, "z")).channels}
+    np.testing.assert_allclose(channels["1:-Z force"], pushed, rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(channels["2:+Y acceleration"], answers[4], rtol=1e-6, atol=1e-6)
+
+
+def test_the_arm_beside_the_test_is_the_papers_with_one_point_more(arm):
+    assert (FOLDER / "arm.toml").read_text() == generator().arm_text()
+    plain = read_arm(FOLDER.parent / "arm.toml").arm
+    assert [point.name for point in arm.points] == ["elbow", *(point.name for point in plain.points)]
+
+
+def test_each_fault_of_the_test_is_rejected_and_nothing_else(result):
+    assert [each.partition(":")[0] for each in result.rejected] == ["alpha30_z.unv, hit 3", "alpha60_y.unv, hit 2"]
+    assert "a double hit: " in result.rejected[0]
+    assert "overload of the force: 250 of a full scale of 250 N" in result.rejected[1]
+    assert result.hits == 40
+    assert not result.doubtful
+    assert all("mains at 60 Hz" in " ".join(test.remarks) for test in result.tests)
+
+
+def test_frequency_responses_are_those_of_the_model_on_the_line_of_the_window(arm, result):
+    made = generator()
+    for test in result.tests:
+        order = [1 if place.direction[2] == 0 else 0 for place in test.frf.references]
+        s = test.frf.decay + 2j * np.pi * test.frf.frequency
+        expected = made.system(arm, np.array(test.posture)).accelerance(s)[:, order]
+        sd = test.frf.hits.std(0, ddof=1) / np.sqrt(5)
+        off = np.sqrt(np.mean(abs(test.frf.mean - expected) ** 2 / sd**2))
+        assert 1.0 < off < 1.3, "Student's t of five complex values has a variance of 4 / 3"
+
+
+def test_modes_are_those_of_the_model_within_their_joint_covariance(arm, result):
+    """Chi-squared of all rows of the campaign, which have a name, against the poles of the model."""
+    rows = result.modal_campaign.campaign.measurements
+    off = []
+    for row in rows:
+        hertz = next(r.value for r in rows if (r.posture, r.mode, r.kind) == (row.posture, row.mode, "frequency"))
+        poles = generator().system(arm, np.array(row.posture)).poles
+        pole = min(poles[poles.imag > 0], key=lambda p, hertz=hertz: abs(abs(p) / (2 * np.pi) - hertz))
+        off.append(row.value - (abs(pole) / (2 * np.pi) if row.kind == "frequency" else -pole.real / abs(pole)))
+    joint = off @ np.linalg.solve(result.modal_campaign.covariance, off)
+    assert chi2.ppf(0.025, len(rows)) < joint < chi2.ppf(0.975, len(rows))
+
+
+def test_no_name_is_wrong(arm, result):
+    """The names of the arm that made the data, at the frequencies that it has there."""
+    given = 0
+    for test, each in zip(result.tests, result.identified, strict=True):
+        chain = at_posture(arm, jnp.asarray(test.posture), loads_of(arm, test.load))
+        right = modes(chain)
+        poles = np.abs(np.asarray(damped_eigenvalues(linearize(chain)))) / (2 * np.pi)
+        for frequency, label in zip(each.modes.frequency, each.labels.given, strict=True):
+            given += label is not None
+            assert label in (None, mode_labels(right)[int(np.argmin(abs(poles - frequency)))])
+    assert given >= 20
+
+
+def test_the_fit_recovers_table_1_within_its_joint_covariance(arm, result):
+    fit = ident.fit(arm, result.modal_campaign.campaign)
+    assert not fit.doubts
+    known = fit.fit.information
+    true = np.array([float(arm.get(name.split("=")[0])) for name in known.names])
+    off = np.log(np.array([fit.parameters[name] for name in known.names]) / true)
+    joint = off @ np.linalg.solve(known.covariance, off)
+    assert chi2.ppf(0.025, len(off)) < joint < chi2.ppf(0.975, len(off))
+
+
+def test_the_figures_and_the_table_have_each_mode(result):
+    kinds = ("", "modes", "shapes")
+    assert list(result.figures()) == [f"{kind}{number}" for kind in kinds for number in ("", 2, 3, 4)]
+    rows = result.table()
+    assert len(rows) == sum(len(each.modes.frequency) for each in result.identified)
+    assert rows[0]["label"] == "lateral torsion 1"
+    assert "REJECTED alpha30_z.unv, hit 3: a double hit" in result.report()
+
+
+def test_the_campaign_and_its_covariance_are_written_beside_each_other(result, tmp_path):
+    names = [path.name for path in result.save(tmp_path)]
+    assert names == ["hammer.modal.csv", "hammer.modal.covariance.csv", "hammer.modal.nc", "hammer.modal.json"]
+    assert ident.read_campaign(tmp_path / names[0]) == result.modal_campaign.campaign
+    made = result.modal_campaign
+    correlation = np.eye(len(made.groups))
+    for group, i, j, value in np.loadtxt(tmp_path / names[1], delimiter=",", skiprows=2):
+        rows = np.flatnonzero(np.array(made.groups) == group)[[int(i) - 1, int(j) - 1]]
+        correlation[rows[0], rows[1]] = correlation[rows[1], rows[0]] = value
+    np.testing.assert_allclose(correlation, made.correlation, atol=1e-15)
+    sigma = [row.sigma for row in result.modal_campaign.campaign]
+    np.testing.assert_allclose(np.sqrt(np.diag(made.covariance)), sigma, rtol=1e-12)
+
+
+def test_the_choice_of_modes_can_be_overruled(posture):
+    options = ident.ModalOptions(modes={"1": (5.66, 5.77, 15.0)})
+    (each,) = ident.modal_test(FOLDER, posture, FOLDER / "arm.toml", options).identified
+    inside = each.modes.frequency[each.modes.frequency < 20]
+    np.testing.assert_allclose(inside, (5.66, 5.77, 15.0), rtol=0.01)
+    with pytest.raises(InputError, match="got posture 2, expected 1 to 1"):
+        ident.modal_test(FOLDER, posture, FOLDER / "arm.toml", ident.ModalOptions(modes={"2": (5.0,)}))
+
+
+def test_a_saved_result_is_the_same(result, tmp_path):
+    path = next(each for each in result.save(tmp_path) if each.suffix == ".nc")
+    again = ident.load(path)
+    assert again.report() == result.report()
+    np.testing.assert_array_equal(again.tests[3].frf.hits, result.tests[3].frf.hits)
+    np.testing.assert_array_equal(again.identified[3].modes.covariance, result.identified[3].modes.covariance)
+    assert again.modal_campaign.campaign == result.modal_campaign.campaign
+
+
+def test_options_act_and_a_result_repeats(tmp_path):
+    options = ident.ModalOptions(estimator="hv", band=(3.0, 20.0), window_end=1.0, no_modes=True)
+    other = ident.modal_test(FOLDER, options=options)
+    assert (other.identified, other.modal_campaign) == ((), None)
+    assert list(other.figures()) == ["", "2", "3", "4"]
+    assert other.table() == []
+    path = next(each for each in other.save(tmp_path) if each.suffix == ".nc")
+    assert ident.rerun(path).same
+    assert {test.frf.decay for test in other.tests} == {0.0, 0.3}, "that of the analyser stays"
+    assert all(3 <= test.frf.frequency[0] < 3.1 and 19.9 < test.frf.frequency[-1] <= 20 for test in other.tests)
+    with pytest.raises(InputError, match="estimator"):
+        ident.ModalOptions(estimator="h3")
+
+
+def test_a_folder_without_table_or_arm(tmp_path):
+    copy(FOLDER / "alpha00_z.unv", tmp_path)
+    with pytest.raises(InputError, match=r"channels.csv: got no such file"):
+        ident.modal_test(tmp_path)
+    copy(FOLDER / "channels.csv", tmp_path)
+    with pytest.raises(InputError, match=r"arm.toml: got no such file"):
+        ident.modal_test(tmp_path)
+    with pytest.raises(InputError) as caught:
+        ident.modal_test(tmp_path, arm=FOLDER / "arm.toml")
+    assert "got 'alpha30_z.unv', expected a file of the test" in str(caught.value)
+
+
+def test_a_table_may_be_a_value(result, posture):
+    (test,) = ident.modal_test(FOLDER, posture, FOLDER / "arm.toml", ident.ModalOptions(no_modes=True)).tests
+    np.testing.assert_array_equal(test.frf.hits, result.tests[2].frf.hits)
