@@ -44,8 +44,8 @@ def show(
     """Draw an arm and say what looks odd about it, or print a saved result again.
 
     Of an arm: masses and reach, first modes, every number with its origin, and a warning for each that looks wrong.
-    Writes ARM.show.png into the folder given by --out. Of a result: the report, as the command printed it that has
-    written the file; nothing is written.
+    Writes into the folder given by --out ARM.show.png, and ARM.show.modes.svg, in which the first modes move: any
+    browser opens it. Of a result: the report, as the command printed it that has written the file; nothing is written.
     """
     if is_result(file):
         if posture is not None:

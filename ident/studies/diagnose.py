@@ -120,9 +120,12 @@ class DiagnoseResult(Result):
     def _page(self, head: Mapping[str, Any]) -> "Page":
         from ident.assess.arm_view import arm_view
         from ident.present.html.diagnose import diagnose_page
+        from ident.studies.explore import page_of
 
-        basis = self.diagnosis.task.basis
-        return diagnose_page(self.diagnosis, head, arm_view(replace(basis.arm_file, arm=basis.arm)))
+        basis, campaign = self.diagnosis.task.basis, self.diagnosis.identification.sampled.fitted.campaign
+        posterior = f"{self.name}.nc"
+        explorer = page_of(basis, campaign, self.options.soft_base, self.options.profile, posterior)
+        return diagnose_page(self.diagnosis, head, arm_view(replace(basis.arm_file, arm=basis.arm)), explorer)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.diagnose import write_posterior

@@ -1,7 +1,7 @@
 """Write a page on which an arm is explored by hand: sliders, and what the arm does with them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
+    from ident.assess.basis import Basis
     from ident.assess.exploration import Exploration
     from ident.description.file import ArmFile
     from ident.identify.values import Values
@@ -157,6 +158,26 @@ def explore(
     posture = options.posture or _middle(changed)
     modal_analysis(changed, tuple(map(radians, posture)), load)  # an arm that collapses there has nothing to show
     return ExploreResult(arm_file, made, options, posture, fitted, drawn)
+
+
+def page_of(basis: "Basis", measured: "Campaign", soft_base: float | None, profile: str | None, posterior: str) -> str:
+    """Return the page of an arm that another study has come to, beside what was measured.
+
+    Args:
+        basis: the arm, its load, and the posterior's draws.
+        measured: the campaign.
+        soft_base: [m] height of a base that gives, or None.
+        profile: of the stroke's speed, or None for the arm file's.
+        posterior: file that the page's commands take the draws from.
+    """
+    from ident.assess.exploration import exploration
+    from ident.present.html.explore.page import Start, explore_page
+
+    extension = _extension(basis.arm, profile if basis.arm.stroke is not None else None)
+    made = exploration(basis.arm, basis.load, "", extension, basis.draws, measured)
+    drawn = replace(basis.posterior, path=posterior, sha256="") if basis.posterior else None
+    start = Start(_middle(basis.arm), min(max(basis.percent, 1.0), 120.0), soft_base, basis.changed)
+    return explore_page(made, basis.arm_file, start, fit=basis.fit, posterior=drawn)
 
 
 def _check_posture(arm: "Arm", posture: tuple[float, ...]) -> None:

@@ -77,16 +77,27 @@ class ArmPicture:
         return {"": show_figure(self.view)}
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write the picture as PNG into a folder, and return its path.
+        """Write the picture as PNG, and its first modes as SVG that moves, into a folder, and return their paths.
 
         Raises:
             InputError: the folder or the file can't be written.
         """
+        from ident.files import replace_file
         from ident.present.files.png import save
 
         path = Path(folder) / f"{self.name}.png"
         save(self.figures()[""], path)
-        return (path,)
+        if not self.view.analysis:
+            return (path,)
+        text, modes = self.moving_modes().encode("utf-8"), Path(folder) / f"{self.name}.modes.svg"
+        replace_file(modes, lambda file: file.write(text), make_folders=True)
+        return path, modes
+
+    def moving_modes(self) -> str:
+        """Return the first modes as an SVG document that moves, of an arm that has modes."""
+        from ident.present.html.moving_modes import moving_modes
+
+        return moving_modes(self.view)
 
 
 def show(arm: "Arm | ArmFile | str | Path", posture: Sequence[float] | None = None) -> ArmPicture:

@@ -7,7 +7,7 @@ from commands import ARM, files
 def test_an_arm_is_described_and_drawn(run, tmp_path):
     code, out, err = run("show", ARM)
     assert (code, err) == (0, "")
-    assert files(tmp_path) == ["out/arm.show.png"]
+    assert files(tmp_path) == ["out/arm.show.modes.svg", "out/arm.show.png"]
     for text in ("Nothing looks odd", "138.8 kg", "reach when stretched 4.8 m", "4.12 Hz", "wrote out/arm.show.png"):
         assert text in out
     row = next(line for line in out.splitlines() if line.startswith("  link2.mass "))

@@ -1,5 +1,6 @@
 """Figures of a diagnosis, one a stage."""
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -7,6 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.assess.diagnosis import Diagnosis
+from ident.present.figures.narrow import WIDTH as PHONE
+from ident.present.figures.narrow import narrowed
 from ident.present.figures.resonance import resonance_figure
 from ident.present.figures.style import BLUE, note, plain, ratio_axis, rows
 from ident.present.figures.validate import validate_figure
@@ -16,13 +19,25 @@ from ident.present.text.words import cut
 
 RED = "#C1432B"
 """Colour of the limit."""
+WIDTH = 9.0
+"""Width of the figures [inch]."""
 SENSITIVITIES = 12
 """Numbers whose sensitivities are shown."""
 
 
-def diagnose_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
-    """Return the figures of the finished stages, by the names of the stages; not every stage has one."""
-    drawn = {stage: _FIGURES[stage](diagnosis) for stage in diagnosis.stages if stage in _FIGURES}
+def narrow_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
+    """Return the figures of the finished stages, drawn for a phone."""
+    return {stage: narrowed(figure) for stage, figure in diagnose_figures(diagnosis, PHONE).items()}
+
+
+def diagnose_figures(diagnosis: Diagnosis, width: float = WIDTH) -> dict[str, Figure]:
+    """Return the figures of the finished stages, by the names of the stages; not every stage has one.
+
+    Args:
+        diagnosis: its stages.
+        width: of the figures [inch] that place words by it.
+    """
+    drawn = {stage: _FIGURES[stage](diagnosis, width) for stage in diagnosis.stages if stage in _FIGURES}
     return {stage: figure for stage, figure in drawn.items() if figure is not None}
 
 
@@ -46,18 +61,18 @@ def _trust_figure(diagnosis: Diagnosis) -> Figure | None:
     return validate_figure(diagnosis.validation) if diagnosis.validation.told else None
 
 
-def _resonance_figure(diagnosis: Diagnosis) -> Figure | None:
+def _resonance_figure(diagnosis: Diagnosis, width: float) -> Figure | None:
     resonance = diagnosis.resonance
     if resonance.branches is None or resonance.excitation is None:
         return None
     title = diagnosis.task.basis.motion.name
-    return resonance_figure(resonance.branches, resonance.excitation, resonance.crossings, title=title)
+    return resonance_figure(resonance.branches, resonance.excitation, resonance.crossings, title=title, width=width)
 
 
 def _vibration_figure(diagnosis: Diagnosis) -> Figure:
     """Draw the vibration in each direction over time, with the limit."""
     response, limit = diagnosis.vibration.response, MM * diagnosis.vibration.limit
-    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
     time, vibration = np.asarray(response.time), MM * np.asarray(response.vibration)
     reach = 1.1 * max(float(np.abs(vibration).max()), limit)
     for i, axes in enumerate(figure.subplots(3, 1, sharex=True, sharey=True)):
@@ -104,17 +119,19 @@ def _remedies_figure(diagnosis: Diagnosis) -> Figure:
 
 def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
     """Return axes with a named row for each, the first on top."""
-    figure = Figure(figsize=(9, 1.1 + 0.34 * len(names)), layout="constrained")
+    labels = [textwrap.fill(cut(name, 150), 50) for name in names]
+    lines = sum(max(label.count("\n"), 1) for label in labels)
+    figure = Figure(figsize=(WIDTH, 1.1 + 0.34 * len(names) + 0.13 * (lines - len(names))), layout="constrained")
     axes = figure.subplots()
-    rows(axes, [cut(name, 60) for name in names])
+    rows(axes, labels)
     return figure, axes
 
 
-_FIGURES: Mapping[str, Callable[[Diagnosis], Figure | None]] = {
-    "stiffness": _stiffness_figure,
-    "trust": _trust_figure,
+_FIGURES: Mapping[str, Callable[[Diagnosis, float], Figure | None]] = {
+    "stiffness": lambda diagnosis, _: _stiffness_figure(diagnosis),
+    "trust": lambda diagnosis, _: _trust_figure(diagnosis),
     "resonance": _resonance_figure,
-    "vibration": _vibration_figure,
-    "sensitivities": _sensitivities_figure,
-    "remedies": _remedies_figure,
+    "vibration": lambda diagnosis, _: _vibration_figure(diagnosis),
+    "sensitivities": lambda diagnosis, _: _sensitivities_figure(diagnosis),
+    "remedies": lambda diagnosis, _: _remedies_figure(diagnosis),
 }

@@ -29,12 +29,19 @@ HEADROOM = 1.15
 """Upper end of the axis over the highest natural frequency; pulleys may turn faster."""
 SHADE = "#EBCB6B"
 """What marks near-resonance; light, so that it prints as a light grey."""
+NUMBER = 0.25
+"""Room that a number above the panel takes [inch]."""
 DASHES = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (8, 3)))
 """Patterns of lines for what excites."""
 
 
 def resonance_figure(
-    branches: Branches, excitation: Excitation, crossings: Sequence[ResonanceCrossing] = (), *, title: str = ""
+    branches: Branches,
+    excitation: Excitation,
+    crossings: Sequence[ResonanceCrossing] = (),
+    *,
+    title: str = "",
+    width: float = SIZE[0],
 ) -> Figure:
     """Draw natural frequencies (solid), pulley frequencies (dashed) and where they are near, over time.
 
@@ -45,8 +52,9 @@ def resonance_figure(
         excitation: at the same times.
         crossings: what is shaded and numbered, in this order.
         title: heading, such as the name of the motion.
+        width: of the figure [inch].
     """
-    figure = titled(SIZE, cut(title or "Natural and pulley frequencies", 90), (0.06, 0.05))
+    figure = titled((width, SIZE[1]), cut(title or "Natural and pulley frequencies", 90), (0.06, 0.05))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
     top = HEADROOM * float(branches.band()[1].max() if branches.batch_size else branches.median.max())
     upper.set_ylim(0, top)
@@ -146,7 +154,7 @@ def _clearance(here: float, others: Sequence[float]) -> bool:
 def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
     """Number the resonance crossings above the panel, each with a line down to the closest approach."""
     low, high = axes.get_xlim()
-    width, taken = (high - low) * 0.025, list[tuple[float, int]]()
+    width, taken = (high - low) * NUMBER / _width(axes), list[tuple[float, int]]()
     numbered = [(n, group[0]) for n, group in enumerate(grouped(crossings), start=1)]
     for number, crossing in sorted(numbered, key=lambda pair: pair[1].time):
         used = {row for time, row in taken if abs(time - crossing.time) < width}
@@ -165,6 +173,12 @@ def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
             arrowprops={"arrowstyle": "-", "color": GREY, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
             zorder=2,
         )
+
+
+def _width(axes: Axes) -> float:
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return float(figure.get_size_inches()[0])
 
 
 def _postures(axes: Axes, branches: Branches) -> None:

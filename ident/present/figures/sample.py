@@ -21,10 +21,12 @@ from ident.present.figures.fit import DENSE, LABEL, PANEL, ROW
 from ident.present.figures.style import (
     BLUE,
     FILLED,
+    GREEN,
     GREY,
     HOLLOW,
     ORANGE,
     PALE,
+    PINK,
     Style,
     heading,
     plain,
@@ -200,6 +202,7 @@ def trace_figure(result: CampaignSample) -> Figure:
     panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     for p, (axes, name) in enumerate(zip(panels, names, strict=True)):
         plain(axes)
+        axes.set_prop_cycle(color=(BLUE, ORANGE, GREEN, "black", PINK))
         axes.plot(shown * sample.thin, sample.theta[shown, :, 0, p], linewidth=0.6)
         axes.axvspan(0, sample.burn_in * sample.thin, color="#EEEEEE", zorder=0)
         axes.set_ylabel(_two_lines(name), fontsize=8, rotation=0, ha="right", va="center", parse_math=False)

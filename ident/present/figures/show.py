@@ -68,29 +68,34 @@ class Panel:
         return axes
 
 
-def show_figure(view: ArmView) -> Figure:
-    """Draw an arm from the side and from above to scale, with its first modes in place, and say what looks odd."""
+def show_figure(view: ArmView, *, modes: bool = True) -> Figure:
+    """Draw an arm from the side and from above to scale, and say what looks odd.
+
+    Args:
+        view: the arm.
+        modes: whether its first modes are drawn below, over the arm at rest.
+    """
     side, above = panels(view)
     stacked = side.room[1] > side.room[0]
     words = textwrap.wrap(sums(view), 125)
     found = _findings(view)
-    modes, below = (1.85 if view.analysis else 0.0), 0.45 + 0.17 * len(found)
+    room, below = (1.85 if view.analysis and modes else 0.0), 0.45 + 0.17 * len(found)
     tall = side.inches[1] + above.inches[1] + EDGE if stacked else max(side.inches[1], above.inches[1])
-    figure = Figure(figsize=(WIDTH, HEAD + tall + EDGE + modes + below))
+    figure = Figure(figsize=(WIDTH, HEAD + tall + EDGE + room + below))
     height = float(figure.get_size_inches()[1])
     title = cut(f"{cut(view.arm.name, 40)} at {degrees(view.posture)}", 58)
     figure.text(0.02, 1 - 0.3 / height, title, fontsize=12, fontweight="bold", parse_math=False)
     figure.text(0.02, 1 - 0.55 / height, "\n".join(words), fontsize=9, color=GREY, va="top", parse_math=False)
     top, left = height - HEAD, EDGE + 0.25
-    _draw(figure, view, side, (left, top - side.inches[1]))
+    draw_panel(figure, view, side, (left, top - side.inches[1]))
     at = (left, top - tall) if stacked else (WIDTH - above.inches[0] - 0.3, top - above.inches[1])
-    _draw(figure, view, above, at)
-    if view.analysis:
-        _draw_modes(figure, view.analysis, views(view), top - tall - EDGE, modes)
+    draw_panel(figure, view, above, at)
+    if view.analysis and modes:
+        _draw_modes(figure, view.analysis, views(view), top - tall - EDGE, room)
     for i, line in enumerate(found):
         colour = ORANGE if view.oddities or view.failure else GREY
         figure.text(0.02, (below - 0.3 - 0.17 * i) / height, line, fontsize=9, color=colour, parse_math=False)
-    _key(figure, view)
+    key_of(figure, view, (0.995, 1 - 0.05 / height), columns=5)
     return figure
 
 
@@ -115,7 +120,7 @@ def panels(view: ArmView) -> tuple[Panel, Panel]:
     return first, second
 
 
-def _draw(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, float]) -> None:
+def draw_panel(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, float]) -> None:
     """Draw a view; bodies, joints and points are named where there is room for it."""
     axes = panel.place(figure, at)
     draw_arm(axes, view, panel.seen, float((panel.high - panel.low).max()))
@@ -124,7 +129,11 @@ def _draw(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, float]) 
         (axes.xaxis, panel.seen.across, panel.low[0], panel.high[0]),
         (axes.yaxis, panel.seen.up, panel.low[1], panel.high[1]),
     ):
-        ticks = [tick for tick in MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high) if low <= tick <= high]
+        ticks = [
+            tick
+            for tick in MaxNLocator(_few(panel.scale * (high - low)), steps=[1, 2, 5, 10]).tick_values(low, high)
+            if low <= tick <= high
+        ]
         down = panel.seen.falling and place == panel.seen.up
         axis.set_ticks(ticks, [f"{-tick + 0.0 if down else tick:.3g}" for tick in ticks])
         axis.set_label_text(f"{names[place]} [m]", fontsize=8)
@@ -144,6 +153,11 @@ def _draw(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, float]) 
         within = float(panel.low[0]), float(panel.high[0]) - LAST / panel.scale
         label_rows(axes, bodies, panel.high[1], panel.scale, within, up=True)
         label_rows(axes, others, panel.low[1], panel.scale, within, up=False)
+
+
+def _few(length: float) -> int:
+    """Return how many ticks at most stand on an axis of a length [inch]."""
+    return int(np.clip(length / 0.3, 2, 6))
 
 
 def _draw_modes(figure: Figure, analysis: ModalAnalysis, seen: tuple[View, View], top: float, room: float) -> None:
@@ -184,8 +198,8 @@ def _findings(view: ArmView) -> list[str]:
     return ["What looks odd", *lines] if found else ["Nothing looks odd."]
 
 
-def _key(figure: Figure, view: ArmView) -> None:
-    """Explain the signs that occur."""
+def key_of(figure: Figure, view: ArmView, at: tuple[float, float], *, columns: int) -> None:
+    """Explain the signs that occur; `at` is the key's upper right corner as shares of the figure."""
     kinds = {solid.kind for solid in view.solids}
     there = {
         "bushing alone": any(not hinge.driven for hinge in view.hinges),
@@ -197,12 +211,11 @@ def _key(figure: Figure, view: ArmView) -> None:
     }
     entries: Mapping[str, Style] = {name: style for name, style in KEY.items() if there.get(name, True)}
     handles = [Line2D([], [], **{"label": name, "linestyle": "", **style}) for name, style in entries.items()]
-    height = figure.get_size_inches()[1]
     figure.legend(
         handles=handles,
         loc="upper right",
-        bbox_to_anchor=(0.995, 1 - 0.05 / height),
-        ncols=5,
+        bbox_to_anchor=at,
+        ncols=columns,
         frameon=False,
         fontsize=7.5,
         columnspacing=1.0,

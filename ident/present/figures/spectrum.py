@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -35,9 +36,11 @@ SERIES: tuple[Style, ...] = tuple(
 LINES: tuple[Style, ...] = tuple(
     {"color": color, "linestyle": line, "linewidth": 1.6}
     for line in ("-", "--", ":")
-    for color in (ORANGE, PINK, GREEN, "black")
+    for color in (ORANGE, GREEN, "black", PINK)
 )
-"""Styles of lines over the blue of a spectrogram."""
+"""Styles of a pulley's orders: over the blue of a spectrogram, and the same over time."""
+ROOT = 0.5
+"""Power of the amplitude that colours are in proportion to, so that an order is seen beside its resonances."""
 
 
 def spectra_figure(spectra: Spectra) -> Figure:
@@ -55,7 +58,8 @@ def spectra_figure(spectra: Spectra) -> Figure:
 def spectrogram_figures(spectra: Spectra, *, decibel: bool = False) -> dict[str, Figure]:
     """Draw the spectrogram of each direction, with a line for each order of each pulley."""
     time = spectra.traces[spectra.name].time
-    lines = {name: (time, frequency) for name, frequency in spectra.lines.items()}
+    same = {_line_name(track, o, name) for name, track, o, other in _orders(spectra) if other}
+    lines = {name: (time, frequency) for name, frequency in spectra.lines.items() if name not in same}
     style: dict[str, Any] = {"upto": spectra.upto, "decibel": decibel, "kind": spectra.kind}
     return {
         direction: spectrogram_figure(part, lines, title=f"{direction.upper()}: {spectra.name}", **style)
@@ -183,7 +187,7 @@ def _flags(axes: Axes, flags: Sequence[_Flag], *, labelled: bool) -> None:
 def _colours(
     figure: Figure, axes: Axes, spectrogram: Spectrogram, upto: float, decibel: bool, factor: float, unit: str
 ) -> None:
-    """Draw the amplitudes, a cell about each bin and segment, and the bar that tells them."""
+    """Draw the amplitudes, straight between bins and segments, and the bar that tells them."""
     inside = spectrogram.frequency <= upto + spectrogram.resolution
     shown = factor * spectrogram.amplitude[inside]
     top, bottom = float(shown.max()), 0.0
@@ -191,10 +195,10 @@ def _colours(
         shown = 20 * np.log10(np.maximum(shown, np.finfo(float).tiny))
         top, unit = float(shown.max()), f"dB re 1 {unit}"
         bottom = top + FLOOR
-    times = np.append(spectrogram.time, spectrogram.time[-1] + spectrogram.step) - spectrogram.step / 2
-    frequencies = np.append(spectrogram.frequency[inside], 0.0) - spectrogram.resolution / 2
-    frequencies[-1] = frequencies[-2] + spectrogram.resolution
-    mesh = axes.pcolormesh(times, frequencies, shown, cmap="Blues", vmin=bottom, vmax=top or 1.0)
+    scale = Normalize(bottom, top or 1.0) if decibel else PowerNorm(ROOT, bottom, top or 1.0)
+    mesh = axes.pcolormesh(
+        spectrogram.time, spectrogram.frequency[inside], shown, cmap="Blues", norm=scale, shading="gouraud"
+    )
     bar = figure.colorbar(mesh, ax=axes, pad=0.02, extend="min" if decibel else "neither")
     bar.set_label(f"amplitude, 0-peak [{unit}]", fontsize=9)
     bar.ax.tick_params(labelsize=8)
@@ -233,10 +237,8 @@ def orders_figure(spectra: Spectra) -> Figure:
     count = len(spectra.directions)
     figure = titled((PANEL[0], PANEL[1] * count + 1.3), "Orders of the pulleys")
     grid = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
-    named = [(name, track, o) for name, track in spectra.tracks.items() for o in range(len(track.orders))]
-    same = [(_order(track, o, name), spectra.elsewhere(name, o)) for name, track, o in named]
-    own = [one for one, (_, other) in zip(named, same, strict=True) if not other]
-    styled = list(zip(own, cycle(SERIES), strict=False))
+    every = list(_orders(spectra))
+    styled = list(zip([order[:3] for order in every if not order[3]], cycle(LINES), strict=False))
     for d, (axes, direction) in enumerate(zip(grid, spectra.directions, strict=True)):
         for (_, track, o), style in styled:
             axes.plot(track.time, factor * track.amplitude[o, :, d], marker="o", markersize=3.5, **style)
@@ -252,9 +254,22 @@ def orders_figure(spectra: Spectra) -> Figure:
     revolutions = next(iter(spectra.tracks.values())).revolutions
     fastest = max(float(np.max(track.frequency)) for track in spectra.tracks.values())
     notes = f"a point for each {revolutions} revolutions; pulleys turn at up to {fastest:.3g} Hz"
-    notes += "".join(f"\nnot drawn: {order}, as fast as {cut(other, 30)}" for order, other in same if other)
+    same = [(_order(track, o, name), other) for name, track, o, other in every if other]
+    notes += "".join(f"\nnot drawn: {order}, as fast as {cut(other, 30)}" for order, other in same)
     key_below(figure, handles, notes, columns=3)
     return figure
+
+
+def _orders(spectra: Spectra) -> Iterator[tuple[str, OrderTrack, int, str | None]]:
+    """Yield each order of each pulley, with the lower order that turns as fast, if there is one."""
+    for name, track in spectra.tracks.items():
+        for o in range(len(track.orders)):
+            yield name, track, o, spectra.elsewhere(name, o)
+
+
+def _line_name(track: OrderTrack, order: int, name: str) -> str:
+    """Return how an order is called among the lines of `Spectra.lines`."""
+    return f"{track.orders[order]:g} x {name}"
 
 
 def _order(track: OrderTrack, order: int, name: str) -> str:

@@ -65,7 +65,8 @@ def plain(axes: Axes, *, left: bool = True, grid: bool = False) -> None:
 
 def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: int = 2) -> None:
     """Put heading and key above the axes, where they hide nothing."""
-    handles = [Line2D([], [], **{"label": label, "linestyle": "", **style}) for label, style in entries.items()]
+    common: Style = {"linestyle": "", "solid_capstyle": "butt"}
+    handles = [Line2D([], [], **{"label": label, **common, **style}) for label, style in entries.items()]
     legend = axes.legend(
         handles=handles,
         title=title,
@@ -76,8 +77,8 @@ def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: in
         frameon=False,
         fontsize=8,
         borderpad=0.2,
-        handletextpad=0.6,
-        columnspacing=1.2,
+        handletextpad=1.0,
+        columnspacing=1.6,
     )
     legend.get_title().set(fontweight="bold", fontsize=10, parse_math=False)
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ident.assess.sweep import SweepStudy
 from ident.present.figures.style import BLUE, GREEN, GREY, NEAR, ORANGE, Style, key_below, motion_title, plain, titled
@@ -34,6 +34,8 @@ WAYS: tuple[Style, ...] = (
 POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 WIDE = 3.0
 """Ratio of the ends from which on factors are drawn on a logarithmic axis."""
+DEEPEST = 1e-3
+"""Lowest amplitude that is drawn, as a share of the highest."""
 STEPS = (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 10)
 """Ticks of a decade, if it has room."""
 
@@ -46,9 +48,22 @@ def sweep_figure(study: SweepStudy) -> Figure:
     figure, grid = _panels(study, count)
     for axes, sweep in zip(grid, study.sweeps, strict=True):
         _curves(axes, study, sweep)
-    grid[0].set_ylim(0, 1.06 * MM * max(_largest(study), _limit(study)) or None)
+    _logarithmic(grid[0], study)
     key_below(figure, list(_entries(study)), "\n".join(_notes(study)), columns=6)
     return figure
+
+
+def _logarithmic(axes: Axes, study: SweepStudy) -> None:
+    """Make the amplitudes' axis logarithmic, so that the largest direction does not flatten the others."""
+    top, low = MM * max(_largest(study), _limit(study)), MM * _smallest(study)
+    if low <= 0:
+        axes.set_ylim(0, 1.06 * top or None)
+        return
+    axes.set_yscale("log")
+    axes.set_ylim(0.85 * max(low, DEEPEST * top), 1.18 * top)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
 
 
 def _panels(study: SweepStudy, count: int) -> tuple[Figure, list[Axes]]:
@@ -139,6 +154,11 @@ def _largest(study: SweepStudy) -> float:
     """Return the largest amplitude that is drawn [m]."""
     bands = [float(sweep.band[1].max()) for sweep in study.sweeps if sweep.draws is not None]
     return max([*bands, *(float(curve(sweep)[1].max()) for sweep in study.sweeps)])
+
+
+def _smallest(study: SweepStudy) -> float:
+    """Return the smallest amplitude of a direction that is drawn [m]."""
+    return min(float(curve(sweep)[1].min()) for sweep in study.sweeps)
 
 
 def _limit(study: SweepStudy) -> float:

@@ -2,20 +2,45 @@
 
 from ident.assess.arm_view import ArmView
 from ident.present.figures.show import show_figure
-from ident.present.html.page import Section
+from ident.present.figures.show_narrow import narrow_show_figure
+from ident.present.html.explore.page import script_hash
+from ident.present.html.moving_modes import moving_modes
+from ident.present.html.page import Frame, Picture, Section
 from ident.present.html.picture import picture
 from ident.present.text.show import sums
 
-ALT = "The arm from the side and from above, with its bodies, mass centres, joints and points, and its first modes."
+ALT = "The arm from the side and from above, with its bodies, mass centres, joints and points."
 CAPTION = (
     "To scale. Boxes are the bodies' shapes, or, dashed, boxes of the same inertia; the area of a black dot is in "
-    "proportion to the mass. Below, the first modes over the arm at rest; a mode has no amplitude."
+    "proportion to the mass."
 )
+MODES_ALT = "The first modes of the arm, swinging about the arm at rest."
+MODES_CAPTION = "The first modes, over the arm at rest (grey): all at one pace, far too slow; a mode has no amplitude."
 
 
 def arm_section(view: ArmView) -> Section:
     """Return masses and reach of an arm, what looks odd, and its picture."""
     odd = [f"Looks odd: {each}." for each in view.oddities] or ["None of its numbers looks odd."]
     failure = [f"No modes: {view.failure}."] if view.failure else []
-    drawn = (picture(show_figure(view), ALT, CAPTION),)
-    return Section("The arm with the identified numbers", (f"{sums(view)}.", *failure, *odd), pictures=drawn)
+    drawn = [picture(show_figure(view, modes=False), ALT, CAPTION, narrow_show_figure(view))]
+    if view.analysis:
+        still = (moving_modes(view, columns, still=True) for columns in (2, 1))
+        moving = tuple(moving_modes(view, columns) for columns in (2, 1))
+        drawn.append(Picture(next(still), MODES_ALT, MODES_CAPTION, next(still), moving))
+    return Section("The arm with the identified numbers", (f"{sums(view)}.", *failure, *odd), pictures=tuple(drawn))
+
+
+def explorer_section(page: str, command: str) -> Section:
+    """Return the explorer of an arm, within the report, and the command that makes it by itself."""
+    words = (
+        "Stiffnesses, payload, speed and place are changed with sliders; the Campbell diagram, the modes, the static"
+    )
+    frame = Frame(
+        page,
+        script_hash(),
+        "The arm with sliders: modes, Campbell diagram, static deflection and steady response",
+        "The explorer. It computes in the browser, with the exact mechanics, and asks for nothing.",
+    )
+    return Section(
+        "The arm, to be changed by hand", (f"{words} deflection and the steady response follow.", command), frame=frame
+    )

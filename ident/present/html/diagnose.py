@@ -8,20 +8,21 @@ from ident.assess.arm_view import ArmView
 from ident.assess.diagnosis import Diagnosis
 from ident.description.file import ArmFile
 from ident.measure import Campaign, Log
-from ident.present.html.arm_section import arm_section
+from ident.present.html.arm_section import arm_section, explorer_section
 from ident.present.html.diagnose_sections import diagnose_sections
 from ident.present.html.page import Page, Table, Verdict
 from ident.present.text.diagnose import cautions, verdict_words
 from ident.present.text.words import cut
 
 
-def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView) -> Page:
+def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView, explorer: str) -> Page:
     """Return the page of a finished diagnosis.
 
     Args:
         diagnosis: all of its stages.
         head: provenance, as in the result file.
         view: the arm with the identified numbers, as it is drawn.
+        explorer: a page on which that arm is changed by hand.
     """
     basis, campaign = diagnosis.task.basis, diagnosis.identification.sampled.fitted.campaign
     inputs: dict[str, ArmFile | Campaign | Log] = {"arm": basis.arm_file, "campaign": campaign}
@@ -30,8 +31,12 @@ def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView) 
         f"Vibration of {cut(basis.arm.name, 60)}",
         f"{cut(basis.motion.name, 80)}; measured: {cut(campaign.path, 60)}; {head['created'][:10]}",
         Verdict(diagnosis.verdict, verdict_words(diagnosis)),
-        (*cautions(diagnosis), _by_hand(diagnosis, head["options"])),
-        (*diagnose_sections(diagnosis), arm_section(view)),
+        tuple(cautions(diagnosis)),
+        (
+            *diagnose_sections(diagnosis),
+            arm_section(view),
+            explorer_section(explorer, _by_hand(diagnosis, head["options"])),
+        ),
         Table("Inputs", ("what", "file", "SHA-256"), tuple((w, file.path, file.sha256) for w, file in inputs.items())),
         tuple(_assumptions(basis.arm_file)),
         tuple(_provenance(head)),
@@ -39,13 +44,13 @@ def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView) 
 
 
 def _by_hand(diagnosis: Diagnosis, options: Mapping[str, Any]) -> str:
-    """Name the command that makes a page on which the same arm is changed by hand."""
+    """Name the command that makes the explorer by itself."""
     arm, campaign = diagnosis.task.basis.arm_file, diagnosis.identification.sampled.fitted.campaign
     words = ["ident", "explore", arm.path or "arm.toml", f"--posterior={campaign.name}.diagnose.nc"]
     words += [f"--campaign={campaign.path}"] if campaign.path else []
     words += [f"--{name.replace('_', '-')}={options[name]}" for name in ("soft_base", "load") if options[name]]
     words += [f"--set={path}={value}" for path, value in options["set"].items()]
-    return f"To change stiffnesses, payload and speed by hand and see what the arm does: {shlex.join(words)}"
+    return f"The same page by itself, whose address keeps what is on it: {shlex.join(words)}"
 
 
 def _assumptions(arm_file: ArmFile) -> Iterator[str]:

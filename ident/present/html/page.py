@@ -1,4 +1,4 @@
-"""A report as one HTML file: no script, no other file, nothing from the network.
+"""A report as one HTML file: no other file, nothing from the network, no script but that of a page within it.
 
 What a page says comes from files that anybody may have written. Every text goes through `shown` and Jinja2's
 autoescape, and a content security policy refuses whatever a text might still ask for.
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from jinja2 import Environment, StrictUndefined, Template
+from markupsafe import escape
 
 from ident.files import replace_file
 from ident.text import one_line
@@ -68,6 +69,8 @@ class Picture:
         svg: the whole SVG document.
         alt: what can be seen in it, for whoever can't see it.
         caption: what it shows and how to read it.
+        narrow: the same, drawn for a window as narrow as a phone's; empty where the one serves both.
+        moving: both as they move, for who does not mind; empty where nothing moves.
 
     Raises:
         ValueError: there is no SVG or no alternative text.
@@ -76,12 +79,31 @@ class Picture:
     svg: str
     alt: str
     caption: str
+    narrow: str = ""
+    moving: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if "<svg" not in self.svg:
+        if not all("<svg" in svg for svg in (self.svg, self.narrow or self.svg)):
             raise ValueError("a picture that is no SVG")
         if not self.alt.strip():
             raise ValueError("a picture without an alternative text")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A page that computes, within the page: it reaches neither the page about it nor anything else.
+
+    Attributes:
+        html: the whole page.
+        script: hash of the one script that it may run, as `sha256-...`.
+        title: what it is, for whoever can't see it.
+        caption: what it shows; on paper, it is left out with the page.
+    """
+
+    html: str
+    script: str
+    title: str
+    caption: str
 
 
 @dataclass(frozen=True)
@@ -94,6 +116,7 @@ class Section:
         onward: why it goes on, or why not; may be empty.
         tables: tables, below the paragraphs.
         pictures: figures, below the tables.
+        frame: a page that computes, below the figures.
     """
 
     title: str
@@ -101,6 +124,7 @@ class Section:
     onward: str = ""
     tables: tuple[Table, ...] = ()
     pictures: tuple[Picture, ...] = ()
+    frame: Frame | None = None
 
 
 @dataclass(frozen=True)
@@ -145,7 +169,8 @@ class Page:
 
 def render(page: Page) -> str:
     """Return a page as HTML; the same page gives the same text."""
-    return _template().render(page=page, words=WORDS) + "\n"
+    scripts = [section.frame.script for section in page.sections if section.frame]
+    return _template().render(page=page, words=WORDS, scripts=scripts) + "\n"
 
 
 @cache
@@ -153,7 +178,7 @@ def _template() -> Template:
     environment = Environment(
         autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"columns": columns, "data_uri": data_uri}
+    environment.filters |= {"columns": columns, "data_uri": data_uri, "whole": escape}
     return environment.from_string((files("ident.present.html") / TEMPLATE).read_text("utf-8"))
 
 

@@ -15,27 +15,32 @@ LARGEST = 1_500_000
 """Characters of an SVG above which its data are drawn as pixels."""
 DPI = 200
 """Pixels an inch of what is drawn as pixels."""
-SETTINGS: dict[Any, Any] = {"svg.hashsalt": "ident", "svg.fonttype": "path"}
+SETTINGS: dict[Any, Any] = {"svg.hashsalt": "ident", "svg.fonttype": "path", "path.simplify_threshold": 0.25}
 NOTHING = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that no XML document may hold."""
 PROLOGUE = re.compile(r"^.*?(?=<svg)", re.DOTALL)
 
 
-def picture(figure: Figure, alt: str, caption: str) -> Picture:
+def picture(figure: Figure, alt: str, caption: str, narrow: Figure | None = None) -> Picture:
     """Return a figure for a page: letters as outlines, no date; what would be too large becomes pixels.
 
     Args:
         figure: what to draw.
         alt: what can be seen in it, for whoever can't see it.
         caption: what it shows and how to read it.
+        narrow: the same for a window as narrow as a phone's, drawn anew, so that its letters can be read.
     """
+    return Picture(_bounded(figure), alt, caption, _bounded(narrow) if narrow else "")
+
+
+def _bounded(figure: Figure) -> str:
     svg = _svg(figure)
     if len(svg) > LARGEST:
         for artist in _data(figure):
             artist.set_rasterized(True)
         svg = _svg(figure)
-    return Picture(svg, alt, caption)
+    return svg
 
 
 def _svg(figure: Figure) -> str:

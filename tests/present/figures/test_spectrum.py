@@ -131,7 +131,9 @@ def test_colours_of_a_spectrogram(decibel, top, bottom):
     cells = mesh.get_array()
     assert set(np.argmax(cells, axis=0)) == {9}
     corners = mesh.get_coordinates()
-    np.testing.assert_allclose(corners[9, 0], [grown().time[0] - 0.125, 8.5])
+    np.testing.assert_allclose(
+        corners[9, 0], [grown().time[0], 9.0]
+    )  # a colour at each bin and segment, straight between
     assert corners[-1, -1, 1] - corners[-2, -1, 1] == pytest.approx(1.0)
     assert figure.axes[1].get_ylabel() == f"amplitude, 0-peak [{'dB re 1 mm' if decibel else 'mm'}]"
     drawn(figure)

@@ -4,6 +4,7 @@ const model = JSON.parse(document.getElementById("data").textContent);
 const PLACES = model.joints.length > 8 ? 17 : 33, BUDGET = 12, PAUSE = 150;  // places along the motion; milliseconds a frame for them, and between drawings of the response
 const $ = (id) => document.getElementById(id);
 model.points.unshift({ name: "", joint: model.payload.joint, position: model.payload.unit.first, force: [0, 0, 0] });
+const WITHIN = window.parent !== window;  // in another page's frame, whose address is not this one's to change
 const JOINTS = model.joints.length, first = firstState(model);
 let state = stateOf(model, first, location.hash.slice(1));
 let here = null, atFirst = null, queued = false, dirty = true, quiet = 0, clock = 0;
@@ -105,7 +106,7 @@ function showNumbers() {
 function settle() {
   const fragment = fragmentOf(model, first, state);
   $("command").value = commandsOf(model, first, state);
-  try { history.replaceState(null, "", `#${fragment}`); } catch { location.hash = fragment; }
+  if (!WITHIN) try { history.replaceState(null, "", `#${fragment}`); } catch { location.hash = fragment; }
   if (!here) { $("spoken").textContent = ""; return; }
   $("spoken").textContent = briefly();
 }

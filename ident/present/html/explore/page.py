@@ -61,7 +61,7 @@ def explore_page(
         fit: fitted values that the arm has taken over.
         posterior: draws that the marks are from.
     """
-    script, style = "\n".join(['"use strict";', *map(_source, SCRIPTS)]), _source("explore.css")
+    script, style = _script(), _source("explore.css")
     sources = {"fit": fit, "posterior": posterior}
     data = page_data(exploration) | {
         "start": {"posture_deg": list(start.posture), "speed": start.speed},
@@ -79,10 +79,15 @@ def explore_page(
         data=Markup(_json(data)),
         script=Markup(script),
         style=Markup(style),
-        script_hash=Markup(_hash(script)),
+        script_hash=Markup(script_hash()),
         style_hash=Markup(_hash(style)),
     )
     return f"{text}\n"
+
+
+def script_hash() -> str:
+    """Return the hash of the page's script, as a content security policy names it."""
+    return _hash(_script())
 
 
 def _remarks(exploration: Exploration, start: Start, fit: Values | None, posterior: Values | None) -> Iterator[str]:
@@ -107,7 +112,14 @@ def _arguments(arm_file: ArmFile, start: Start, sources: Mapping[str, Values | N
 
 def _files(sources: Mapping[str, Any]) -> str:
     known = {what: source for what, source in sources.items() if source is not None and source.path}
-    return "; ".join(f"{what}: {source.path}, SHA-256 {source.sha256[:12]}…" for what, source in known.items())
+    return "; ".join(
+        f"{what}: {source.path}" + (f", SHA-256 {source.sha256[:12]}…" if source.sha256 else "")
+        for what, source in known.items()
+    )
+
+
+def _script() -> str:
+    return "\n".join(['"use strict";', *map(_source, SCRIPTS)])
 
 
 def _source(name: str) -> str:
@@ -120,4 +132,4 @@ def _json(data: Mapping[str, Any]) -> str:
 
 
 def _hash(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")

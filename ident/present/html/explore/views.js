@@ -192,6 +192,7 @@ function listen() {
   name();
   $("copy").addEventListener("click", () => copy($("command").value));
   $("copy-link").addEventListener("click", () => copy(location.href));
+  $("copy-link").hidden = WITHIN;
   $("controls").addEventListener("submit", (event) => event.preventDefault());
   addEventListener("hashchange", () => {
     if (location.hash.slice(1) === fragmentOf(model, first, state)) return;
