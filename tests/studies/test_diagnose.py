@@ -106,8 +106,8 @@ def test_its_table_has_a_row_for_each_remedy(result):
 def test_its_page_has_every_stage(result):
     page = result.html()
     assert page.startswith("<!DOCTYPE html>")
-    assert [f'id="stage-{i}"' in page for i in range(1, 10)] == [True] * 8 + [False]
-    assert page.count("<figure>") == len(result.figures()) + 1 == 7
+    assert [f'id="stage-{i}"' in page for i in range(1, 11)] == [True] * 9 + [False]
+    assert page.count("<figure>") == len(result.figures()) + 2 == 8
     assert "<h2>8. The arm with the identified numbers</h2>" in page
     assert "None of its numbers looks odd." in page
     assert "7 bodies, 138.8 kg" in page
@@ -163,7 +163,7 @@ def test_where_nothing_turns_there_is_no_chart_of_resonance(result):
     undriven = with_stage(result, "resonance", ResonanceAssessment())
     assert "resonance" not in undriven.figures()
     assert "no turning mass does" in undriven.report()
-    assert undriven.html().count("<figure>") == 6
+    assert undriven.html().count("<figure>") == result.html().count("<figure>") - 1
 
 
 def test_an_interrupted_one_goes_on_and_comes_to_the_same(result, tmp_path):
