@@ -14,7 +14,8 @@ from ident.studies.result import Progress, Result, silent
 from ident.text import one_line
 
 if TYPE_CHECKING:
-    from ident.identify.fleet import Fleet
+    from ident.identify.fleet import Fleet, Robot
+    from ident.inference.population_chains import Draws, Under
     from ident.present.html.page import Page
 
 CAMPAIGN, ARM = "campaign.csv", "arm.toml"
@@ -28,6 +29,7 @@ class FleetOptions(FitOptions):
     batch: int = option(
         1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096
     )
+    normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
     dask: str = option("", "address of a Dask scheduler whose workers fit them instead, as tcp://host:8786")
 
     def problems(self) -> list[Problem]:
@@ -58,7 +60,7 @@ class FleetResult(Result):
     fleet: "Fleet"
     options: FleetOptions = field(default_factory=FleetOptions)
 
-    form = "ident-fleet/1"
+    form = "ident-fleet/2"
     subject = "label"
     shown = ("fleet",)
     summary = ("standing_out", "failed", "priors")
@@ -172,7 +174,7 @@ def fleet(
         InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
     """
     from ident.identify.fleet import fleet as infer
-    from ident.studies.fleet_tasks import One, outcomes
+    from ident.studies.fleet_tasks import One, drawn, outcomes
 
     options = FleetOptions.of(options)
     files = _found(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
@@ -182,7 +184,16 @@ def fleet(
         tasks = [One(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
         done = [robot for _, robot in zip(steps, outcomes(tasks, options), strict=True)]
-    return FleetResult(label or "fleet", infer(done, seed=options.seed), options.of_each)
+        found = {task.name: task for task in tasks}
+
+        def redraw(robots: "Sequence[Robot]", under: "Under") -> "list[Draws | None]":
+            asked = [found[robot.name] for robot in robots]
+            steps = progress("draws of robots", len(asked))(range(len(asked)))
+            known = {one.name: draws for _, (one, draws) in zip(steps, drawn(asked, under, options), strict=True)}
+            return [known[robot.name] for robot in robots]
+
+        inferred = infer(done, seed=options.seed, redraw=None if options.normal else redraw)
+    return FleetResult(label or "fleet", inferred, options.of_each)
 
 
 def _found(folder: Path, arm: str | Path | None) -> list[Files]:
