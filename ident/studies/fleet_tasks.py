@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ident.identify.fleet import Robot, SourceFile
     from ident.identify.fleet_batch import Given
     from ident.inference.population_chains import Draws, Under
-    from ident.studies.fleet import FleetOptions
+    from ident.studies.fleet import EngineOptions, FleetOptions
 
 KILLS = 3
 """Workers that a robot may have killed before it is given up."""
@@ -99,8 +99,8 @@ class One(Task):
 
         options = self.options.of_each.recorded()
         paths = [str(self.campaign), str(self.arm)]
-        parts = [self.name, paths, _digest(self.campaign), _digest(self.arm), encode(options), environment()]
-        return _hash(parts)
+        parts = [self.name, paths, digest(self.campaign), digest(self.arm), encode(options), environment()]
+        return hashed(parts)
 
     @property
     def file(self) -> Path:
@@ -112,7 +112,7 @@ class One(Task):
         """Campaign and arm as they are now."""
         from ident.identify.fleet import SourceFile
 
-        return SourceFile(str(self.campaign), _digest(self.campaign)), SourceFile(str(self.arm), _digest(self.arm))
+        return SourceFile(str(self.campaign), digest(self.campaign)), SourceFile(str(self.arm), digest(self.arm))
 
     def results(self) -> "tuple[Robot, ...]":
         """Fit the robot, or say which input is wrong."""
@@ -150,7 +150,7 @@ class Batch(Task):
     @property
     def file(self) -> Path:
         """Where the result goes."""
-        return self.folder / f"{_hash([member.key for member in self.members])}.robots"
+        return self.folder / f"{hashed([member.key for member in self.members])}.robots"
 
     def results(self) -> "tuple[Robot, ...]":
         """Fit those together of which nothing speaks against it, and each of the others by itself."""
@@ -184,7 +184,7 @@ class Again(Task):
     @property
     def file(self) -> Path:
         """Where the result goes."""
-        return self.folder / f"{_hash([self.one.key, encode(self.under)])}.draws"
+        return self.folder / f"{hashed([self.one.key, encode(self.under)])}.draws"
 
     def results(self) -> "tuple[Draws | None]":
         """Draw the robot; None where that is not possible."""
@@ -194,7 +194,7 @@ class Again(Task):
 
         options = self.one.options
         arm = as_file(self.one.arm, options.soft_base).arm
-        seed = int(_hash([self.one.name, options.seed])[:8], 16)
+        seed = int(hashed([self.one.name, options.seed])[:8], 16)
         return (draws_under(arm, read_campaign(self.one.campaign), options.unknowns, self.under, seed),)
 
 
@@ -214,11 +214,13 @@ def _given(member: One, arms: "dict[str, Arm]") -> "Given | None":
         return None
 
 
-def _hash(parts: list[Any]) -> str:
+def hashed(parts: list[Any]) -> str:
+    """Return a hash of plain data, as a name for a file."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def _digest(path: Path) -> str:
+def digest(path: Path) -> str:
+    """Return a hash of a file's bytes; empty where it can't be read."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:
@@ -238,24 +240,24 @@ def outcomes(robots: Sequence[One], options: "FleetOptions") -> Iterator["Robot"
     if size > 1:
         parts = [tuple(single[start : start + size]) for start in range(0, len(single), size)]
         single = []
-        for batch, _ in _done([Batch(part, size, part[0].folder) for part in parts], options):
+        for batch, _ in done([Batch(part, size, part[0].folder) for part in parts], options):
             if known := batch.read():
                 yield from known
             else:
                 single += batch.members
-    for one, reason in _done([*single], options):
+    for one, reason in done([*single], options):
         known = one.read()
         yield known[0] if known else one.failed(f"{one.campaign}: {reason or 'its result can not be read'}")
 
 
 def drawn(robots: Sequence[One], under: "Under", options: "FleetOptions") -> 'Iterator[tuple[One, "Draws | None"]]':
     """Draw robots under a population, as workers come free; None for one of which that is not possible."""
-    for task, _ in _done([Again(one, under) for one in robots], options):
+    for task, _ in done([Again(one, under) for one in robots], options):
         known = task.read()
         yield task.one, known[0] if known else None
 
 
-def _done(tasks: list[T], options: "FleetOptions") -> Iterator[tuple[T, str]]:
+def done(tasks: list[T], options: "EngineOptions") -> Iterator[tuple[T, str]]:
     """Return each task when it is done, and why it is not; those that were done before come first."""
     pending = []
     for task in tasks:
