@@ -157,8 +157,9 @@ class Linear:
 
 def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile) -> Robot:
     """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors."""
-    slope = np.asarray(fit.jacobian) / np.asarray(fit.problem.sigma)[:, None]
-    at = Linear(np.asarray(fit.best.theta), fit.information.sd, fit.residuals, slope)
+    slope = fit.problem.scaled(np.asarray(fit.jacobian))
+    residuals = fit.problem.scaled(np.asarray(fit.predicted) - np.asarray(fit.problem.measured))
+    at = Linear(np.asarray(fit.best.theta), fit.information.sd, residuals, slope)
     robot = robot_at(at, fit.problem.parameters, Stiffnesses.of(fit.problem.parameters))
     robot = replace(robot, name=name, campaign=campaign, arm=arm)
     return replace(robot, measurements=len(fit.campaign), doubts=fit.doubts)
