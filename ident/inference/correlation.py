@@ -91,7 +91,7 @@ class Correlation(eqx.Module):
 
 
 def correlation(
-    groups: Sequence[tuple[Sequence[int], Float[np.ndarray, "n n"]]], counts: Bool[np.ndarray, "D"]
+    groups: Sequence[tuple[Sequence[int], Float[np.ndarray, "_ _"]]], counts: Bool[np.ndarray, "D"]
 ) -> Correlation | None:
     """Return the correlation of values.
 
