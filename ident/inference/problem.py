@@ -173,10 +173,9 @@ class InverseProblem(eqx.Module):
         """Return the same problem in one of few sizes, repeated values as their mean; they may come in another order.
 
         With weights w = 1/sigma^2, the sum of w (predicted - measured)^2 over repeated values is that of their mean,
-        W (predicted - mean)^2 with W the sum of w, and their scatter about it, which no parameter changes. Values whose
-        errors are correlated have no such mean; with them the problem stays as it is.
+        W (predicted - mean)^2 with W the sum of w, and their scatter about it, which no parameter changes.
         """
-        if not isinstance(self.model, Growing) or self.correlation is not None:
+        if not isinstance(self.model, Growing):
             return Padded(self, np.arange(len(self.kinds)), 0.0)
         model, source, places = self.model.padded()
         mean, spread, scatter = self.pooled(source, places)
@@ -184,10 +183,14 @@ class InverseProblem(eqx.Module):
         return Padded(InverseProblem(model, mean, spread, self.parameters, kinds), places, scatter)
 
     def in_parts(self) -> "InParts | None":
-        """Return a large problem in parts of one size, repeated values as their mean; None for one that stays whole."""
-        if not isinstance(self.model, Growing) or self.correlation is not None:
+        """Return a large problem in parts of one size, repeated values as their mean; None for one that stays whole.
+
+        One with correlated errors, which have no such mean, is in one part if it is not large: predicted like any
+        other, and weighed as it is.
+        """
+        if not isinstance(self.model, Growing):
             return None
-        parts = self.model.in_parts()
+        parts = self.model.in_parts() or (None if self.correlation is None else _one_part(*self.model.padded()))
         if parts is None:
             return None
         mean, spread, scatter = self.pooled(parts.source.ravel(), parts.places)
@@ -267,6 +270,10 @@ class InverseProblem(eqx.Module):
     def without(self, kind: str) -> "InverseProblem":
         """Return the problem in which values of one kind are predicted but not fitted."""
         return self.with_sigma(np.where(np.array(self.kinds) == kind, np.inf, np.asarray(self.sigma)))
+
+
+def _one_part(model: Growing, source: np.ndarray, places: np.ndarray) -> Parts:
+    return Parts((model,), source[None], places, lambda held: [held], lambda held: held[0])
 
 
 def _wrong(name: str, place: int, value: float, expected: str, remedy: str) -> Problem:
