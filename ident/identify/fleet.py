@@ -158,8 +158,9 @@ class Linear:
 
 def linear(fit: Fit) -> Linear:
     """Return what a fit is near its optimum."""
-    slope = np.asarray(fit.jacobian) / np.asarray(fit.problem.sigma)[:, None]
-    return Linear(np.asarray(fit.best.theta), fit.information.sd, fit.residuals, slope)
+    slope = fit.problem.scaled(np.asarray(fit.jacobian))
+    residuals = fit.problem.scaled(np.asarray(fit.predicted) - np.asarray(fit.problem.measured))
+    return Linear(np.asarray(fit.best.theta), fit.information.sd, residuals, slope)
 
 
 def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile) -> Robot:
