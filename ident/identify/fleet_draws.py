@@ -40,7 +40,9 @@ class Normal(NamedTuple):
     covariance: Float[np.ndarray, "U U"]
 
 
-def draws_under(arm: Arm, campaign: Campaign, unknowns: Unknowns, under: Under, seed: int) -> Draws | None:
+def draws_under(
+    arm: Arm, campaign: Campaign, unknowns: Unknowns, under: Under, seed: int, *, chains: bool = False
+) -> Draws | None:
     """Draw a robot's stiffnesses about its optimum under a population, each weighed by the likelihood of its data.
 
     Drawn are all unknowns, from a mixture of Student's t about the optimum, linearised there: the stiffnesses as the
@@ -54,6 +56,7 @@ def draws_under(arm: Arm, campaign: Campaign, unknowns: Unknowns, under: Under, 
         unknowns: of the robot's own fit.
         under: the population.
         seed: of the draws.
+        chains: let chains draw in any case.
 
     Returns:
         None where the robot has no optimum there, or the model no answer about it.
@@ -66,8 +69,8 @@ def draws_under(arm: Arm, campaign: Campaign, unknowns: Unknowns, under: Under, 
     try:
         problem = build_problem(arm, campaign, replace(unknowns, priors={**unknowns.priors, **priors}))
         found = fit(problem, starts=STARTS, seed=seed)
-        drawn = _weighed(found, own, seed)
-        return drawn if weighed(drawn, under).sound else _chains(found, own, under, seed)
+        drawn = None if chains else _weighed(found, own, seed)
+        return drawn if drawn and weighed(drawn, under).sound else _chains(found, own, under, seed)
     except (InputError, ModelError):
         return None
 

@@ -31,18 +31,15 @@ from ident.identify.fit import fit_campaign
 from ident.identify.fleet import Robot, SourceFile, fleet, robot_of
 from ident.identify.fleet_batch import Given, robots_together
 from ident.identify.fleet_draws import draws_under
-from ident.identify.sample import sample_campaign
 from ident.identify.unknowns import Unknowns
 from ident.inference.population import Population
 from ident.inference.population_chains import Draws, Under
-from ident.inference.sample import Settings
 from ident.measure import Campaign
 
 ROBOTS, ONE_POSTURE = 20, 5
 SPREAD = {"k_bend": 0.06, "k_tors": 0.1}
 """Standard deviation of ln(stiffness) from robot to robot, as data/fleet/generate.py has it."""
 ARM = read_arm(DESIGN / "arm.toml").arm
-CHAINS = Settings(target_ess=2000.0)
 
 
 def made(rng: np.random.Generator) -> tuple[list[Campaign], np.ndarray, np.ndarray]:
@@ -69,30 +66,16 @@ def fitted(campaigns: list[Campaign]) -> list[Robot]:
     return [found.get(g.name) or robot_of(fit_campaign(ARM, g.campaign), g.name, SourceFile(), same) for g in given]
 
 
-def by_chains(campaigns: list[Campaign], robots: list[Robot], seed: int) -> dict[str, Draws]:
-    """Sample each robot under the interim prior."""
-    drawn = {}
-    for robot, campaign in zip(robots, campaigns, strict=True):
-        whole = sample_campaign(fit_campaign(ARM, campaign, starts=4), settings=replace(CHAINS, seed=seed)).sample
-        theta = whole.draws()[:: max(len(whole.draws()) // 8000, 1)]
-        log_prior = np.asarray(whole.posterior.problem.parameters.log_prior(theta.T))
-        drawn[robot.name] = Draws(theta, log_prior, robot.likelihood)
-    return drawn
-
-
 def inferred(robots: list[Robot], redraw, seed: int) -> Population:
     """Infer the population."""
     return fleet(robots, seed=seed, redraw=redraw).population
 
 
-def weighed(campaigns: list[Campaign], seed: int, which: Sequence[Robot], under: Under) -> list[Draws | None]:
+def drawn(
+    campaigns: list[Campaign], seed: int, chains: bool, which: Sequence[Robot], under: Under
+) -> list[Draws | None]:
     """Draw robots under a population."""
-    return [draws_under(ARM, campaigns[int(robot.name)], Unknowns(), under, seed) for robot in which]
-
-
-def chosen(drawn: dict[str, Draws], which: Sequence[Robot], _: Under) -> list[Draws]:
-    """Return what is drawn already."""
-    return [drawn[robot.name] for robot in which]
+    return [draws_under(ARM, campaigns[int(robot.name)], Unknowns(), under, seed, chains=chains) for robot in which]
 
 
 def covered(population: Population, mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
@@ -116,13 +99,12 @@ def main() -> None:
         campaigns, *truth = made(np.random.default_rng(seed))
         robots = fitted(campaigns)
         ways["normal"].append(covered(inferred(robots, None, seed), *truth))
-        ours = inferred(robots, partial(weighed, campaigns, seed), seed)
+        ours = inferred(robots, partial(drawn, campaigns, seed, False), seed)
         ways["weighed"].append(covered(ours, *truth))
         trust += [(each.k, each.effective) for each in ours.trusted]
         normal += len(ours.normal)
         if number < options.chains:
-            drawn = by_chains(campaigns, robots, seed)
-            theirs = inferred(robots, partial(chosen, drawn), seed)
+            theirs = inferred(robots, partial(drawn, campaigns, seed, True), seed)
             ways["chains"].append(covered(theirs, *truth))
             _compare(number, ours, theirs)
         if number % 10 == 9:
