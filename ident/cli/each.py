@@ -2,99 +2,26 @@
 
 import json
 import textwrap
-from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ident.cli import running
-from ident.cli.app import app
 from ident.cli.command import SHORT, OutOption, command
-from ident.cli.defaults import FILE
 from ident.cli.output import output
-from ident.errors import IdentError, InputError, Problem
+from ident.errors import InputError, Problem
 from ident.files import replace_file
 from ident.studies.fleet import EngineOptions, robots_in
-from ident.studies.fleet_tasks import Task, digest, done, hashed
 from ident.text import did_you_mean, one_line
+
+if TYPE_CHECKING:
+    from ident.cli.words import Words
 
 NOT_FOR_EACH = ("each", "fleet", "new", "compare", "modal", "show", "rerun")
 """Commands that are about no single robot, or about no campaign and arm."""
 WIDTH = 100
 FOLDED: dict[str, Any] = {"subsequent_indent": " " * 35, "break_long_words": False, "break_on_hyphens": False}
-
-
-@dataclass(frozen=True)
-class Words(Task):
-    """A command for one robot.
-
-    Attributes:
-        name: the robot's.
-        campaign: its measurements.
-        arm: its description.
-        words: command and flags, without what the robot is.
-        out: folder of the robots' results.
-    """
-
-    name: str
-    campaign: Path
-    arm: Path
-    words: tuple[str, ...]
-    out: Path
-
-    @property
-    def folder(self) -> Path:  # type: ignore[override]
-        """Where it is noted what is done."""
-        return self.out / ".done"
-
-    @property
-    def file(self) -> Path:
-        """What is noted of this one: named by the command line, the files that it reads and the program."""
-        from ident.programs import environment  # it imports jax
-
-        beside = [path.parent / FILE for path in (self.campaign, self.arm)]
-        named = [Path(part) for word in self.line for part in (word, word.partition("=")[2]) if part]
-        digests = [digest(path) for path in (self.campaign, self.arm, *beside, *named)]
-        return self.folder / f"{hashed([self.name, str(self.out), *self.line, digests, environment()])}.json"
-
-    @property
-    def line(self) -> list[str]:
-        """The command line."""
-        first, *rest = (word.replace("{name}", self.name) for word in self.words)
-        own = [str(self.campaign), "--arm", str(self.arm)] if "campaign" in arguments(first) else [str(self.arm)]
-        kept = ["--out", str(self.out / self.name)] if "out" in arguments(first) else []
-        return [first, *own, *rest, *kept, "--json"]
-
-    def read(self) -> tuple[Any, ...] | None:
-        """Return what was noted, if what was printed is still there."""
-        return super().read() if (self.out / self.name / "report.txt").is_file() else None
-
-    def results(self) -> tuple[int, str, str]:
-        """Run the command; return its status, what was wrong, and its document as JSON."""
-        words, document = StringIO(), StringIO()
-        status, wrong = 0, ""
-        try:
-            with redirect_stdout(document), redirect_stderr(words):
-                status = app(self.line, standalone_mode=False) or 0
-        except IdentError as error:
-            status, wrong = 2 if isinstance(error, InputError) else 1, str(error)
-        report, text = self.out / self.name / "report.txt", (words.getvalue() + wrong).encode("utf-8")
-        replace_file(report, lambda file: file.write(text), make_folders=True)
-        return status, wrong, document.getvalue()
-
-
-def arguments(name: str) -> set[str]:
-    """Return the parameters of a command."""
-    known = commands()
-    return {each.name for each in known[name].params} if name in known else set()
-
-
-def commands() -> dict[str, Any]:
-    """Return all commands, by name."""
-    return dict(getattr(typer.main.get_command(app), "commands", {}))
 
 
 @command(EngineOptions)
@@ -113,6 +40,9 @@ def each_command(
     writes and prints goes into ROBOTS.COMMAND/NAME in the folder given by --out, the main numbers of all robots into
     ROBOTS.COMMAND.json. A robot that is done is not done again. Exit status 3 where it failed for a robot.
     """
+    from ident.cli.words import Words
+    from ident.studies.fleet_tasks import done
+
     label = f"{robots.absolute().name}.{words[0]}"
     tasks = [Words(*files, tuple(words), out / label) for files in sorted(robots_in(robots, arm))]
     _check(tasks[0])
@@ -135,12 +65,14 @@ def each_command(
         raise typer.Exit(SHORT)
 
 
-def _check(task: Words) -> None:
+def _check(task: "Words") -> None:
     """Refuse words that are no command for a robot, before any work.
 
     Raises:
         InputError: no such command, or not its flags.
     """
+    from ident.cli.words import commands
+
     first, known = task.words[0], sorted({*commands()} - {*NOT_FOR_EACH})
     if first not in known:
         raise InputError(Problem("", f"'{first}'", "a command for one robot", did_you_mean(first, known, "see --help")))

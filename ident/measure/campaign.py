@@ -182,7 +182,7 @@ class Campaign:
 
     @property
     def correlated(self) -> tuple[Correlated, ...]:
-        """Places of the rows of each group that has several, and the correlation of their errors."""
+        """Places of the rows of each group that has several, and the correlation [-] of their errors."""
         return correlated([(m.group, m.member) for m in self.measurements], self.covariance)
 
     def of_kind(self, *kinds: str) -> "Campaign":
@@ -260,16 +260,6 @@ def resolution_problems(resolution: float) -> Iterator[Problem]:
     if not 0 <= resolution < math.inf:
         remedy = "give the step of the display in the value's unit, or leave the cell empty"
         yield Problem("", f"{resolution:g}", "a resolution above 0", remedy, "resolution")
-
-
-def duplicates(measurements: tuple[Measurement, ...]) -> Iterator[tuple[Measurement, Measurement]]:
-    """Yield each measurement that repeats an earlier one to the last digit, after the earlier one."""
-    first: dict[Measurement, Measurement] = {}
-    for measurement in measurements:
-        key = replace(measurement, sigma=abs(measurement.value) or 1.0, resolution=0.0, note="")
-        earlier = first.setdefault(key, measurement)
-        if earlier is not measurement:
-            yield earlier, measurement
 
 
 _ROLE_FIELDS = ("mode", "of", "point", "direction", "reference_load")

@@ -12,7 +12,6 @@ from ident.measure.campaign import (
     KINDS,
     Campaign,
     Measurement,
-    duplicates,
     load_problems,
     role_problems,
     value_problems,
@@ -241,8 +240,18 @@ def _positive(text: str, decimal: str, what: str) -> float:
 
 
 def _duplicate_problems(measurements: tuple[Measurement, ...]) -> Iterator[Problem]:
-    for earlier, repeated in duplicates(measurements):
+    for earlier, repeated in _duplicates(measurements):
         got = f"a duplicate of row {earlier.where.rpartition(':')[2]}"
         otherwise = "correct one of the labels" if repeated.mode else "label the modes if two modes share a frequency"
         remedy = f"delete one of them, tell readings apart by a column repeat, or {otherwise}"
         yield Problem(repeated.where, got, "each measurement once", remedy)
+
+
+def _duplicates(measurements: tuple[Measurement, ...]) -> Iterator[tuple[Measurement, Measurement]]:
+    """Yield each measurement that repeats an earlier one to the last digit, after the earlier one."""
+    first: dict[Measurement, Measurement] = {}
+    for measurement in measurements:
+        key = replace(measurement, sigma=abs(measurement.value) or 1.0, resolution=0.0, note="")
+        earlier = first.setdefault(key, measurement)
+        if earlier is not measurement:
+            yield earlier, measurement
