@@ -11,6 +11,7 @@ import numpy as np
 from ident.identify.fleet import FEWEST, STANDS_OUT, Fleet, Robot
 from ident.inference.population import Population
 from ident.present.figures.fleet import stiffness_figure
+from ident.present.figures.narrow import narrowed
 from ident.present.files.fleet import fleet_priors
 from ident.present.html.page import Page, Picture, Section, Table, Verdict
 from ident.present.html.picture import picture
@@ -140,7 +141,9 @@ def _population(fleet: Fleet, population: Population) -> Section:
 def _picture(fleet: Fleet, population: Population, i: int) -> Picture:
     words = stiffness_words(fleet.names[i])
     caption = f"{words}: each robot's own fit and its shrunk estimate with 95 % intervals, in the order of their names."
-    return picture(stiffness_figure(fleet, population, i), f"{words} of all robots beside the population", caption)
+    alt = f"{words} of all robots beside the population"
+    wide, narrow = stiffness_figure(fleet, population, i), narrowed(stiffness_figure(fleet, population, i))
+    return picture(wide, alt, caption, narrow)
 
 
 def _next(fleet: Fleet) -> Section:

@@ -77,6 +77,17 @@ def three_digits(number: float) -> str:
     return f"{number:#.3g}".removesuffix(".")
 
 
+def rounded(number: float, digits: int = 2) -> str:
+    """Write a number with so many digits, and no power of ten: `0.71`, `120`."""
+    return f"{float(f'{number:.{digits}g}'):.10g}"
+
+
+def beside(number: float, limit: float) -> str:
+    """Write a number with two digits, or with as many as tell on which side of a limit it lies: `0.71`, `0.4987`."""
+    written = (rounded(number, digits) for digits in range(2, 9))
+    return next((text for text in written if np.sign(float(text) - limit) == np.sign(number - limit)), f"{number:.10g}")
+
+
 def percent(share: float, sign: str = "") -> str:
     """Write a share with two digits, and no power of ten where it is large: `8.6 %`, `112 %`."""
     return f"{100 * share:{sign}.0f} %" if abs(share) > 0.994 else f"{100 * share:{sign}.2g} %"

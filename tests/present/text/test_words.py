@@ -11,6 +11,7 @@ from ident.measure import Campaign, Measurement
 from ident.present.text.words import (
     WIDTH,
     as_factor,
+    beside,
     drive_states,
     folded,
     in_percent,
@@ -59,6 +60,21 @@ def test_a_share_has_no_power_of_ten(share, words):
 @pytest.mark.parametrize(("number", "words"), [(17.0, "17.0"), (184.2, "184"), (0.1239, "0.124"), (0.0, "0.00")])
 def test_three_digits_end_in_no_point(number, words):
     assert three_digits(number) == words
+
+
+@pytest.mark.parametrize(
+    ("number", "limit", "words"),
+    [
+        (0.7071, 0.5, "0.71"),
+        (0.4987, 0.5, "0.499"),
+        (0.504, 0.5, "0.504"),
+        (0.7065, 0.707, "0.7065"),
+        (124.0, 0.5, "120"),
+    ],
+)
+def test_two_digits_or_as_many_as_tell_the_side_of_a_limit(number, limit, words):
+    assert beside(number, limit) == words
+    assert (float(words) > limit) == (number > limit)
 
 
 def test_a_long_line_is_folded_and_goes_on_farther_in():

@@ -38,8 +38,13 @@ function logTicks(low, high) {
 // Width of what a drawing stands in, looked up once: a look makes the browser lay out the page.
 const widths = new Map();
 
+const PRINTED = 380;  // pixels of half a sheet
+let printing = false;
+
+const printedWidth = (svg) => (svg.closest(".whole > .drawing") ? 2 * PRINTED : PRINTED);
+
 function widthOf(svg) {
-  if (!widths.has(svg)) widths.set(svg, svg.parentNode.clientWidth || 320);
+  if (!widths.has(svg)) widths.set(svg, printing ? printedWidth(svg) : svg.parentNode.clientWidth || 320);
   return widths.get(svg);
 }
 
@@ -113,8 +118,7 @@ function armViews(svgs, box, lines) {
 function drawLine(svg, line, at) {
   const points = line.points.map(at);
   svg.append(svgNode("path", { class: line.style, d: pathOf(points) }));
-  if (!line.dots) return;
-  points.forEach((p, i) => {
+  if (line.dots) points.forEach((p, i) => {
     const last = i === points.length - 1;
     svg.append(svgNode("circle", { class: `${line.style} ${last ? "end" : "dot"}`, cx: p[0], cy: p[1], r: last ? 3 : 5 }));
   });
@@ -128,9 +132,9 @@ function drawLine(svg, line, at) {
 function key(list, entries) {
   list.replaceChildren(...entries.map(([style, words]) => {
     const item = document.createElement("li"), sample = svgNode("svg", { width: 30, height: 12, "aria-hidden": "true" });
-    sample.append(style.startsWith("measured")
-      ? svgNode("circle", { class: style, cx: 15, cy: 6, r: 4 })
-      : svgNode("path", { class: style, d: "M1 6H29" }));
+    const marks = { measured: ["circle", { cx: 15, cy: 6, r: 4 }], "rigid load": ["rect", { x: 10, y: 1, width: 10, height: 10 }] };
+    const [shape, place] = marks[style] || ["path", { d: "M1 6H29" }];
+    sample.append(svgNode(shape, { class: style, ...place }));
     item.append(sample, document.createTextNode(words));
     return item;
   }));

@@ -126,12 +126,14 @@ function modeRows() {
   state.mode = Math.min(state.mode, modes.length - 1);
   const found = readingsHere("frequency"), measured = {};
   const same = atFirst && alike(here, atFirst);
-  let order = 0;
-  for (const reading of [...found].sort((a, b) => a.value - b.value)) {
-    const i = modeOf(reading.mode, modes, order);
-    if (!reading.mode) order += 1;
+  for (const reading of found.filter((each) => each.mode)) {
+    const i = modeOf(reading.mode, modes);
     if (i !== undefined) measured[i] = [...(measured[i] || []), reading];
   }
+  const free = modes.map((_, i) => i).filter((i) => !measured[i]);  // as a fit takes values without a label: the lowest modes left, in order
+  found.filter((each) => !each.mode).sort((a, b) => a.value - b.value).forEach((reading, order) => {
+    if (order < free.length) measured[free[order]] = [reading];
+  });
   while (body.rows.length > modes.length) body.lastChild.remove();
   while (body.rows.length < modes.length) body.append(modeRow(body.rows.length));
   modes.forEach((mode, i) => {
