@@ -105,14 +105,16 @@ def photograph(folder: Path, page: str, size: tuple[int, int], picture: Path) ->
 
 
 def shrink(picture: Path) -> None:
-    """Make a picture small: few colours, and no wider than a page."""
+    """Make a picture small: few colours, those that are seldom included, and no wider than a page."""
     with Image.open(picture) as opened:
         image = opened.convert("RGB")
     if image.width > WIDEST:
         image = image.resize((WIDEST, round(image.height * WIDEST / image.width)), Image.Resampling.LANCZOS)
     colors = COLORS
     while True:
-        image.quantize(colors, dither=Image.Dither.NONE).save(picture, optimize=True)
+        image.quantize(colors, Image.Quantize.MAXCOVERAGE, kmeans=8, dither=Image.Dither.NONE).save(
+            picture, optimize=True
+        )
         if picture.stat().st_size < MOST or colors <= 8:
             return
         colors //= 2

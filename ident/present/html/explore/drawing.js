@@ -1,7 +1,7 @@
 // Drawings as SVG, made anew for each width so that letters keep their size. All words go through textContent.
 
 const SVG = "http://www.w3.org/2000/svg";
-const TALLEST = 340;  // pixels of a view of the arm
+const TALLEST = 340;  // pixels of a view of the arm; on paper less
 const MARGIN = { left: 52, right: 12, top: 10, bottom: 38 };
 
 function svgNode(kind, attributes, text) {
@@ -97,7 +97,7 @@ function pathOf(points) {
 // The arm in two views with the same scale: from the side (x, z) and from above (x, y).
 function armViews(svgs, box, lines) {
   const width = widthOf(svgs[0]), span = minus(box.high, box.low);
-  const scale = Math.min((width - 24) / span[0], TALLEST / Math.max(span[1], span[2])), left = (width - scale * span[0]) / 2;
+  const scale = Math.min((width - 24) / span[0], (printing ? 0.6 : 1) * TALLEST / Math.max(span[1], span[2])), left = (width - scale * span[0]) / 2;
   svgs.forEach((svg, view) => {
     const up = view ? 1 : 2, tall = Math.max(70, scale * span[up] + 24);
     const middle = (box.high[up] + box.low[up]) / 2;
