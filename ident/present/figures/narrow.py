@@ -56,7 +56,7 @@ def _fold_rows(axes: Axes) -> float:
     folded = [textwrap.fill(label, LABEL) for label in labels]
     if folded != labels:
         axes.set_yticks(axes.get_yticks(), folded)
-    if isinstance(axes.xaxis.get_major_formatter(), ScalarFormatter):
+    if isinstance(axes.xaxis.get_major_formatter(), ScalarFormatter) and len(axes.get_xticks()):
         axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.set_xlabel(textwrap.fill(axes.get_xlabel(), WORDS))
     return ROW * sum(label.count("\n") for label in folded)

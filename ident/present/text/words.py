@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.fields import field_of
+from ident.arm.oddities import oddities
 from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
@@ -23,7 +24,7 @@ KEPT = "\u00a0"
 LARGEST = 1e6
 """Factor above which it is only said to be above."""
 MOST_ROWS = 3
-"""Rows that a warning names, at most."""
+"""Rows, or numbers, that a warning names, at most."""
 NOTABLE = 0.15
 """Weight below which a parameter is left out when a direction is put into a few words."""
 MATTERS = 0.3
@@ -157,6 +158,15 @@ def describe(m: Measurement) -> str:
 def _held(m: Measurement) -> str:
     """Say what held the motors, where it was no brake."""
     return "" if m.drives == DRIVE_STATES[0] else f", {m.drives} on"
+
+
+def odd_numbers(arm: Arm) -> Iterator[str]:
+    """Warn of numbers of an arm that look wrong, as a wrong arm file is the commonest cause of a wrong stiffness."""
+    odd = oddities(arm)
+    yield from (f"  WARNING: the arm file looks odd: {each}" for each in odd[:MOST_ROWS])
+    if odd:
+        more = f"{len(odd) - MOST_ROWS} more; " if len(odd) > MOST_ROWS else ""
+        yield f"    ({more}`ident show` draws the arm and names them all)"
 
 
 def drive_states(arm: Arm, campaign: Campaign) -> Iterator[str]:

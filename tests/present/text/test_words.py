@@ -16,6 +16,7 @@ from ident.present.text.words import (
     folded,
     in_percent,
     kept,
+    odd_numbers,
     percent,
     scatter,
     three_digits,
@@ -99,3 +100,10 @@ def test_rows_with_a_servo_on_are_warned_of_unless_the_arm_describes_it():
     assert "k_tors contains the servo" in next(drive_states(lcd_arm(), servo))
     described = replace(lcd_arm(), servos=(Servo("servo1", "joint1", k_servo=100.0),))
     assert list(drive_states(described, mixed)) == []
+
+
+def test_a_number_that_looks_wrong_is_warned_of_and_a_sound_arm_is_not():
+    assert list(odd_numbers(lcd_arm())) == []
+    lines = list(odd_numbers(lcd_arm().replace({"drive1.ratio": 1e6})))
+    assert [line.split(": ")[2] for line in lines[:-1]] == ["drive1.ratio", "belt1"]
+    assert lines[-1] == "    (`ident show` draws the arm and names them all)"
