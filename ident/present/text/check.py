@@ -17,6 +17,7 @@ from ident.present.text.directions import in_words, spread_in_words
 from ident.present.text.units import in_read_unit, unit_of
 from ident.present.text.words import (
     balance,
+    correlated_errors,
     cut,
     describe,
     drive_states,
@@ -62,6 +63,7 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
     near = ", but only near these values (see below)" if check.others and check.others.exact else ""
     yield f"  {len(check.campaign)} measurements, {count} unknowns: {known}{near}"
     yield from odd_numbers(check.arm)
+    yield from correlated_errors(check.campaign)
     yield from drive_states(check.arm, check.campaign)
     if check.tried > check.answered:
         yield f"  WARNING: the model has no answer at {check.tried - check.answered} of {check.tried} points looked at"
