@@ -41,6 +41,8 @@ PAGES = {
     "explore": ("arm.explore.html#joint1.k_tors=180000", (1280, 1640)),
 }
 """Pages that commands write, shown as a browser of a size shows them."""
+LONG = ("diagnose",)
+"""Commands whose examples the tests only show, as they take minutes."""
 WIDEST, MOST, COLORS = 1400, 120_000, 256
 
 
@@ -59,9 +61,10 @@ def make(command: str, page: Path, folder: Path) -> None:
     """Write what a page shows of its command."""
     answer = ""
     for example in examples(page):
-        if example.language == "python" and not answer:  # makes what the command reads
+        if example.language == "python" and not answer and command not in LONG:  # makes what the command reads
             subprocess.run([sys.executable, "-c", example.text], cwd=folder, env=environment(), check=True)
-        for words in example.commands if example.language == "sh" and not example.shown_only else []:
+        runs = example.language == "sh" and (command in LONG or not example.shown_only)
+        for words in example.commands if runs else []:
             printed = run(words, folder)
             answer = answer or (printed if words[1] == command else "")
     (PICTURES / f"{command}.txt").write_text(answer, encoding="utf-8")
@@ -105,14 +108,16 @@ def photograph(folder: Path, page: str, size: tuple[int, int], picture: Path) ->
 
 
 def shrink(picture: Path) -> None:
-    """Make a picture small: few colours, and no wider than a page."""
+    """Make a picture small: few colours, those that are seldom included, and no wider than a page."""
     with Image.open(picture) as opened:
         image = opened.convert("RGB")
     if image.width > WIDEST:
         image = image.resize((WIDEST, round(image.height * WIDEST / image.width)), Image.Resampling.LANCZOS)
     colors = COLORS
     while True:
-        image.quantize(colors, dither=Image.Dither.NONE).save(picture, optimize=True)
+        image.quantize(colors, Image.Quantize.MAXCOVERAGE, kmeans=8, dither=Image.Dither.NONE).save(
+            picture, optimize=True
+        )
         if picture.stat().st_size < MOST or colors <= 8:
             return
         colors //= 2

@@ -12,6 +12,7 @@ from ident.studies.motion import drawn_values, fitted_values
 from ident.studies.options import option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, as_campaign, as_file, is_angle, with_numbers
+from ident.studies.words import STROKE_PROFILES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +41,7 @@ class ExploreOptions(ArmOptions):
     )
     speed: float = option(10.0, "percent of full speed to begin with", low=1.0, high=120.0)
     profile: str | None = option(
-        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default"
+        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default", choices=STROKE_PROFILES
     )
     draws: int = option(200, "draws of the posterior", low=2, high=100_000)
 

@@ -14,6 +14,7 @@ from ident.studies.result import Progress, Result, silent
 from ident.text import one_line
 
 if TYPE_CHECKING:
+    from ident.assess.arm_view import ArmView
     from ident.identify.fleet import Fleet, Robot
     from ident.inference.population_chains import Draws, Under
     from ident.present.html.page import Page
@@ -139,7 +140,22 @@ class FleetResult(Result):
     def _page(self) -> "Page":
         from ident.present.html.fleet import fleet_page
 
-        return fleet_page(self.fleet, self.label, self.head, quote(f"{self.name}.pages"))
+        return fleet_page(self.fleet, self.label, self.head, quote(f"{self.name}.pages"), self._drawn())
+
+    def _drawn(self) -> "ArmView | None":
+        """Return the arm as it is drawn, where all fitted robots have the same file and it is still what was fitted."""
+        from ident.assess.arm_view import arm_view
+        from ident.description.file import read_arm
+
+        files = {robot.arm.sha256: robot.arm.path for robot in self.fleet.robots if not robot.failed}
+        if len(files) != 1:
+            return None
+        ((digest, path),) = files.items()
+        try:
+            arm = read_arm(path)
+        except InputError:
+            return None
+        return arm_view(arm) if arm.sha256 == digest else None
 
     def _inputs(self) -> Mapping[str, Any]:
         robots = self.fleet.robots

@@ -9,6 +9,7 @@ from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import option
 from ident.studies.shared import ArmOptions, as_file, with_numbers
+from ident.studies.words import MEASURES, STROKE_PROFILES
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -32,7 +33,6 @@ SLOWEST = 1e-3
 """Lowest speed [%]."""
 PHASES = ("unknown", "file")
 """What is taken for the phases of the turning masses."""
-MEASURES = ("peak", "rms", "residual")
 """How large a vibration is; see `ident.vibrate.response.amplitude`."""
 
 
@@ -44,7 +44,7 @@ class MotionOptions(ArmOptions):
         None, "percent of full speed, default 10; with --path of its own speed, default 100", above=0.0, high=1000.0
     )
     profile: str | None = option(
-        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default"
+        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default", choices=STROKE_PROFILES
     )
     retract: bool = option(False, "from unfolded to folded")
     smoothing: float = option(0.0, "noise of that path, rms [deg]", low=0.0, high=90.0)

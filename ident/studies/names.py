@@ -35,7 +35,7 @@ class NamesResult:
         from ident.present.text.names import names_report
 
         units = {kind: "-" if unit == "1" else unit for kind, unit in kinds().items()}
-        return names_report(self.names, units, choices())
+        return names_report(self.names, units, choices(), columns())
 
     def document(self) -> dict[str, Any]:
         """Return the same for programs."""
@@ -53,6 +53,7 @@ class NamesResult:
             "modes": [{"mode": label, "frequency": frequency} for label, frequency in self.names.modes],
             "kinds": kinds(),
             "choices": {flag: list(words) for flag, words in choices().items()},
+            "columns": {column: list(words) for column, words in columns().items()},
         }
 
 
@@ -78,10 +79,17 @@ def kinds() -> Mapping[str, str]:
     return {kind: QUANTITIES[quantity].si for kind, quantity in KINDS.items()}
 
 
+def columns() -> Mapping[str, tuple[str, ...]]:
+    """Return the words that columns of a campaign have to choose from."""
+    from ident.measure import DEFINITIONS, DRIVE_STATES
+
+    return {"of": DEFINITIONS, "drives": DRIVE_STATES}
+
+
 def choices() -> Mapping[str, tuple[str, ...]]:
     """Return the words that options of commands have to choose from, by command and flag."""
     found: dict[str, tuple[str, ...]] = {}
-    for study in STUDIES:
+    for study in (*STUDIES, "explore"):
         kind: type[Options] = getattr(importlib.import_module(f"ident.studies.{study}"), f"{study.capitalize()}Options")
         found |= {f"{study} {flag_of(each)}": spec.choices for each, spec in specs(kind) if spec.choices}
     return found

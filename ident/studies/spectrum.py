@@ -12,6 +12,7 @@ from ident.studies.options import option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, BaseOptions, as_file, is_angle
 from ident.studies.simulate import SimulateResult
+from ident.studies.words import WINDOWS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,7 +32,7 @@ class SpectrumOptions(BaseOptions):
     """Options of `ident.spectrum`: what of the trace counts, how it is analysed, and at which posture an arm is."""
 
     direction: tuple[str, ...] | None = option(None, "as x,z; default: all that the file has", read=reading.words)
-    window: str = option("hann", "hann, boxcar, hamming, blackmanharris or flattop")
+    window: str = option("hann", "hann, boxcar, hamming, blackmanharris or flattop", choices=WINDOWS)
     segments: int = option(1, "segments to average over: steadier, but wider peaks")
     upto: float = option(20.0, "highest frequency [Hz]", above=0.0)
     start: float | None = option(None, "time [s] from which on the trace counts", flag="--from")

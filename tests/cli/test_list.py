@@ -7,8 +7,10 @@ from arms import DATA, lcd_arm
 from commands import ARM, files
 
 from ident.arm.labels import parse_label
-from ident.measure import KINDS, Load
+from ident.measure import DEFINITIONS, DRIVE_STATES, KINDS, Load
 from ident.studies.names import choices
+from ident.vibrate.motion.stroke import PROFILES
+from ident.vibrate.signal.windows import WINDOWS
 
 
 @pytest.fixture
@@ -48,7 +50,14 @@ def test_the_list_for_people_names_the_same(run, listed, tmp_path):
     assert (code, err, files(tmp_path)) == (0, "", [])
     words = set(out.split())
     assert {each["path"] for each in listed["numbers"]} <= words
-    assert {"tip", "glass", "deflection_difference", "simulate", "fast,"} <= words
+    assert {"tip", "glass", "deflection_difference", "simulate", "fast,", "cycloid", "servo,"} <= words
+
+
+def test_words_that_options_choose_from_are_those_that_are_taken(listed):
+    assert set(listed["choices"]["explore --profile"]) == set(PROFILES)
+    assert listed["choices"]["simulate --profile"] == listed["choices"]["explore --profile"]
+    assert set(listed["choices"]["spectrum --window"]) == set(WINDOWS)
+    assert listed["columns"] == {"of": list(DEFINITIONS), "drives": list(DRIVE_STATES)}
 
 
 def test_a_table_is_no_arm(run):

@@ -96,6 +96,7 @@ def test_its_page_leads_to_one_of_each_robot(result, robots, tmp_path):
         assert f'href="../{page.name}"' in own
     assert "stands out" in text
     assert "kind,value" not in text
+    assert "The arm that all of them are fitted to" in text
     assert "It has no fit" in (tmp_path / f"{result.name}.pages" / "broken.html").read_text()
     assert "none of the fleet" in (tmp_path / f"{result.name}.pages" / f"{worn}.html").read_text()
     assert "<script" not in text

@@ -9,8 +9,8 @@ from results import assert_comes_back, assert_plain
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.studies import ranges
-from ident.studies.motion import MEASURES
 from ident.studies.sweep import SweepOptions, sweep
+from ident.studies.words import MEASURES
 from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.sweep import axis

@@ -52,7 +52,8 @@ def _stiffness_figure(diagnosis: Diagnosis) -> Figure | None:
     places, left, right = np.arange(len(above)), (low / median)[above], (high / median)[above]
     axes.hlines(places, left, right, color=BLUE, linewidth=5, alpha=0.35)
     axes.plot(np.ones(len(above)), places, "o", color=BLUE)
-    ratio_axis(axes, float(left.min()), float(right.max()))
+    room = float(right.max() / left.min()) ** 0.04
+    ratio_axis(axes, float(left.min()) / room, float(right.max()) * room)
     axes.set_xlabel("value / median", fontsize=9)
     return figure
 
@@ -99,7 +100,7 @@ def _sensitivities_figure(diagnosis: Diagnosis) -> Figure:
     for place, value in enumerate(values):
         side, align = (-3, "right") if value < 0 else (3, "left")
         note(axes, f"{value:+.2f}", (value, place), (side, 0), ha=align, va="center")
-    axes.margins(x=0.15)
+    axes.margins(x=0.2)
     axes.set_xlabel("percent of vibration per percent of the number", fontsize=9)
     return figure
 

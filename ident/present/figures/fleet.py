@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from ident.identify.fleet import Fleet
 from ident.inference.population import Population
-from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PALE_BLUE, key_below, note, plain, titled
+from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PALE_BLUE, key_below, note, plain, power_of, titled
 from ident.present.text.units import in_paper_unit
 from ident.present.text.words import cut
 
@@ -60,7 +60,7 @@ def _shown(population: Population) -> np.ndarray:
 
 def _handles() -> list[Artist]:
     return [
-        Patch(color=PALE_BLUE, label="95 % of healthy robots"),
+        Patch(color=PALE_BLUE, alpha=0.5, linewidth=0, label="95 % of healthy robots"),
         Line2D([], [], color=PALE, marker="_", linestyle="", markersize=8, label="own fit, 95 %"),
         Line2D([], [], color=BLUE, marker="o", linestyle="", markersize=4, label="shrunk, 95 %"),
         Line2D([], [], color=ORANGE, marker="o", linestyle="", markersize=4, label="probably off"),
@@ -70,6 +70,8 @@ def _handles() -> list[Artist]:
 def _panel(axes: Axes, fleet: Fleet, population: Population, i: int, shown: np.ndarray) -> None:
     """Draw one stiffness of the shown members."""
     scale, unit = in_paper_unit(fleet.names[i], 1.0)
+    size, unit = power_of(float(np.exp(population.next_mean[i])) * scale, unit)
+    scale /= size
     x = np.arange(len(shown))
     robots = [fleet.robots[fleet.members[r]] for r in shown]
     own, own_sd = (np.array([getattr(robot, name)[i] for robot in robots]) for name in ("theta", "sd"))

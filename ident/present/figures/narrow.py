@@ -5,7 +5,10 @@ import textwrap
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
+from matplotlib.legend import Legend
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
+
+from ident.present.figures.style import key_below
 
 WIDTH = 3.9
 """Width [inch], of which a phone makes some 340 pixels."""
@@ -53,7 +56,7 @@ def _fold_rows(axes: Axes) -> float:
     folded = [textwrap.fill(label, LABEL) for label in labels]
     if folded != labels:
         axes.set_yticks(axes.get_yticks(), folded)
-    if isinstance(axes.xaxis.get_major_formatter(), ScalarFormatter):
+    if isinstance(axes.xaxis.get_major_formatter(), ScalarFormatter) and len(axes.get_xticks()):
         axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.set_xlabel(textwrap.fill(axes.get_xlabel(), WORDS))
     return ROW * sum(label.count("\n") for label in folded)
@@ -66,9 +69,16 @@ def _fold_words(figure: Figure) -> float:
         title = _folded(figure.get_suptitle(), 36)
         lines += title.count("\n") - figure.get_suptitle().count("\n")
         figure.suptitle(title, parse_math=False, fontsize=11, fontweight="bold")
-    for key in (*figure.legends, *(legend for axes in figure.axes if (legend := axes.get_legend()))):
-        lines += len(key.get_texts())
-        key.set_ncols(1)
-        key.get_title().set_text(_folded(key.get_title().get_text(), 52))
-        lines += key.get_title().get_text().count("\n")
-    return 0.19 * lines
+    return 0.19 * (lines + sum(_fold_key(figure, key) for key in list(figure.legends)))
+
+
+def _fold_key(figure: Figure, key: Legend) -> int:
+    """Write a key anew in one column, which a legend that is there can't be brought to; return its lines."""
+    handles = [handle for handle in key.legend_handles if handle is not None]
+    words = [_folded(text.get_text(), WORDS) for text in key.get_texts()]
+    for handle, text in zip(handles, words, strict=True):
+        handle.set_label(text)
+    title = _folded(key.get_title().get_text(), 52)
+    key.remove()
+    key_below(figure, handles, title, columns=1, side="left")
+    return title.count("\n") + sum(text.count("\n") + 1 for text in words)

@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.transforms import Transform
 
 from ident.arm.labels import Label
 from ident.present.figures.predict import NAME_STYLES
-from ident.present.figures.style import GREY, note, plain, titled
+from ident.present.figures.style import GREY, key_below, note, plain, titled
 from ident.present.text.resonance_words import band_words, grouped, same_lines, sources_words
 from ident.present.text.words import cut
 from ident.vibrate.modal.branches import Branches
@@ -23,8 +24,8 @@ SIZE = (9.0, 6.6)
 """Width and height [inch]."""
 PANEL = 4.2
 """About the height of the upper panel [inch]."""
-LETTER = 0.065
-"""Width of a letter [inch]."""
+NAMED = 6.0
+"""Width [inch] from which on the modes are named beside their lines; in a narrower figure the key below has to do."""
 HEADROOM = 1.15
 """Upper end of the axis over the highest natural frequency; pulleys may turn faster."""
 SHADE = "#EBCB6B"
@@ -69,11 +70,18 @@ def resonance_figure(
     lower.set_xlabel("time [s]", fontsize=9)
     for axes in (upper, lower):
         plain(axes)
-    notes = figure.legend(
-        handles=[], title="\n".join(_notes(branches, crossings)), loc="outside lower left", frameon=False
-    )
-    notes.get_title().set(fontsize=8, color=GREY)
+    key_below(figure, _shapes(branches), "\n".join(_notes(branches, crossings)), side="left")
     return figure
+
+
+def _shapes(branches: Branches) -> list[Line2D]:
+    """Return a line in its colour for each kind of shape that occurs."""
+    names = {f"{name.direction} {name.kind}" for b in range(len(branches.labels)) for name, *_ in _spans(branches, b)}
+    return [
+        Line2D([], [], color=str(style["color"]), linewidth=1.9, label=words)
+        for words, style in NAME_STYLES.items()
+        if words in names
+    ]
 
 
 def _shades(axes: Axes, branches: Branches, excitation: Excitation, crossings: Sequence[ResonanceCrossing]) -> None:
@@ -90,6 +98,7 @@ def _shades(axes: Axes, branches: Branches, excitation: Excitation, crossings: S
 def _branches(axes: Axes, branches: Branches) -> None:
     """Draw each branch in the colours of its names, the last name at its end."""
     starts, ends = (_spread(branches.median[:, k], axes) for k in (0, -1))
+    named = _width(axes) >= NAMED
     for b, label in enumerate(branches.labels):
         if branches.batch_size:
             axes.fill_between(branches.time, *branches.band()[:, b], color=_colour(label), alpha=0.16, linewidth=0)
@@ -99,9 +108,10 @@ def _branches(axes: Axes, branches: Branches) -> None:
             axes.plot(time, line, color=_colour(name), linewidth=1.9, zorder=3, solid_capstyle="butt")
             if start > branches.time[0]:
                 axes.plot(time[:1], line[:1], "|", color="black", markersize=8, zorder=4)
-            elif name != label:
+            elif name != label and named:
                 _write(axes, f"{name}", (start, starts[b]), _colour(name), (4, 7))
-        _write(axes, f"{label}", (1.0, ends[b]), _colour(label), (4, 0), axes.get_yaxis_transform())
+        if named:
+            _write(axes, f"{label}", (1.0, ends[b]), _colour(label), (4, 0), axes.get_yaxis_transform())
 
 
 def _spans(branches: Branches, b: int) -> Iterator[tuple[Label, float, float]]:

@@ -12,7 +12,7 @@ from ident.present.text.words import cut, degrees
 
 SIZE = (9.0, 7.6)
 """Of the figure [inch]."""
-HIGH = 0.5
+HIGH = 0.68
 """MAC from which on its number is written in white."""
 
 
@@ -57,7 +57,7 @@ def _mac(axes: Axes, identified: IdentifiedModes) -> None:
     labels, modes = identified.labels, identified.modes
     axes.imshow(labels.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for (row, column), value in np.ndenumerate(labels.mac):
-        color = "white" if value > HIGH else GREY
+        color = "white" if value > HIGH else "black"
         axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color)
     names = [
         f"{frequency:.2f} Hz: {cut(str(label), 24) if label else 'no certain name'}"

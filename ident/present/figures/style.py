@@ -5,7 +5,7 @@ Texts from files are drawn as they are: a `$` in a name is no formula (`parse_ma
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -22,6 +22,8 @@ BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 GREY, PALE, PALE_BLUE = "#555555", "#B8C4CE", "#A8D0E8"
 NEAR = 0.5
 """Share of a limit that what is drawn must reach for the limit to be drawn; elsewhere it would flatten the curves."""
+
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 Style = Mapping[str, Any]
 FILLED: Style = {"marker": "o", "color": BLUE, "markersize": 6}
@@ -88,10 +90,23 @@ def motion_title(what: str, basis: Basis) -> str:
     return f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"
 
 
-def key_below(figure: Figure, handles: Sequence[Artist], note: str, *, columns: int = 4) -> None:
+def key_below(
+    figure: Figure,
+    handles: Sequence[Artist],
+    note: str,
+    *,
+    columns: int = 4,
+    side: Literal["left", "center"] = "center",
+) -> None:
     """Explain lines and bands below the panels, where they hide nothing, under a note."""
     key = figure.legend(
-        handles=handles, title=note, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
+        handles=handles,
+        title=note,
+        loc="outside lower left" if side == "left" else "outside lower center",
+        alignment=side,
+        ncols=columns,
+        frameon=False,
+        fontsize=9,
     )
     key.get_title().set(fontsize=8, color=GREY, parse_math=False)
     for text in key.get_texts():
@@ -114,4 +129,12 @@ def engineering(*values: float) -> tuple[str, ...]:
     size = abs(values[0])
     power = 3 * math.floor(math.log10(size) / 3) if 0 < size < math.inf else 0
     end = f"e{power}" if power else ""
-    return tuple(f"{value / 10.0**power:.4g}{end}" for value in values)
+    return tuple(f"{value / 10.0**power:#.4g}".rstrip(".") + end for value in values)
+
+
+def power_of(size: float, unit: str) -> tuple[float, str]:
+    """Return the power of a thousand in which numbers of a size are read, and the unit with it, as `10⁶ N mm/deg`."""
+    power = 3 * math.floor(math.log10(size) / 3)
+    if -3 <= power <= 3:
+        return 1.0, unit
+    return 10.0**power, f"10{str(power).translate(RAISED)} {unit}".removesuffix(" -")

@@ -12,7 +12,19 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ident.assess.sweep import SweepStudy
-from ident.present.figures.style import BLUE, GREEN, GREY, NEAR, ORANGE, Style, key_below, motion_title, plain, titled
+from ident.present.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    NEAR,
+    ORANGE,
+    Style,
+    key_below,
+    motion_title,
+    plain,
+    power_of,
+    titled,
+)
 from ident.present.text.sweep_words import axis_in_words
 from ident.present.text.units import MM, in_paper_unit
 from ident.present.text.words import cut
@@ -31,7 +43,6 @@ WAYS: tuple[Style, ...] = (
     {**DOTTED, "color": GREEN, "linestyle": "--"},
 )
 """Styles of x, y, z."""
-POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 WIDE = 3.0
 """Ratio of the ends from which on factors are drawn on a logarithmic axis."""
 DEEPEST = 1e-3
@@ -119,9 +130,7 @@ def _scale(axes: Axes, axis: Axis, which: str) -> None:
     """Scale and label the x or the y axis: logarithmic for factors, powers of ten in the label."""
     factor, unit = in_paper_unit(axis.paths[0], 1.0)
     low, high = factor * axis.values[[0, -1]]
-    power = 3 * math.floor(math.log10(max(abs(low), abs(high))) / 3)
-    power = power if power > 3 or power < -3 else 0
-    scale = f"10{str(power).translate(POWERS)} " if power else ""
+    size, named = power_of(max(abs(low), abs(high)), unit)
     getattr(axes, f"set_{which}lim")(low, high)
     own = axes.xaxis if which == "x" else axes.yaxis
     if _is_log(axis):
@@ -130,8 +139,8 @@ def _scale(axes: Axes, axis: Axis, which: str) -> None:
     else:
         own.set_major_locator(MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]))
     own.set_minor_locator(NullLocator())
-    own.set_major_formatter(FuncFormatter(lambda x, _: f"{x / 10.0**power:.4g}"))
-    named = "" if unit == "-" and not scale else f" [{scale}{unit}]"
+    own.set_major_formatter(FuncFormatter(lambda x, _: f"{x / size:.4g}"))
+    named = "" if named == "-" else f" [{named}]"
     own.set_label_text(f"{cut(axis_in_words(axis, brief=True), LABEL)}{named}", fontsize=9, parse_math=False)
 
 

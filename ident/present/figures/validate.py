@@ -22,13 +22,13 @@ def validate_figure(validation: Validation) -> Figure:
     told = validation.told
     count = sum(len(part.places) for part in told)
     height = max(LEAST, ROW * min(count, MOST) + 1.8)
-    figure = titled((WIDTH, height), f"What was left out, by {cut(validation.fit.campaign.name, 30)} without it")
+    figure = titled((WIDTH, height), f"Each part of {cut(validation.fit.campaign.name, 30)}, predicted by the others")
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     _off(left, validation)
     _quantiles(right, validation.z)
     handles = [
         Line2D([], [], color=BLUE, marker="o", linestyle="", label="measured less predicted"),
-        Line2D([], [], color=PALE_BLUE, linewidth=6, label="95 % of right predictions"),
+        Line2D([], [], color=PALE_BLUE, alpha=0.5, linewidth=6, label="95 % of right predictions"),
     ]
     if validation.missed:
         handles.append(Line2D([], [], color=ORANGE, marker="o", linestyle="", label="of a part too far off"))

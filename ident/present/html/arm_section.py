@@ -18,7 +18,7 @@ MODES_ALT = "The first modes of the arm, swinging about the arm at rest."
 MODES_CAPTION = "The first modes, over the arm at rest (grey): all at one pace, far too slow; a mode has no amplitude."
 
 
-def arm_section(view: ArmView) -> Section:
+def arm_section(view: ArmView, title: str) -> Section:
     """Return masses and reach of an arm, what looks odd, and its picture."""
     odd = [f"Looks odd: {each}." for each in view.oddities] or ["None of its numbers looks odd."]
     failure = [f"No modes: {view.failure}."] if view.failure else []
@@ -27,7 +27,7 @@ def arm_section(view: ArmView) -> Section:
         still = (moving_modes(view, columns, still=True) for columns in (2, 1))
         moving = tuple(moving_modes(view, columns) for columns in (2, 1))
         drawn.append(Picture(next(still), MODES_ALT, MODES_CAPTION, next(still), moving))
-    return Section("The arm with the identified numbers", (f"{sums(view)}.", *failure, *odd), pictures=tuple(drawn))
+    return Section(title, (f"{sums(view)}.", *failure, *odd), pictures=tuple(drawn))
 
 
 def explorer_section(page: str, command: str) -> Section:

@@ -34,7 +34,7 @@ def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView, 
         tuple(cautions(diagnosis)),
         (
             *diagnose_sections(diagnosis),
-            arm_section(view),
+            arm_section(view, "The arm with the identified numbers"),
             explorer_section(explorer, _by_hand(diagnosis, head["options"])),
         ),
         Table("Inputs", ("what", "file", "SHA-256"), tuple((w, file.path, file.sha256) for w, file in inputs.items())),

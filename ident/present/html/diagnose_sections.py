@@ -36,7 +36,7 @@ def _drawn(diagnosis: Diagnosis, stage: str, figure: Figure, narrow: Figure) -> 
 def _stiffness(diagnosis: Diagnosis) -> Table:
     names = diagnosis.identification.sampled.fitted.problem.parameters.names
     rows = tuple(
-        (name, f"{median:.4g}", f"{low:.4g} to {high:.4g}", unit_of(name), _in_paper_unit(name, float(median)))
+        (name, f"{median:#.4g}", f"{low:#.4g} to {high:#.4g}", unit_of(name), _in_paper_unit(name, float(median)))
         for name, (low, median, high) in zip(names, diagnosis.identification.quantiles.T, strict=True)
     )
     head = ("number", "median", "95 % interval", "unit", "median in N mm/deg")
@@ -46,7 +46,7 @@ def _stiffness(diagnosis: Diagnosis) -> Table:
 
 
 def _in_paper_unit(name: str, value: float) -> str:
-    return f"{nmm_per_deg(value):.4g}" if is_stiffness(name) else ""
+    return f"{nmm_per_deg(value):#.4g}" if is_stiffness(name) else ""
 
 
 def _trust(diagnosis: Diagnosis) -> Table:

@@ -8,10 +8,13 @@ from urllib.parse import quote
 
 import numpy as np
 
+from ident.assess.arm_view import ArmView
 from ident.identify.fleet import FEWEST, STANDS_OUT, Fleet, Robot
 from ident.inference.population import Population
 from ident.present.figures.fleet import stiffness_figure
+from ident.present.figures.narrow import narrowed
 from ident.present.files.fleet import fleet_priors
+from ident.present.html.arm_section import arm_section
 from ident.present.html.page import Page, Picture, Section, Table, Verdict
 from ident.present.html.picture import picture
 from ident.present.text.compare import ratio_words, stiffness_words
@@ -27,7 +30,7 @@ def file_name(robot: Robot) -> str:
     return re.sub(r"[/\\\0]", "_", robot.name) + ".html"
 
 
-def fleet_page(fleet: Fleet, label: str, head: Mapping[str, Any], pages: str) -> Page:
+def fleet_page(fleet: Fleet, label: str, head: Mapping[str, Any], pages: str, view: ArmView | None = None) -> Page:
     """Return the page of all robots.
 
     Args:
@@ -35,10 +38,12 @@ def fleet_page(fleet: Fleet, label: str, head: Mapping[str, Any], pages: str) ->
         label: what the fleet is called.
         head: provenance, as in the result file.
         pages: address of the folder with the robots' pages, relative to this one.
+        view: the arm of all of them, as it is drawn.
     """
     population, count = fleet.population, len(fleet.robots)
     sections = [_robots(fleet, pages)]
     sections += [_population(fleet, population), _next(fleet)] if population else []
+    sections += [arm_section(view, "The arm that all of them are fitted to")] if view else []
     odd = len(fleet.failed) + len(fleet.doubted) + len(fleet.standing_out)
     kind: Kind = "reject" if population is None else "warn" if odd else "accept"
     arms = sorted({(robot.arm.path, robot.arm.sha256) for robot in fleet.robots})
@@ -125,7 +130,7 @@ def _population(fleet: Fleet, population: Population) -> Section:
     rows = []
     for i, name in enumerate(fleet.names):
         low, middle, high = (
-            f"{in_paper_unit(name, float(np.exp(x)))[0]:.4g}"
+            f"{in_paper_unit(name, float(np.exp(x)))[0]:#.4g}"
             for x in np.quantile(population.mean[:, i], [0.025, 0.5, 0.975])
         )
         least, spread, most = map(percent, np.quantile(population.sd[:, i], [0.025, 0.5, 0.975]).tolist())
@@ -141,12 +146,14 @@ def _population(fleet: Fleet, population: Population) -> Section:
 def _picture(fleet: Fleet, population: Population, i: int) -> Picture:
     words = stiffness_words(fleet.names[i])
     caption = f"{words}: each robot's own fit and its shrunk estimate with 95 % intervals, in the order of their names."
-    return picture(stiffness_figure(fleet, population, i), f"{words} of all robots beside the population", caption)
+    alt = f"{words} of all robots beside the population"
+    wide, narrow = stiffness_figure(fleet, population, i), narrowed(stiffness_figure(fleet, population, i))
+    return picture(wide, alt, caption, narrow)
 
 
 def _next(fleet: Fleet) -> Section:
     rows = tuple(fleet_priors(fleet).items())
-    note = "As `--prior=STIFFNESS=PRIOR` of ident fit, SI; FLEET.fleet.prior holds all."
+    note = "As --prior=STIFFNESS=PRIOR of ident fit takes them, in SI units; FLEET.fleet.prior holds all."
     said = "What the fleet says of the next robot before its data: with it, a few measurements are enough."
     return Section("The next robot", (said,), tables=(Table("Priors", ("stiffness", "prior"), rows, note),))
 
@@ -205,14 +212,14 @@ def _of_robot(fleet: Fleet, robot: Robot, r: int | None, out: bool) -> str:
 
 def _stiffnesses(fleet: Fleet, robot: Robot, r: int | None) -> Section:
     population, unit = fleet.population, in_paper_unit(robot.names[0], 1.0)[1]
-    own = [f"{in_paper_unit(n, float(np.exp(x)))[0]:.4g}" for n, x in zip(robot.names, robot.theta, strict=True)]
+    own = [f"{in_paper_unit(n, float(np.exp(x)))[0]:#.4g}" for n, x in zip(robot.names, robot.theta, strict=True)]
     words, sd = [stiffness_words(name) for name in robot.names], [percent(float(x)) for x in robot.sd]
     head: tuple[str, ...] = (f"stiffness [{unit}]", "own fit", "± sd of ln")
     rows = list(zip(words, own, sd, strict=True))
     if population is None or r is None:
         return Section("Stiffnesses", (), tables=(Table("By its own data", head, tuple(rows)),))
     shrunk = [
-        f"{in_paper_unit(n, float(np.exp(x)))[0]:.4g}"
+        f"{in_paper_unit(n, float(np.exp(x)))[0]:#.4g}"
         for n, x in zip(robot.names, population.robot_mean[r], strict=True)
     ]
     against, off = _against(population, r, len(own)), [percent(float(p)) for p in population.off[r]]

@@ -22,6 +22,7 @@ from ident.present.text.words import (
     describe,
     drive_states,
     kept,
+    odd_numbers,
     paragraphs,
     parameter_in_words,
 )
@@ -61,6 +62,7 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
     known = f"{fine} of {count} identifiable by the data alone"
     near = ", but only near these values (see below)" if check.others and check.others.exact else ""
     yield f"  {len(check.campaign)} measurements, {count} unknowns: {known}{near}"
+    yield from odd_numbers(check.arm)
     yield from correlated_errors(check.campaign)
     yield from drive_states(check.arm, check.campaign)
     if check.tried > check.answered:

@@ -1,5 +1,6 @@
 """A diagnosis in words: what each stage says and why it goes on, and the verdict."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from ident.present.text.remedy_words import change_words
 from ident.present.text.resonance_words import caused_words, grouped, sources_words
 from ident.present.text.sensitivity import unsure_words
 from ident.present.text.units import MM
-from ident.present.text.words import cut, folded, percent
+from ident.present.text.words import beside, cut, folded, percent, rounded
 from ident.vibrate.modal.resonance import ResonanceCrossing
 from ident.vibrate.redesign.binomial import BinomialEstimate
 
@@ -63,12 +64,12 @@ def verdict_words(diagnosis: Diagnosis) -> str:
     """Say what a finished diagnosis comes to."""
     vibration, best, verified = diagnosis.vibration, diagnosis.advised, diagnosis.verified
     limit, peak = f"{MM * vibration.limit:g} mm", float(vibration.peak.max())
-    now, made = f"The end vibrates by up to {MM * peak:.3g} mm", division_words(diagnosis)
+    now, made = f"The end vibrates by up to {beside(MM * peak, MM * vibration.limit)} mm", division_words(diagnosis)
     if best is None or verified is None:
         return f"{now}; the limit of {limit} is kept by {_share(diagnosis, vibration.keeps)}.{made}"
     beyond = f"more than {limit}" if peak > vibration.limit else f"within {limit}, but not surely"
     words = change_words(best)
-    change = f"{words[0].upper()}{words[1:]}: that brings it to {MM * verified.largest:.3g} mm"
+    change = f"{words[0].upper()}{words[1:]}: that brings it to {beside(MM * verified.largest, MM * verified.limit)} mm"
     share = _share(diagnosis, verified.keeps)
     if diagnosis.verdict == "warn":
         return f"{now}, {beyond}.{made} {change}; the limit is then kept by {share}."
@@ -93,13 +94,14 @@ def division_words(diagnosis: Diagnosis) -> str:
     way = int(over.worst.argmax())
     least = LITTLE * over.worst[way]
     motion, imbalance, error = (
-        "next to nothing" if part < least else f"{MM * part:.3g} mm" for part in over.division[:, way]
+        "next to nothing" if part < least else f"{rounded(MM * part)} mm" for part in over.division[:, way]
     )
     none = all(float(drive.error) == 0 for drive in diagnosis.task.basis.arm.drives)
     errors = "kinematic error nothing, as none is assumed" if none else f"kinematic error {error}"
+    worst = beside(MM * over.worst[way], MM * diagnosis.vibration.limit)
     return (
-        f" Of {MM * over.worst[way]:.3g} mm with the worst phases of the turning masses the motion itself makes "
-        f"{motion}, imbalance {imbalance} and {errors}."
+        f" Of {worst} mm with the worst phases of the turning masses the motion itself makes {motion}, "
+        f"imbalance {imbalance} and {errors}."
     )
 
 
@@ -274,12 +276,10 @@ def _verified(remedy: Remedy, verified: Verification, phases: bool) -> Iterator[
 
 
 def binomial_words(estimate: BinomialEstimate, phases: bool = False) -> str:
-    """Say a probability with its interval, and whether the draws are of phases as well."""
-    low, high = estimate.interval
-    return (
-        f"{100 * estimate.share:.3g} % of {estimate.draws} draws of the posterior{' and of the phases' * phases} "
-        f"(95 % interval {100 * low:.3g} to {100 * high:.3g} %)"
-    )
+    """Say how many draws keep a limit, with the interval of the probability, and whether phases are drawn as well."""
+    low, high = math.floor(100 * estimate.interval[0]), math.ceil(100 * estimate.interval[1])
+    kept = f"{estimate.count} of {estimate.draws} draws of the posterior{' and of the phases' * phases}"
+    return f"{kept} (95 % interval of the probability {low} to {high} %)"
 
 
 _WORDS: Mapping[str, tuple[str, Callable[[Diagnosis], tuple[list[str], str]]]] = {

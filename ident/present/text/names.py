@@ -7,13 +7,19 @@ from ident.assess.arm_names import ArmNames
 from ident.present.text.words import cut, degrees, paragraphs
 
 
-def names_report(names: ArmNames, kinds: Mapping[str, str], choices: Mapping[str, Sequence[str]]) -> str:
+def names_report(
+    names: ArmNames,
+    kinds: Mapping[str, str],
+    choices: Mapping[str, Sequence[str]],
+    columns: Mapping[str, Sequence[str]],
+) -> str:
     """Return every name of an arm, by what takes it.
 
     Args:
         names: of the arm.
         kinds: SI unit of each kind of measurement.
         choices: words that options have to choose from, by command and flag.
+        columns: words that columns of a campaign have to choose from.
     """
     arm = names.arm_file.arm
     joints = [_joint(joint.name, joint.limits, joint.driven) for joint in arm.joints]
@@ -37,10 +43,8 @@ def names_report(names: ArmNames, kinds: Mapping[str, str], choices: Mapping[str
             _modes(names),
             ["Kinds of measurement (column kind; --discrepancy), with the unit that a value is kept in"],
             [f"  {kind:26s} {unit}" for kind, unit in kinds.items()],
-            [
-                "Words that options choose from",
-                *(f"  {flag:26s} {', '.join(words)}" for flag, words in choices.items()),
-            ],
+            ["Words that columns of a campaign choose from", *_words(columns)],
+            ["Words that options choose from", *_words(choices)],
         ]
     )
 
@@ -49,6 +53,10 @@ def _numbers(names: ArmNames) -> Iterator[str]:
     for each in names.numbers:
         by = "factor" if each.factor else "difference"
         yield f"  {each.path:26s} {each.value + 0.0:>14.7g} {each.unit:10s} {each.origin:11s} {by}"
+
+
+def _words(choices: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    yield from (f"  {name:26s} {', '.join(words)}" for name, words in choices.items())
 
 
 def _rows(texts: Mapping[str, str]) -> Iterator[str]:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.fields import field_of
+from ident.arm.oddities import oddities
 from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
@@ -23,7 +24,7 @@ KEPT = "\u00a0"
 LARGEST = 1e6
 """Factor above which it is only said to be above."""
 MOST_ROWS = 3
-"""Rows that a warning names, at most."""
+"""Rows, or numbers, that a warning names, at most."""
 NOTABLE = 0.15
 """Weight below which a parameter is left out when a direction is put into a few words."""
 MATTERS = 0.3
@@ -75,6 +76,17 @@ def as_factor(log: float, digits: int = 2) -> str:
 def three_digits(number: float) -> str:
     """Write a number with three digits, zeros among them: `17.0`, `184`."""
     return f"{number:#.3g}".removesuffix(".")
+
+
+def rounded(number: float, digits: int = 2) -> str:
+    """Write a number with so many digits, and no power of ten: `0.71`, `120`."""
+    return f"{float(f'{number:.{digits}g}'):.10g}"
+
+
+def beside(number: float, limit: float) -> str:
+    """Write a number with two digits, or with as many as tell on which side of a limit it lies: `0.71`, `0.4987`."""
+    written = (rounded(number, digits) for digits in range(2, 9))
+    return next((text for text in written if np.sign(float(text) - limit) == np.sign(number - limit)), f"{number:.10g}")
 
 
 def percent(share: float, sign: str = "") -> str:
@@ -146,6 +158,15 @@ def describe(m: Measurement) -> str:
 def _held(m: Measurement) -> str:
     """Say what held the motors, where it was no brake."""
     return "" if m.drives == DRIVE_STATES[0] else f", {m.drives} on"
+
+
+def odd_numbers(arm: Arm) -> Iterator[str]:
+    """Warn of numbers of an arm that look wrong, as a wrong arm file is the commonest cause of a wrong stiffness."""
+    odd = oddities(arm)
+    yield from (f"  WARNING: the arm file looks odd: {each}" for each in odd[:MOST_ROWS])
+    if odd:
+        more = f"{len(odd) - MOST_ROWS} more; " if len(odd) > MOST_ROWS else ""
+        yield f"    ({more}`ident show` draws the arm and names them all)"
 
 
 def correlated_errors(campaign: Campaign) -> Iterator[str]:

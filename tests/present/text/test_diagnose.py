@@ -48,8 +48,8 @@ def diagnosis(meets_limit: bool, holds: tuple[bool, ...], excess: float = 1.4, p
 @pytest.mark.parametrize(
     ("meets_limit", "holds", "verdict", "said"),
     [
-        (True, (True,), "warn", "the limit is then kept by 99 %"),
-        (True, (False, True), "warn", "the limit is then kept by 99 %"),
+        (True, (True,), "warn", "the limit is then kept by 99 of 100 draws"),
+        (True, (False, True), "warn", "the limit is then kept by 99 of 100 draws"),
         (
             True,
             (False,),

@@ -11,10 +11,12 @@ from ident.measure import Campaign, Measurement
 from ident.present.text.words import (
     WIDTH,
     as_factor,
+    beside,
     drive_states,
     folded,
     in_percent,
     kept,
+    odd_numbers,
     percent,
     scatter,
     three_digits,
@@ -61,6 +63,21 @@ def test_three_digits_end_in_no_point(number, words):
     assert three_digits(number) == words
 
 
+@pytest.mark.parametrize(
+    ("number", "limit", "words"),
+    [
+        (0.7071, 0.5, "0.71"),
+        (0.4987, 0.5, "0.499"),
+        (0.504, 0.5, "0.504"),
+        (0.7065, 0.707, "0.7065"),
+        (124.0, 0.5, "120"),
+    ],
+)
+def test_two_digits_or_as_many_as_tell_the_side_of_a_limit(number, limit, words):
+    assert beside(number, limit) == words
+    assert (float(words) > limit) == (number > limit)
+
+
 def test_a_long_line_is_folded_and_goes_on_farther_in():
     first, *rest = folded("  known to 1 %: " + " ".join(kept("* a^0.5") for _ in range(30))).split("\n")
     assert first.startswith("  known to 1 %: * a^0.5 * a")
@@ -83,3 +100,10 @@ def test_rows_with_a_servo_on_are_warned_of_unless_the_arm_describes_it():
     assert "k_tors contains the servo" in next(drive_states(lcd_arm(), servo))
     described = replace(lcd_arm(), servos=(Servo("servo1", "joint1", k_servo=100.0),))
     assert list(drive_states(described, mixed)) == []
+
+
+def test_a_number_that_looks_wrong_is_warned_of_and_a_sound_arm_is_not():
+    assert list(odd_numbers(lcd_arm())) == []
+    lines = list(odd_numbers(lcd_arm().replace({"drive1.ratio": 1e6})))
+    assert [line.split(": ")[2] for line in lines[:-1]] == ["drive1.ratio", "belt1"]
+    assert lines[-1] == "    (`ident show` draws the arm and names them all)"

@@ -1,7 +1,7 @@
 // Drawings as SVG, made anew for each width so that letters keep their size. All words go through textContent.
 
 const SVG = "http://www.w3.org/2000/svg";
-const TALLEST = 340;  // pixels of a view of the arm
+const TALLEST = 340;  // pixels of a view of the arm; on paper less
 const MARGIN = { left: 52, right: 12, top: 10, bottom: 38 };
 
 function svgNode(kind, attributes, text) {
@@ -38,8 +38,13 @@ function logTicks(low, high) {
 // Width of what a drawing stands in, looked up once: a look makes the browser lay out the page.
 const widths = new Map();
 
+const PRINTED = 380;  // pixels of half a sheet
+let printing = false;
+
+const printedWidth = (svg) => (svg.closest(".whole > .drawing") ? 2 * PRINTED : PRINTED);
+
 function widthOf(svg) {
-  if (!widths.has(svg)) widths.set(svg, svg.parentNode.clientWidth || 320);
+  if (!widths.has(svg)) widths.set(svg, printing ? printedWidth(svg) : svg.parentNode.clientWidth || 320);
   return widths.get(svg);
 }
 
@@ -92,7 +97,7 @@ function pathOf(points) {
 // The arm in two views with the same scale: from the side (x, z) and from above (x, y).
 function armViews(svgs, box, lines) {
   const width = widthOf(svgs[0]), span = minus(box.high, box.low);
-  const scale = Math.min((width - 24) / span[0], TALLEST / Math.max(span[1], span[2])), left = (width - scale * span[0]) / 2;
+  const scale = Math.min((width - 24) / span[0], (printing ? 0.6 : 1) * TALLEST / Math.max(span[1], span[2])), left = (width - scale * span[0]) / 2;
   svgs.forEach((svg, view) => {
     const up = view ? 1 : 2, tall = Math.max(70, scale * span[up] + 24);
     const middle = (box.high[up] + box.low[up]) / 2;
@@ -113,8 +118,7 @@ function armViews(svgs, box, lines) {
 function drawLine(svg, line, at) {
   const points = line.points.map(at);
   svg.append(svgNode("path", { class: line.style, d: pathOf(points) }));
-  if (!line.dots) return;
-  points.forEach((p, i) => {
+  if (line.dots) points.forEach((p, i) => {
     const last = i === points.length - 1;
     svg.append(svgNode("circle", { class: `${line.style} ${last ? "end" : "dot"}`, cx: p[0], cy: p[1], r: last ? 3 : 5 }));
   });
@@ -128,9 +132,9 @@ function drawLine(svg, line, at) {
 function key(list, entries) {
   list.replaceChildren(...entries.map(([style, words]) => {
     const item = document.createElement("li"), sample = svgNode("svg", { width: 30, height: 12, "aria-hidden": "true" });
-    sample.append(style.startsWith("measured")
-      ? svgNode("circle", { class: style, cx: 15, cy: 6, r: 4 })
-      : svgNode("path", { class: style, d: "M1 6H29" }));
+    const marks = { measured: ["circle", { cx: 15, cy: 6, r: 4 }], "rigid load": ["rect", { x: 10, y: 1, width: 10, height: 10 }] };
+    const [shape, place] = marks[style] || ["path", { d: "M1 6H29" }];
+    sample.append(svgNode(shape, { class: style, ...place }));
     item.append(sample, document.createTextNode(words));
     return item;
   }));

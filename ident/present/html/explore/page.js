@@ -1,7 +1,7 @@
 // The page itself: its state, what follows from it frame by frame, and its numbers.
 
 const model = JSON.parse(document.getElementById("data").textContent);
-const PLACES = model.joints.length > 8 ? 17 : 33, BUDGET = 12, PAUSE = 150;  // places along the motion; milliseconds a frame for them, and between drawings of the response
+const PLACES = model.joints.length > 8 ? 17 : 33, BUDGET = [3, 12], SLOW_FRAME = 30, PAUSE = 150;  // places along the motion; milliseconds a frame for them, at least and at most; a frame that is too slow; between drawings of the response
 const $ = (id) => document.getElementById(id);
 model.points.unshift({ name: "", joint: model.payload.joint, position: model.payload.unit.first, force: [0, 0, 0] });
 const WITHIN = window.parent !== window;  // in another page's frame, whose address is not this one's to change
@@ -9,7 +9,7 @@ const JOINTS = model.joints.length, first = firstState(model);
 let state = stateOf(model, first, location.hash.slice(1));
 let here = null, atFirst = null, queued = false, dirty = true, quiet = 0, clock = 0;
 let playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
-let places = [], cursor = 0, renewed = "", worst = null, late = true, responded = 0;
+let budget = BUDGET[1], shown = 0, places = [], cursor = 0, renewed = "", worst = null, late = true, responded = 0;
 
 // ---- what follows from the state
 
@@ -35,6 +35,8 @@ function draw() {
 function frame(now) {
   const begun = performance.now();
   queued = false;
+  budget = clamp(now - shown > SLOW_FRAME ? budget / 2 : budget * 1.1, ...BUDGET);  // a slow machine lets the diagram lag, not the arm
+  shown = now;
   if (dirty) {
     dirty = false;
     late = true;
@@ -43,7 +45,7 @@ function frame(now) {
     showNumbers();
   }
   if (stale()) {
-    do solveNext(); while (stale() && performance.now() - begun < BUDGET);
+    do solveNext(); while (stale() && performance.now() - begun < budget);
     drawCampbell();
   }
   if (late && !stale() && (now > quiet || now > responded + PAUSE)) {
@@ -126,12 +128,14 @@ function modeRows() {
   state.mode = Math.min(state.mode, modes.length - 1);
   const found = readingsHere("frequency"), measured = {};
   const same = atFirst && alike(here, atFirst);
-  let order = 0;
-  for (const reading of [...found].sort((a, b) => a.value - b.value)) {
-    const i = modeOf(reading.mode, modes, order);
-    if (!reading.mode) order += 1;
+  for (const reading of found.filter((each) => each.mode)) {
+    const i = modeOf(reading.mode, modes);
     if (i !== undefined) measured[i] = [...(measured[i] || []), reading];
   }
+  const free = modes.map((_, i) => i).filter((i) => !measured[i]);  // as a fit takes values without a label: the lowest modes left, in order
+  found.filter((each) => !each.mode).sort((a, b) => a.value - b.value).forEach((reading, order) => {
+    if (order < free.length) measured[free[order]] = [reading];
+  });
   while (body.rows.length > modes.length) body.lastChild.remove();
   while (body.rows.length < modes.length) body.append(modeRow(body.rows.length));
   modes.forEach((mode, i) => {

@@ -136,8 +136,7 @@ const readingsHere = (kind) => model.readings.filter((r) => (
   r.kind === kind && r.mass !== null && Math.abs(r.mass - state.mass) < 1e-6 && sameAngles(r.posture_deg, angles(model, state))));
 
 // Which mode a measured label means: the one whose name it is, or the so many-th that it admits.
-function modeOf(label, modes, order) {
-  if (!label) return order;
+function modeOf(label, modes) {
   const [, name, ordinal] = label.match(/^(.*?)\s*(\d+)$/) || [];
   const admitted = modes.map((_, i) => i).filter((i) => (name || "").split(/\s+/).every((word) => modes[i].label.includes(word)));
   const exact = modes.findIndex((mode) => mode.label === label);

@@ -12,22 +12,23 @@ function drawArm() {
   const reach = Math.max(...[0, 1].map((i) => box.high[i] - box.low[i])), largest = Math.max(...arm(mode.motion).map((v) => Math.hypot(...v)));
   const phase = playing ? Math.sin(2 * Math.PI * SLOW * clock / 1000) : 1, size = SWING * reach / largest * phase;
   const swung = rest.map((p, i) => add(p, scale(arm(mode.motion)[i], size)));
-  const mass = model.points[0], carried = here.line[JOINTS];
+  const carried = here.line[JOINTS];
   const load = state.mass > 0 ? { at: carried, size: 6 + 10 * state.mass / model.payload.largest } : null;
   const factor = sagFactor(reach);
   const sagging = here.rigid.map((p, i) => add(p, scale(minus(here.line[i], p), factor)));
   armViews([$("side"), $("above")], box, [
-    { style: "rigid", points: arm(here.rigid), load: mass && load },
+    { style: "rigid", points: arm(here.rigid), load },
     ...(factor > 1 ? [{ style: "sag", points: arm(sagging), side: true }] : []),
     { style: `${style} chosen`, points: swung, dots: true },
   ]);
   $("side").setAttribute("aria-label", `The arm from the side, and its mode ${mode.label}`);
   $("above").setAttribute("aria-label", `The arm from above, and its mode ${mode.label}`);
-  const words = `${style} ${factor} ${mode.label}`;
+  const words = `${style} ${factor} ${mode.label} ${Boolean(load)}`;
   if ($("arm-key").dataset.words === words) return;
   $("arm-key").dataset.words = words;
   const entries = [["rigid", "the arm with rigid joints"], [`${style} chosen`, `${mode.label}, drawn far too wide and too slow`]];
   if (factor > 1) entries.push(["sag", `sag, drawn ${factor} times as large`]);
+  if (load) entries.push(["rigid load", model.payload.kind === "payload" ? model.payload.name : `mass at ${model.payload.name}`]);
   key($("arm-key"), entries);
 }
 
@@ -79,8 +80,9 @@ function drawCampbell() {
   }
   const shown = new Set();
   for (const style of STYLES) {
-    const d = Array.from({ length: count }, (_, i) => pathOf(segments(i, style).map((p) => p && [X(p[0]), Y(p[1])]))).join("");
-    if (d) { inner.append(svgNode("path", { class: style, d })); shown.add(style); }
+    const points = Array.from({ length: count }, (_, i) => segments(i, style)).flatMap((each) => [...each, null]);
+    inner.append(svgNode("path", { class: style, d: pathOf(points.map((p) => p && [X(p[0]), Y(p[1])])) }));
+    if (points.some((p) => p && p[1] < top4)) shown.add(style);
   }
   const turning = pulleys();
   turning.forEach(({ line }, i) => {
@@ -200,7 +202,8 @@ function listen() {
     changed();
   });
   addEventListener("resize", redraw);
-  addEventListener("beforeprint", () => { clock = 250 / SLOW; redraw(); });  // a mode at its widest
+  addEventListener("beforeprint", () => { clock = 250 / SLOW; printing = true; redraw(); });  // a mode at its widest
+  addEventListener("afterprint", () => { printing = false; redraw(); });
 }
 
 function redraw() {
