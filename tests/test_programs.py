@@ -232,7 +232,7 @@ def test_a_key_names_all_that_a_program_can_depend_on():
 
 
 def test_a_function_that_is_decorated_has_the_name_under_which_it_is_found(monkeypatch):
-    module = sys.modules["ident.text"]
+    module = sys.modules["ident.errors"]
 
     def made(value):
         @wraps(module.one_line)
@@ -243,7 +243,7 @@ def test_a_function_that_is_decorated_has_the_name_under_which_it_is_found(monke
 
     first, second = made("a"), made("b")
     monkeypatch.setattr(module, "one_line", first)
-    assert described(first) == ["name", "ident.text.one_line"]
+    assert described(first) == ["name", "ident.errors.one_line"]
     assert described(first.__wrapped__) == described(first), "what the decorator holds"
     with pytest.raises(NotKeptError):
         described(second)
