@@ -262,9 +262,20 @@ def described(value: Any) -> Any:
 def _name(thing: Any) -> str:
     """Return the name under which a class or a function of the package or of Python itself is found again."""
     module, name = getattr(thing, "__module__", ""), getattr(thing, "__qualname__", "")
-    if module.partition(".")[0] not in ("ident", "builtins") or "<" in name or getattr(thing, "__closure__", None):
+    foreign = module.partition(".")[0] not in ("ident", "builtins") or "<" in name
+    if foreign or (getattr(thing, "__closure__", None) and not _is_found(thing, module, name)):
         raise NotKeptError(f"{module}.{name}")
     return f"{module}.{name}"
+
+
+def _is_found(thing: Any, module: str, name: str) -> bool:
+    """Return whether a name leads to a function: to what decorates it, and so on to the function itself."""
+    found: Any = sys.modules.get(module)
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    while found is not None and found is not thing:
+        found = getattr(found, "__wrapped__", None)
+    return found is thing
 
 
 def _packed(key: str, exported: bytes, document: Any) -> bytes:

@@ -12,7 +12,8 @@ from jaxtyping import install_import_hook
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-os.environ.setdefault("IDENT_PROGRAMS", "off")  # traced anew, so that shapes and types are checked
+os.environ.setdefault("IDENT_PROGRAMS", "on")  # shapes and types are checked where a program is traced first
+os.environ.setdefault("EQX_ON_ERROR", "nan")  # as the command line sets it: one set of programs for all
 # as `ident.jit` for its programs, and less still: of the thousands of single operations here none runs for long
 QUICKLY = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
 QUICKLY += " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
@@ -23,6 +24,7 @@ ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "mo
 install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 
 import jax  # noqa: E402
+import quickly  # noqa: E402, F401
 from reports import too_wide, without_number  # noqa: E402
 
 from ident import cli  # noqa: E402

@@ -42,7 +42,7 @@ def test_there_are_notebooks():
 @by_script
 @pytest.mark.timeout(LIMIT + 20)
 def test_runs_as_plain_python(script):
-    environment = {**os.environ, "MPLBACKEND": "Agg", "IDENT_PROGRAMS": "on"}  # what one has traced serves the others
+    environment = {**os.environ, "MPLBACKEND": "Agg"}
     done = subprocess.run(
         [sys.executable, str(RUNNER), script.name],
         cwd=FOLDER,

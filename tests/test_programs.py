@@ -6,6 +6,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from threading import Barrier
 from time import sleep
@@ -228,6 +229,24 @@ def test_a_key_names_all_that_a_program_can_depend_on():
     keys = [json.dumps(described(each)) for each in different]
     assert len(set(keys)) == len(keys)
     assert described((x,)) == described((np.zeros(3),)), "numbers are traced"
+
+
+def test_a_function_that_is_decorated_has_the_name_under_which_it_is_found(monkeypatch):
+    module = sys.modules["ident.errors"]
+
+    def made(value):
+        @wraps(module.one_line)
+        def decorated(text):
+            return module.one_line(text) + value
+
+        return decorated
+
+    first, second = made("a"), made("b")
+    monkeypatch.setattr(module, "one_line", first)
+    assert described(first) == ["name", "ident.errors.one_line"]
+    assert described(first.__wrapped__) == described(first), "what the decorator holds"
+    with pytest.raises(NotKeptError):
+        described(second)
 
 
 @pytest.mark.parametrize("foreign", [Foreign(), np.sin, lambda x: x, Foreign, object(), Path(), "".join])

@@ -11,7 +11,7 @@ from ident.arm.arm import Arm
 from ident.arm.hinges import CutArm, cut
 from ident.identify.conditions import Conditions, bind
 from ident.identify.predict import ArmModel, Held
-from ident.identify.slopes import Slopes, slopes
+from ident.identify.slopes import Slopes, slopes, slopes_once
 from ident.inference.fit import Fit
 from ident.inference.score import ScoreTest, asked_for, score_tests
 from ident.measure import Campaign, Measurement
@@ -125,7 +125,7 @@ def _slopes(fit: Fit, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Sl
     parts = model.in_parts()
     if parts is None:
         padded, _, places = conditions.padded()
-        each = [jax.device_get(slopes(fitted, pieces, padded, _places(fitted, held)))]
+        each = [jax.device_get(slopes_once(fitted, pieces, padded, _places(fitted, held)))]
     else:
         places, split = parts.places, parts.split(held)
         chosen = [_places(fitted, own) for own in split]

@@ -1,5 +1,6 @@
 """How predictions change with what a fit takes for granted: with compliances at zero, and with given numbers."""
 
+from inspect import unwrap
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -25,7 +26,7 @@ from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
 from ident.identify.predict import chains, mode_choice, pick
 from ident.identify.readings import read
-from ident.jit import jit
+from ident.jit import RUNS_ONCE, jit
 
 Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
 """The modes of the named and of the unnamed values, as `mode_choice` gives them."""
@@ -117,6 +118,10 @@ def slopes(
     rows = jax.vmap(lambda f, r: _rows(f, r, choice, conditions))(hertz, reads)
     parts = np.cumsum([len(hinges), len(hinges), count, count])
     return Slopes(_rows(modes.frequency, read(still, rest, readings), choice, conditions), *jnp.split(rows, parts))
+
+
+slopes_once = jit(unwrap(slopes), RUNS_ONCE)
+"""The same, for a campaign that is not looked at in many parts."""
 
 
 def _at_rest(

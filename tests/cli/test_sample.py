@@ -13,18 +13,19 @@ from ident.studies.sample import SampleResult
 pytestmark = pytest.mark.slow
 
 DATA = DATA / "lcd_arm"
+FEW = ("--starts=1", "--discrepancy=deflection:0.1", "--fix=joint1.k_bend")
+"""What all short chains have, here and in `tests/studies/test_sample.py`, so that they need the same programs."""
 
 
 def test_sample_goes_on_where_it_was_and_writes_draws_and_figures(run, tmp_path):
     import arviz
 
-    options = ("--starts=1", "--discrepancy=frequency:0.1", "--discrepancy=deflection:0.1", "--fix=joint1.k_bend")
-    code, out, err = run("sample", DATA / "table1.csv", *options, "--steps=500", "--no-figure")
+    code, out, err = run("sample", DATA / "table1.csv", *FEW, "--steps=500", "--no-figure")
     assert code == 3, err
     assert "TOO SHORT" in out
     assert "the same command with more --steps goes on from there" in out
     first = arviz.from_netcdf(tmp_path / "out/table1.sample.nc")
-    code, out, _ = run("sample", DATA / "table1.csv", *options, "--steps=600", "--ess=100")
+    code, out, _ = run("sample", DATA / "table1.csv", *FEW, "--steps=600", "--ess=100")
     assert code == 3
     assert "discrepancy.deflection" in out
     assert {"out/table1.sample.corner.png", "out/table1.sample.posterior.png", "out/table1.sample.trace.png"} <= set(
@@ -50,7 +51,7 @@ def test_an_interrupted_run_says_how_it_goes_on(run, tmp_path, monkeypatch):
         return stop
 
     monkeypatch.setattr(running, "progress", interrupted)
-    code, out, err = run("sample", DATA / "table1.csv", "--starts=1", "--fix=joint1.k_bend", "--no-figure")
+    code, out, err = run("sample", DATA / "table1.csv", *FEW, "--no-figure")
     assert (code, out) == (130, "")
     assert err == "stopped; kept out/table1.sample.part: the same command goes on from there\n"
     assert len(list((tmp_path / "out/table1.sample.part").glob("draws*"))) == 2
@@ -66,7 +67,7 @@ def test_long_enough_a_chain_leaves_no_checkpoints(run, tmp_path):
 
 
 def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
-    short = ("--starts=1", "--steps=500", "--no-figure", "--fix=joint1.k_bend", "--discrepancy=deflection:0.1")
+    short = (*FEW, "--steps=500", "--no-figure")
     assert run("sample", DATA / "table1.csv", *short)[0] == 3
     before = {path: (tmp_path / path).read_bytes() for path in files(tmp_path)}
     code, out, err = run("sample", DATA / "table1.csv", *short, "--seed=1")

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
@@ -27,6 +28,7 @@ from ident.studies.fleet import FleetOptions, fleet
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
 QUICK = FleetOptions(starts=4, normal=True)
+QUICK_IDENT = Path(__file__).parents[1] / "support" / "quick_ident.py"
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +192,7 @@ def test_an_error_that_nobody_expected_costs_one_robot(robots, tmp_path, monkeyp
 
 
 def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
-    line = [sys.executable, "-m", "ident", "fleet", str(robots[0]), "--starts=4", "--normal", "--no-figure"]
+    line = [sys.executable, str(QUICK_IDENT), "fleet", str(robots[0]), "--starts=4", "--normal", "--no-figure"]
     line += [f"--soft-base={0.3}"]  # more unknowns: enough time to be killed in
 
     def run(out, kill_at=None):

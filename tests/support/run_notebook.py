@@ -4,6 +4,8 @@ import runpy
 import sys
 from dataclasses import replace
 
+import quickly  # noqa: F401
+
 import ident
 
 STEPS = 500

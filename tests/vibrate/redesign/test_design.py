@@ -93,13 +93,18 @@ def test_slopes_are_those_of_differences_for_ties_shifts_draws_and_many_variable
         np.testing.assert_allclose(slopes[:, d, 0], differences[:, d], atol=1e-5 * scale)
 
 
-def test_the_best_beats_every_point_of_a_dense_grid(found):
-    trial = short(())
-    axes = [axis(lcd_arm(), v.paths, np.geomspace(v.low, v.high, 25), 100.0) for v in TWO]
-    grid = sweep(trial, axes).amplitude.max(0)
-    assert grid.shape == (25, 25)
-    assert found.best.largest <= grid.min() * (1 + 1e-6)
-    assert found.best.largest > 0.97 * grid.min(), "the grid is dense enough to come near"
+def test_the_best_beats_every_point_of_a_grid_and_of_a_dense_one_about_its_best(found):
+    def swept(bounds):
+        axes = [axis(lcd_arm(), v.paths, np.geomspace(*ends, 11), 100.0) for v, ends in zip(TWO, bounds, strict=True)]
+        return [each.values for each in axes], sweep(short(()), axes).amplitude.max(0)
+
+    values, grid = swept([(v.low, v.high) for v in TWO])
+    least = np.unravel_index(grid.argmin(), grid.shape)
+    beside = [(x[max(i - 1, 0)], x[min(i + 1, 10)]) for x, i in zip(values, least, strict=True)]
+    _, dense = swept(beside)
+    assert grid.shape == dense.shape == (11, 11)
+    assert found.best.largest <= min(grid.min(), dense.min()) * (1 + 1e-6)
+    assert found.best.largest > 0.97 * dense.min(), "the grid is dense enough to come near"
 
 
 def test_starts_curve_and_present_are_no_quieter_than_the_best(found, present):
@@ -193,7 +198,7 @@ def uncertain(found, present):
 
 
 def test_fresh_draws_agree_with_others_and_with_the_exact_method(uncertain):
-    count = 300
+    count = 120
     trial, place, limit = uncertain.evaluator, uncertain.best, uncertain.limit
     checked = verify(trial, place, limit, drawn(count, 3))
     changes = np.stack([0 * place.changes, place.changes])
