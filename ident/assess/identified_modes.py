@@ -1,17 +1,17 @@
 """The modes of each posture of a modal test with their names, and the campaign that they make."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
-from jaxtyping import Complex, Float
+from jaxtyping import Complex
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.mode_labels import ModeLabels, label_modes
 from ident.inference.parameters import Parameters
 from ident.measure import Campaign, Measurement
+from ident.measure.covariance import Covariance, Group
 from ident.modal.estimate import Modes, modes_of, together
 from ident.modal.modal_test import ModalTest
 from ident.text import one_line
@@ -34,35 +34,6 @@ class IdentifiedModes:
         """Frequency responses of the modes [1/kg], at the lines within the band."""
         frf = self.modes.frf
         return self.modes.model.accelerance(2j * np.pi * frf.frequency + frf.decay)
-
-
-@dataclass(frozen=True)
-class ModalCampaign:
-    """Frequencies and damping ratios of the modes that have a name, as a campaign.
-
-    Attributes:
-        campaign: the rows: of each posture the frequencies, then the damping ratios.
-        covariance: (D, D) [Hz and -, as the rows] of their errors; rows of different postures are independent.
-        groups: (D,) number of the posture of each row, from 1.
-    """
-
-    campaign: Campaign
-    covariance: Float[np.ndarray, "D D"]
-    groups: tuple[int, ...]
-
-    @property
-    def correlation(self) -> Float[np.ndarray, "D D"]:
-        """Correlation of the rows' errors [-]."""
-        sd = np.sqrt(np.diag(self.covariance))
-        return self.covariance / np.outer(sd, sd)
-
-    def pairs(self) -> Iterator[tuple[int, int, int, float]]:
-        """Yield group, places i < j within it, from 1, and correlation of each pair of rows of a group."""
-        correlation, groups = self.correlation, np.array(self.groups)
-        for group in dict.fromkeys(self.groups):
-            rows = np.flatnonzero(groups == group)
-            for i, j in zip(*np.triu_indices(len(rows), 1), strict=True):
-                yield group, int(i) + 1, int(j) + 1, float(correlation[rows[i], rows[j]])
 
 
 def identify_modes(
@@ -106,23 +77,34 @@ def _modes(test: ModalTest, near: tuple[float, ...] | None) -> Modes:
         raise InputError(problems) from None
 
 
-def modal_campaign(name: str, tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes]) -> ModalCampaign:
-    """Return the campaign of the modes that have a name; a doubtful one is no row, as it could be matched wrongly."""
-    rows = [row for pair in zip(tests, identified, strict=True) for row in _rows(*pair)]
-    blocks = [_covariance(each) for each in identified]
-    groups = tuple(number for number, block in enumerate(blocks, 1) for _ in block)
-    return ModalCampaign(Campaign(name=name, measurements=tuple(rows)), scipy.linalg.block_diag(*blocks), groups)
+def modal_campaign(name: str, tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes]) -> Campaign:
+    """Return the campaign of the modes that have a name; a doubtful one is no row, as it could be matched wrongly.
+
+    Of each posture the frequencies, then the damping ratios, whose errors are correlated as the modes' are.
+    """
+    rows, groups = list[Measurement](), list[Group]()
+    for number, (test, each) in enumerate(zip(tests, identified, strict=True), 1):
+        own = list(_rows(test, each))
+        if own:
+            group = Group(f"{name} {number}", _correlation(each))
+            rows += [replace(row, group=group.name, member=place) for place, row in enumerate(own, 1)]
+            groups.append(group)
+    return Campaign(name=name, measurements=tuple(rows), covariance=Covariance(tuple(groups)) if groups else None)
 
 
 def _named(each: IdentifiedModes) -> list[int]:
     return [i for i, label in enumerate(each.labels.given) if label is not None]
 
 
-def _covariance(each: IdentifiedModes) -> np.ndarray:
-    """Return the covariance of the frequencies and damping ratios of the modes that have a name."""
+def _correlation(each: IdentifiedModes) -> tuple[tuple[float, ...], ...]:
+    """Return the correlation of frequencies and damping ratios of the modes that have a name."""
     count, named = len(each.modes.frequency), _named(each)
     at = [*named, *(count + i for i in named)]
-    return each.modes.covariance[np.ix_(at, at)]
+    covariance = each.modes.covariance[np.ix_(at, at)]
+    sd = np.sqrt(np.diag(covariance))
+    whole = covariance / np.outer(sd, sd)
+    np.fill_diagonal(whole, 1.0)
+    return tuple(map(tuple, ((whole + whole.T) / 2).tolist()))
 
 
 def _rows(test: ModalTest, each: IdentifiedModes) -> Iterator[Measurement]:

@@ -1,17 +1,22 @@
 """An arm, a campaign and a choice of unknowns, posed as an inverse problem."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 
 from ident.arm.arm import Arm
+from ident.errors import InputError
 from ident.identify.conditions import bind
 from ident.identify.predict import ArmModel
 from ident.identify.repeats import shared_error
 from ident.identify.unknowns import Unknowns, stiffness_parameters
+from ident.inference.correlation import Correlation, correlation
 from ident.inference.discrepancy import with_discrepancy
 from ident.inference.parameters import Parameters
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign
+from ident.text import one_line
 
 
 def arm_problem(arm: Arm, campaign: Campaign, parameters: Parameters) -> InverseProblem:
@@ -28,7 +33,22 @@ def arm_problem(arm: Arm, campaign: Campaign, parameters: Parameters) -> Inverse
         jax.device_put(shared_error(np.asarray(conditions.order), sigma, step)),
         parameters,
         tuple(m.kind for m in campaign),
+        _correlation(campaign),
     )
+
+
+def _correlation(campaign: Campaign) -> Correlation | None:
+    """Return how the errors of the rows are correlated.
+
+    Raises:
+        InputError: as no errors can be.
+    """
+    groups = [(places, np.array(matrix)) for places, matrix in campaign.correlated]
+    try:
+        return jax.device_put(correlation(groups, np.ones(len(campaign), bool)))
+    except InputError as error:
+        path = campaign.covariance.path if campaign.covariance else ""
+        raise InputError(replace(problem, where=one_line(path)) for problem in error.problems) from None
 
 
 def build_problem(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> InverseProblem:

@@ -1,7 +1,7 @@
 """Many robots of one design: what each one's data say, and the population of their stiffnesses."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,9 +10,10 @@ from jaxtyping import Float
 from ident.arm.fields import STIFFNESS, field_of
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
+from ident.inference.fit import Fit
 from ident.inference.parameters import Parameters
 from ident.inference.population import Population, population
-from ident.inference.population_chains import Likelihood
+from ident.inference.population_chains import Draws, Likelihood, Under
 
 FEWEST = 3
 """Robots that a spread needs."""
@@ -155,11 +156,16 @@ class Linear:
     slope: Float[np.ndarray, "D U"]
 
 
+def linear(fit: Fit) -> Linear:
+    """Return what a fit is near its optimum."""
+    slope = fit.problem.scaled(np.asarray(fit.jacobian))
+    residuals = fit.problem.scaled(np.asarray(fit.predicted) - np.asarray(fit.problem.measured))
+    return Linear(np.asarray(fit.best.theta), fit.information.sd, residuals, slope)
+
+
 def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile) -> Robot:
     """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors."""
-    slope = np.asarray(fit.jacobian) / np.asarray(fit.problem.sigma)[:, None]
-    at = Linear(np.asarray(fit.best.theta), fit.information.sd, fit.residuals, slope)
-    robot = robot_at(at, fit.problem.parameters, Stiffnesses.of(fit.problem.parameters))
+    robot = robot_at(linear(fit), fit.problem.parameters, Stiffnesses.of(fit.problem.parameters))
     robot = replace(robot, name=name, campaign=campaign, arm=arm)
     return replace(robot, measurements=len(fit.campaign), doubts=fit.doubts)
 
@@ -204,7 +210,11 @@ def _marginal(precision: np.ndarray, shift: np.ndarray, kept: list[int], others:
     return Likelihood(A - share @ B.T, shift[kept] - share @ shift[others])
 
 
-def fleet(robots: Iterable[Robot], *, seed: int = 0) -> Fleet:
+Redraw = Callable[[Sequence[Robot], Under], Sequence[Draws | None]]
+"""Draws robots under a population."""
+
+
+def fleet(robots: Iterable[Robot], *, seed: int = 0, redraw: Redraw | None = None) -> Fleet:
     """Infer the population of the stiffnesses of robots of one design.
 
     A robot of other stiffnesses than most have is none of the fleet: it is counted as failed.
@@ -212,6 +222,7 @@ def fleet(robots: Iterable[Robot], *, seed: int = 0) -> Fleet:
     Args:
         robots: fitted, or failed.
         seed: of what is drawn.
+        redraw: draws robots under a population, each weighed by its data; without, normal approximations do.
 
     Raises:
         InputError: robots of one name.
@@ -224,9 +235,10 @@ def fleet(robots: Iterable[Robot], *, seed: int = 0) -> Fleet:
     members = tuple(i for i, robot in enumerate(robots) if not (robot.failed or robot.doubts))
     inferred = None
     if len(members) >= FEWEST:
-        first = robots[members[0]]
+        first, known = robots[members[0]], tuple(robots[i].likelihood for i in members)
+        again = (lambda which, under: redraw([robots[members[r]] for r in which], under)) if redraw else None
         width = np.minimum(first.prior_sd, WIDEST)
-        inferred = population(tuple(robots[i].likelihood for i in members), first.prior_mean, width, seed=seed)
+        inferred = population(known, first.prior_mean, width, seed=seed, redraw=again)
     return Fleet(robots=robots, members=members, names=names, population=inferred)
 
 

@@ -89,7 +89,7 @@ def _right(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> bool:
         check_values(problem, given.campaign, given.arm, trusted)
     except IdentError:
         return False
-    return problem.in_parts() is None
+    return problem.in_parts() is None and problem.correlation is None
 
 
 def _fitted(group: Sequence[Given], unknowns: Unknowns, size: int, seed: int) -> dict[str, Robot]:

@@ -238,9 +238,9 @@ class _Joint:
             theta, problem = way @ joint, fit.problem
             here = look(problem, theta, fit.choice.held)
             fitted = np.isfinite(np.asarray(problem.sigma))
-            sigma = np.asarray(problem.sigma)[fitted]
-            residuals.append((here.predicted - np.asarray(problem.measured))[fitted] / sigma)
-            slopes.append(here.jacobian[fitted] / sigma[:, None] @ way)
+            off = np.asarray(here.predicted) - np.asarray(problem.measured)
+            residuals.append(problem.scaled(off)[fitted])
+            slopes.append(problem.scaled(np.asarray(here.jacobian))[fitted] @ way)
             prior, slope = (np.asarray(part)[once] for part in problem.parameters.prior_residuals(way @ centre))
             residuals.append(prior)
             slopes.append(slope[:, None] * np.where(np.arange(len(joint)) < count, way, 0.0)[once])

@@ -103,17 +103,20 @@ def _line(problem: InverseProblem) -> _Line:
 def _widened(problem: InverseProblem, line: _Line) -> tuple[_Answer, float]:
     """Return the answer of all values, sigmas widened by the error of the line, and that error in sigma."""
     spread = line.sigma / line.scale(line.measured)
-    first = _answer(line, spread)
+    first = _answer(line, spread, problem)
     there = np.asarray(evaluate(problem, jnp.asarray(line.start + first.step)).predicted)
     error = np.abs(line.moved(there) - line.slope @ first.step)
-    return _answer(line, np.hypot(spread, np.nan_to_num(error, nan=np.inf))), float((error / spread).max())
+    wider = np.hypot(spread, np.nan_to_num(error, nan=np.inf))
+    return _answer(line, wider, problem), float((error / spread).max())
 
 
-def _answer(line: _Line, spread: Float[np.ndarray, "D"]) -> _Answer:
+def _answer(line: _Line, spread: Float[np.ndarray, "D"], problem: InverseProblem) -> _Answer:
+    """Solve; errors are correlated as the problem's are, whatever they have been widened by."""
     weight, prior_slope = 1 / spread, 1 / line.widths
     residual = (line.start - line.centre) * prior_slope
-    A = np.vstack([line.slope * weight[:, None], np.diag(prior_slope)])
-    b = np.concatenate([line.moved(line.measured) * weight, -residual])
+    problem = problem.with_sigma(spread)
+    A = np.vstack([problem.scaled(line.slope), np.diag(prior_slope)])
+    b = np.concatenate([problem.scaled(line.moved(line.measured)), -residual])
     U, s, Vt = np.linalg.svd(np.vstack([A, np.zeros((A.shape[1], A.shape[1]))]), full_matrices=False)
     seen = s > RANK_TOLERANCE * max(s[0], 1e-300)
     step = (Vt[seen] / s[seen, None]).T @ (U[: len(A), seen].T @ b)

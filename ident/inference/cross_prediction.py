@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
@@ -202,7 +201,7 @@ def _compared(problem: InverseProblem, widths: Float[np.ndarray, "P"], kind: str
     sigma = np.asarray(problem.sigma)
     own = (np.array(problem.kinds) == kind) & np.isfinite(sigma)
     rows, measured = np.flatnonzero(own), np.asarray(problem.measured)
-    scale, freedom = quadratic_form(every.jacobian / sigma[:, None], widths, own)
+    scale, freedom = quadratic_form(problem.scaled(np.asarray(every.jacobian)), widths, own)
     statistic = max(float(every.cost - others.cost - alone.cost), 0.0)
     predicted = others.predicted[rows]
     return CrossPrediction(kind, tuple(rows.tolist()), measured[rows], predicted, None, statistic, scale, freedom)
@@ -258,7 +257,7 @@ def _minimum(problem: InverseProblem, starts: Sequence[Float[np.ndarray, "P"]], 
 
 def _fitted(problem: InverseProblem, rows: Bool[np.ndarray, "D"]) -> InverseProblem:
     """Return the problem in which only these values are fitted: the same program, whatever the rows."""
-    return eqx.tree_at(lambda p: p.sigma, problem, jax.device_put(np.where(rows, np.asarray(problem.sigma), np.inf)))
+    return problem.with_sigma(np.where(rows, np.asarray(problem.sigma), np.inf))
 
 
 def _with_widths(problem: InverseProblem, widths: Float[np.ndarray, "P"]) -> InverseProblem:

@@ -152,7 +152,7 @@ def _independent(target: Marginal, optimum: Optimum) -> Independent | None:
     if target.posterior.noise.items:
         return None
     problem = target.posterior.problem
-    scaled = np.asarray(fit_at(problem, optimum.theta).jacobian) / np.asarray(problem.sigma)[:, None]
+    scaled = problem.scaled(np.asarray(fit_at(problem, optimum.theta).jacobian))
     if not np.isfinite(scaled).all():
         return None
     names, kept = problem.parameters.names, ~target.integrated

@@ -79,8 +79,9 @@ class Fit:
 
     @property
     def chi_squared(self) -> float:
-        """Sum of the squared residuals of the data."""
-        return float(np.sum(self.residuals**2))
+        """Sum of the squared residuals of the data, independent ones where errors are correlated."""
+        off = np.asarray(self.predicted) - np.asarray(self.problem.measured)
+        return float(np.sum(self.problem.scaled(off) ** 2))
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -252,7 +253,7 @@ def with_stretch(fit: Fit) -> Fit:
 def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:
     """Return the fit of the best end, without the optima."""
     best, _ = in_order(problem, reached)[0]
-    scaled = best.jacobian / np.asarray(problem.sigma)[:, None]
+    scaled = problem.scaled(np.asarray(best.jacobian))
     known = information(scaled, normal_prior_sd(problem), problem.parameters.names)
     return Fit(problem, (), 0, best.predicted, best.jacobian, known, best.choice)
 

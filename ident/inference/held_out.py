@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -11,6 +10,7 @@ from ident.inference.descent import ended
 from ident.inference.fit import Fit
 from ident.inference.information import information
 from ident.inference.least_squares import look, solve
+from ident.inference.problem import InverseProblem
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ def held_out(
 def _held_out(fit: Fit, name: str, places: Int[np.ndarray, "n"]) -> HeldOut:
     sigma = np.asarray(fit.problem.sigma).copy()
     noise = sigma[places]
-    sigma[places] = np.inf
-    problem = eqx.tree_at(lambda p: p.sigma, fit.problem, sigma)
+    sigma[_with_groups(fit.problem, places)] = np.inf
+    problem = fit.problem.with_sigma(sigma)
     starts = [fit.best.theta, *(rival.theta for rival in fit.rivals)]
     ends = [ended(problem, solve(problem, theta, fit.end)) for theta in starts]
     end, how = min(ends, key=lambda each: (not np.isfinite(each[0].cost), not each[1].converged, each[0].score))
@@ -87,9 +87,17 @@ def _held_out(fit: Fit, name: str, places: Int[np.ndarray, "n"]) -> HeldOut:
     there = look(problem, end.theta, held.likened() if held is not None else None)
     kept, slope = np.isfinite(sigma), np.asarray(there.jacobian)
     unknown = problem.parameters
-    known = information(slope[kept] / sigma[kept, None], unknown.normal_sd, unknown.names)
+    known = information(problem.scaled(slope)[kept], unknown.normal_sd, unknown.names)
     with np.errstate(invalid="ignore"):
         open_part = slope[places] @ known.covariance @ slope[places].T
     measured = np.asarray(problem.measured)[places]
-    covariance = open_part + np.diag(noise**2)
+    covariance = open_part + np.outer(noise, noise) * fit.problem.correlations(places)
     return HeldOut(name, places, measured, np.asarray(there.predicted)[places], covariance, how.converged)
+
+
+def _with_groups(problem: InverseProblem, places: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m"]:
+    """Return places and all others whose errors are correlated with theirs, which would tell of them."""
+    if problem.correlation is None:
+        return places
+    groups = problem.correlation.groups
+    return np.union1d(places, np.flatnonzero(np.isin(groups, groups[places]) & (groups >= 0)))

@@ -93,12 +93,13 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
     sd = np.array([each.data_sd for each in known]).reshape(-1, len(start))
     supported = np.array([each.supported for each in known], bool).reshape(-1, len(start))
     unknown = blank or 2 * len(answers) < len(evaluated)
+    groups = None if problem.correlation is None else problem.correlation.groups
     closed = not blank and not any(direction.open for direction in known[0].directions)
     return Check(
         problem,
         tuple("unknown" for _ in start) if unknown else _verdicts(np.array(answers), supported, sd),
         None if blank else known[0],
-        None if blank else leverage_of(here, parameters.names),
+        None if blank else leverage_of(here, parameters.names, groups),
         missing,
         sd,
         supported,
@@ -112,7 +113,7 @@ def _scaled_jacobian(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.
     sigma = np.asarray(problem.sigma)
     J, fitted = np.asarray(end.jacobian), np.isfinite(sigma)
     missing = fitted & ~(np.isfinite(np.asarray(end.predicted)) & np.isfinite(J).all(1))
-    return np.where(fitted[:, None], J, 0.0) / sigma[:, None], missing
+    return problem.scaled(np.where(fitted[:, None], J, 0.0)), missing
 
 
 def _verdicts(

@@ -59,7 +59,7 @@ def _point(posterior: Posterior, optimum: Optimum, rng: np.random.Generator) -> 
 def _perturbed(problem: InverseProblem, rng: np.random.Generator) -> InverseProblem:
     """Move data and priors by their own uncertainty; a flat prior counts as a normal one of about its width."""
     sigma, parameters = np.asarray(problem.sigma), problem.parameters
-    noise = np.where(np.isfinite(sigma), sigma, 0.0) * rng.standard_normal(len(sigma))
+    noise = np.where(np.isfinite(sigma), sigma, 0.0) * problem.correlated(rng.standard_normal(len(sigma)))
     sd = parameters.normal_sd
     shift = np.where(parameters.proper, sd, 0.0) * rng.standard_normal(len(sd))
     centres = parameters.values(parameters.theta(parameters.column("centre")) + shift)

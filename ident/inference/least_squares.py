@@ -167,7 +167,8 @@ def _searched_in_parts(
         residuals, slope = weigh(here)
         return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
 
-    held = problem.unheld() if held is None else held
+    if held is None:
+        held = (problem if len(large.problems) > 1 else large.problems[0]).unheld()
     return minimum(look_there, weigh, start, held, bool(to_the_end))
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ident.inference.information import RANK_TOLERANCE, information
 
@@ -49,24 +49,32 @@ class Leverage:
         return np.array(needed, bool) | (self.leverage > ALONE)
 
 
-def leverage_of(jacobian: Float[np.ndarray, "D P"], names: tuple[str, ...]) -> Leverage:
-    """Drop each measurement in turn and see what is lost, by the Jacobian alone.
+def leverage_of(
+    jacobian: Float[np.ndarray, "D P"], names: tuple[str, ...], groups: Int[np.ndarray, "D"] | None = None
+) -> Leverage:
+    """Drop each measurement in turn and see what is lost, by the Jacobian alone; a group of them is dropped whole.
 
     Args:
-        jacobian: d(predicted / sigma)/d(theta), zero for values that are not fitted.
+        jacobian: d(predicted / sigma)/d(theta), made independent, zero for values that are not fitted.
         names: of the parameters.
+        groups: number of the group of values whose errors are correlated, -1 for none; its leverage is shared evenly.
 
     References:
         Belsley, Kuh, Welsch, "Regression Diagnostics", 1980, section 2.1.
     """
     U, s, _ = np.linalg.svd(jacobian, full_matrices=False)
     leverage = (U[:, s > RANK_TOLERANCE * max(s[0], 1e-300)] ** 2).sum(1)
+    alone = np.arange(len(jacobian)) + len(jacobian)
+    units = alone if groups is None else np.where(groups < 0, alone, groups)
     sees = tuple(int(np.argmax(np.abs(row))) if row.any() else -1 for row in jacobian)
     none = np.full(len(names), np.inf)
     whole = information(jacobian, none, names)
     opened, lost = [0] * len(jacobian), [()] * len(jacobian)
-    for i in np.flatnonzero(leverage > REPLACEABLE):
-        rest = information(np.delete(jacobian, i, 0), none, names)
-        opened[i] = max(whole.rank - rest.rank, 0)
-        lost[i] = tuple(np.array(names)[whole.supported & ~rest.supported].tolist())
+    for unit in np.unique(units[leverage > REPLACEABLE]):
+        rest = information(jacobian[units != unit], none, names)
+        gone = tuple(np.array(names)[whole.supported & ~rest.supported].tolist())
+        for i in np.flatnonzero(units == unit):
+            opened[i], lost[i] = max(whole.rank - rest.rank, 0), gone
+    _, place, count = np.unique(units, return_inverse=True, return_counts=True)
+    leverage = (np.bincount(place, leverage) / count)[place]
     return Leverage(leverage, sees, tuple(opened), tuple(lost))

@@ -80,15 +80,15 @@ def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
     Ends that are no optimum are dropped, unless it is the best one.
     """
     groups: list[list[Ended]] = []
-    sigma, prior_sd = np.asarray(problem.sigma), normal_prior_sd(problem)
+    prior_sd = normal_prior_sd(problem)
     for end, how in in_order(problem, ends):
         for group in groups:
             first, _ = group[0]
             step = end.theta - first.theta
-            apart = np.concatenate([first.jacobian @ step / sigma, step / prior_sd])
+            apart = np.concatenate([problem.scaled(np.asarray(first.jacobian @ step)), step / prior_sd])
             near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
             level = abs(end.cost - first.cost) < SAME * SAME * (1 + end.cost)
-            if near or (level and _is_valley(first.jacobian / sigma[:, None], prior_sd)):
+            if near or (level and _is_valley(problem.scaled(np.asarray(first.jacobian)), prior_sd)):
                 group.append((end, how))
                 break
         else:
@@ -117,7 +117,7 @@ def is_tie(a: float, b: float) -> bool:
 
 def _optimum(problem: InverseProblem, group: list[Ended]) -> Optimum:
     first, how = group[0]
-    scaled = first.jacobian / np.asarray(problem.sigma)[:, None]
+    scaled = problem.scaled(np.asarray(first.jacobian))
     return Optimum(
         np.asarray(problem.parameters.values(first.theta)),
         first.theta,

@@ -75,5 +75,5 @@ def other_solutions(problem: InverseProblem, here: End, *, starts: int = STARTS,
 def _same(problem: InverseProblem, optimum: Optimum, here: End) -> bool:
     """Tell whether an optimum is the one at the starting values, by the distance in theta and in what is predicted."""
     step = optimum.theta - np.asarray(here.theta)
-    moved = np.asarray(here.jacobian) @ step / np.asarray(problem.sigma)
+    moved = problem.scaled(np.asarray(here.jacobian) @ step)
     return bool(is_tie(0.0, optimum.cost) and min(np.linalg.norm(moved), np.abs(step).max()) < SAME)

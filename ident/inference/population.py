@@ -7,16 +7,17 @@ the population (the mixture for outliers of Hogg, Bovy and Lang, 2010, arXiv:100
 In two stages (Lunn, Barrett, Sweeting and Thompson, 2013, J. R. Stat. Soc. C 62, 551): each robot's posterior under a
 wide interim prior first, then the population from these with the interim prior divided out. Of a normal approximation
 that is algebra (`Likelihood`), exact for it; draws (`Draws`) are importance weighted (Hogg, Myers and Bovy, 2010,
-Astrophys. J. 725, 2166, equation 9).
+Astrophys. J. 725, 2166, equation 9). Draws under a wide prior fail where they matter, as few fall where the population
+is: they are made under the population that is known by then, and made again where their weights can't be trusted.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from ident.inference.population_chains import FAULT, Chains, Draws, Likelihood, Robot, log_density
+from ident.inference.population_chains import FAULT, Chains, Draws, Likelihood, Robot, Under
 
 WARM_UP, STEPS = 500, 1500
 STEPS_OF_DRAWS = 4
@@ -25,7 +26,7 @@ LARGEST_K, LEAST_EFFECTIVE = 0.7, 200.0
 """Pareto k (Vehtari, Simpson, Gelman, Yao and Gabry, 2024, J. Mach. Learn. Res. 25, 72) above which, and effective
 draws below which, weights can't be trusted."""
 ROUNDS = 3
-"""Times that a robot is drawn again."""
+"""Times that a robot is drawn."""
 WIDER, LEAST_SHARE = 2.0, 0.05
 """Factor on the population's spread under which it is drawn again, and share that is off there at least."""
 
@@ -63,8 +64,8 @@ class Population:
         off: (R, P) probability that a parameter of a robot is off.
         any_off: (R,) probability that any of its parameters is.
         r_hat: largest over means and spreads: 1 where the chains agree.
-        weights: by robot's number, of those that are known by draws.
-        normal: numbers of robots whose weights could not be trusted, taken by a normal approximation instead.
+        weights: by robot's number, of those that are, or were, known by draws.
+        normal: numbers of robots that are taken by a normal approximation.
     """
 
     mean: Float[np.ndarray, "n P"]
@@ -81,7 +82,12 @@ class Population:
     @property
     def log_likelihood_variance(self) -> float:
         """Monte Carlo variance of the population's log-likelihood by weights; shall be below 1."""
-        return float(sum(each.variance for each in self.weights.values()))
+        return float(sum(each.variance for each in self.trusted))
+
+    @property
+    def trusted(self) -> tuple[Weights, ...]:
+        """The weights of the robots that are known by draws."""
+        return tuple(each for r, each in self.weights.items() if int(r) not in self.normal)
 
     @property
     def typical_sd(self) -> Float[np.ndarray, "P"]:
@@ -99,8 +105,8 @@ class Population:
         return np.sqrt(np.square(self.sd).mean(0) + self.mean.var(0))
 
 
-Redraw = Callable[[int, np.ndarray, np.ndarray, float], np.ndarray]
-"""Draws theta (n, P) of robot number r again, under the population's density of these means, sds and share."""
+Redraw = Callable[[Sequence[int], Under], Sequence[Draws | None]]
+"""Draws the robots of these numbers under a population; None for one of which that is not possible."""
 
 
 def population(
@@ -119,53 +125,46 @@ def population(
         prior_mean: in theta, of the population's means.
         prior_sd: of the same.
         seed: of the chains.
-        redraw: draws a robot again whose weights can't be trusted; without, a normal approximation takes its place.
+        redraw: draws each robot that is known by a normal approximation, or whose weights can't be trusted; without,
+            normal approximations do.
         steps: of each chain that are kept, where no robot is known by draws.
     """
-    robots = tuple(robots)
-    for attempt in range(ROUNDS + 1):
-        result = _sampled(robots, prior_mean, prior_sd, steps, seed + attempt)
-        unsound = [int(r) for r, each in result.weights.items() if not each.sound]
-        if not unsound or redraw is None or attempt == ROUNDS:
+    robots, result = tuple(robots), _sampled(tuple(robots), prior_mean, prior_sd, steps, seed)
+    unsound = _unsound(result, range(len(robots)))
+    for attempt in range(ROUNDS):
+        if not unsound or redraw is None:
             break
-        wider = result.next_mean, WIDER * result.typical_sd, max(float(result.share.mean()), LEAST_SHARE)
-        robots = tuple(_again(redraw, r, *wider) if r in unsound else each for r, each in enumerate(robots))
-    if not unsound:
-        return result
-    instead = tuple(
-        _normal(each) if r in unsound and isinstance(each, Draws) else each for r, each in enumerate(robots)
-    )
-    result = _sampled(instead, prior_mean, prior_sd, steps, seed + ROUNDS + 1)
-    return replace(result, normal=tuple(unsound))
+        drawn = dict(zip(unsound, redraw(unsound, _wider(result)), strict=True))
+        robots = tuple(drawn.get(r) or each for r, each in enumerate(robots))
+        result = _sampled(robots, prior_mean, prior_sd, steps, seed + attempt + 1)
+        unsound = _unsound(result, unsound)
+    instead = tuple(_normal(each) if r in unsound else each for r, each in enumerate(robots))
+    if any(isinstance(robots[r], Draws) for r in unsound):
+        result = replace(_sampled(instead, prior_mean, prior_sd, steps, seed + ROUNDS + 1), weights=result.weights)
+    return replace(result, normal=tuple(r for r, each in enumerate(instead) if isinstance(each, Likelihood)))
 
 
-def _again(redraw: Redraw, r: int, mean: np.ndarray, sd: np.ndarray, share: float) -> Draws:
-    theta = redraw(r, mean, np.minimum(sd, FAULT), share)
-    return Draws(theta, log_density(theta, mean, np.minimum(sd, FAULT), np.asarray(share)).sum(-1))
+def _unsound(result: Population, robots: Iterable[int]) -> list[int]:
+    return [r for r in robots if not (known := result.weights.get(str(r))) or not known.sound]
 
 
-def _normal(draws: Draws) -> Likelihood:
-    """Return the normal approximation of a robot's likelihood, its prior divided out.
-
-    The prior's logarithm is fitted by a parabola along each parameter; what is less than nothing is set to nothing.
-    """
-    theta = draws.theta - (centre := draws.theta.mean(0))
-    terms = np.column_stack([np.ones(len(theta)), theta, theta**2])
-    fitted = np.linalg.lstsq(terms, draws.log_prior, rcond=None)[0]
-    slope, curvature = fitted[1 : 1 + len(centre)], -2 * fitted[1 + len(centre) :]
-    precision = np.linalg.inv(np.cov(draws.theta.T).reshape(len(centre), -1)) - np.diag(curvature)
-    eigenvalues, vectors = np.linalg.eigh(precision)
-    precision = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
-    return Likelihood(precision, precision @ centre - slope)
+def _normal(robot: Robot) -> Likelihood:
+    return robot.normal if isinstance(robot, Draws) else robot
 
 
-def _weighed(draws: Draws, mean: np.ndarray, sd: np.ndarray, share: float) -> Weights:
+def _wider(population: Population) -> Under:
+    """Return a population's density, widened so that all that it may yet turn out to be is drawn from."""
+    sd = np.minimum(WIDER * population.typical_sd, FAULT)
+    return Under(population.next_mean, sd, max(float(population.share.mean()), LEAST_SHARE))
+
+
+def weighed(draws: Draws, under: Under) -> Weights:
+    """Say how well the weights of a robot's draws can be trusted under a population."""
     import arviz  # takes a second to import
 
-    log_weights = log_density(draws.theta, mean, sd, np.asarray(share)).sum(-1) - draws.log_prior
-    smoothed, k = arviz.psislw(log_weights)
+    smoothed, k = arviz.psislw(under.log_density(draws.theta) - draws.log_prior)
     effective = 1 / float(np.exp(2 * smoothed).sum())  # they sum to one
-    return Weights(float(k), effective, 1 / effective - 1 / len(log_weights))
+    return Weights(float(k), effective, 1 / effective - 1 / len(smoothed))
 
 
 def _sampled(
@@ -214,7 +213,7 @@ class _Sums:
         robot_sd = np.sqrt(np.maximum(self.squares / count - away**2, 0.0))
         mean, sd, share = mean.reshape(count, -1), sd.reshape(count, -1), share.ravel()
         weights = {
-            str(r): _weighed(each, mean.mean(0), np.exp(np.log(sd).mean(0)), float(share.mean()))
+            str(r): weighed(each, Under(mean.mean(0), np.exp(np.log(sd).mean(0)), float(share.mean())))
             for r, each in self.chains.drawn.items()
         }
         off, any_off = self.off / count, self.any_off / count

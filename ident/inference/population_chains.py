@@ -41,18 +41,40 @@ class Likelihood:
 
 @dataclass(frozen=True)
 class Draws:
-    """One robot's posterior under a known prior, by draws.
+    """What one robot's data say, by draws from a known density.
 
     Attributes:
         theta: (n, P)
-        log_prior: (n,) logarithm of that prior's density at each.
+        log_prior: (n,) logarithm at each of that density over the likelihood, up to a constant: of draws from a
+            posterior its prior's.
+        normal: the normal approximation that takes their place where their weights can't be trusted.
     """
 
     theta: Float[np.ndarray, "n P"]
     log_prior: Float[np.ndarray, "n"]
+    normal: Likelihood
 
 
 Robot = Likelihood | Draws
+
+
+@dataclass(frozen=True)
+class Under:
+    """A population's density, under which a robot is drawn: normal, or off with the width `FAULT`.
+
+    Attributes:
+        mean: (P,) in theta.
+        sd: (P,) of the healthy.
+        share: that is off.
+    """
+
+    mean: Float[np.ndarray, "P"]
+    sd: Float[np.ndarray, "P"]
+    share: float
+
+    def log_density(self, theta: Float[np.ndarray, "n P"]) -> Float[np.ndarray, "n"]:
+        """Return the logarithm of the density of each theta, up to a constant."""
+        return np.asarray(log_density(theta, self.mean, self.sd, np.asarray(self.share)).sum(-1))
 
 
 def log_density(theta: np.ndarray, mean: np.ndarray, sd: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -87,15 +109,13 @@ class Chains:
         self.share = np.full(CHAINS, SHARE[0] / sum(SHARE))
         self.off = np.zeros((CHAINS, len(robots), count), bool)
         self.theta = np.zeros((CHAINS, len(robots), count))
-        for r, each in self.drawn.items():
-            self.theta[:, r] = each.theta[rng.integers(len(each.theta), size=CHAINS)]
-        self.at = {r: self._log_weight(r, self.theta[:, r], np.zeros(CHAINS)) for r in self.drawn}
+        self.weighed = list(self.drawn)
+        self._take_the_draws()
 
     def step(self) -> None:
         """Draw everything once, each part given the others."""
         self._exact()
-        for r in self.drawn:
-            self._one_of_the_draws(r)
+        self._among_the_draws()
         self._what_is_off()
         self._mean()
         self._sd()
@@ -120,18 +140,33 @@ class Chains:
         half = np.linalg.solve(L, at[..., None]) + z
         self.theta[:, self.exact] = np.linalg.solve(np.swapaxes(L, -1, -2), half)[..., 0]
 
-    def _log_weight(self, r: int, theta: np.ndarray, log_prior: np.ndarray) -> np.ndarray:
-        return log_density(theta, self.mean, self.sd, self.share[:, None]).sum(-1) - log_prior
+    def _take_the_draws(self) -> None:
+        """Lay the draws of all robots side by side, and start at one of each."""
+        self.counts = np.array([len(each.theta) for each in self.drawn.values()], int)
+        most = self.counts.max(initial=0)
+        self.draws = np.zeros((len(self.counts), most, len(self.prior_mean)))
+        self.log_prior = np.zeros((len(self.counts), most))
+        for i, each in enumerate(self.drawn.values()):
+            self.draws[i, : self.counts[i]], self.log_prior[i, : self.counts[i]] = each.theta, each.log_prior
+        start = self._picked()
+        self.theta[:, self.weighed] = self.draws[np.arange(len(self.counts)), start]
+        self.at = self.log_prior[np.arange(len(self.counts)), start]
 
-    def _one_of_the_draws(self, r: int) -> None:
-        """Propose another of a robot's draws (Lunn et al. 2013, section 2.2)."""
-        draws = self.drawn[r]
-        proposed = self.rng.integers(len(draws.theta), size=CHAINS)
-        new = self._log_weight(r, draws.theta[proposed], draws.log_prior[proposed])
-        now = self._log_weight(r, self.theta[:, r], self.at[r])
-        taken = np.log(self.rng.uniform(size=CHAINS)) < new - now
-        self.theta[taken, r] = draws.theta[proposed[taken]]
-        self.at[r] = np.where(taken, draws.log_prior[proposed], self.at[r])
+    def _picked(self) -> np.ndarray:
+        """Pick one of each robot's draws for each chain."""
+        return (self.rng.uniform(size=(CHAINS, len(self.counts))) * self.counts).astype(int)
+
+    def _among_the_draws(self) -> None:
+        """Propose another of each robot's draws (Lunn et al. 2013, section 2.2)."""
+        if not self.weighed:
+            return
+        each, picked = np.arange(len(self.counts)), self._picked()
+        theta, log_prior, now = self.draws[each, picked], self.log_prior[each, picked], self.theta[:, self.weighed]
+        under = self.mean[:, None], self.sd[:, None], self.share[:, None, None]
+        gain = (log_density(theta, *under) - log_density(now, *under)).sum(-1) - log_prior + self.at
+        taken = np.log(self.rng.uniform(size=gain.shape)) < gain
+        self.theta[:, self.weighed] = np.where(taken[..., None], theta, now)
+        self.at = np.where(taken, log_prior, self.at)
 
     def _what_is_off(self) -> None:
         share = self.share[:, None, None]

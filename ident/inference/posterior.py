@@ -27,7 +27,8 @@ class Posterior(eqx.Module):
     """Density of theta and of the noise scales, given the data.
 
     Each value is normal about its prediction with standard deviation sigma, times the noise scale of its kind if that
-    is unknown. theta holds the problem's parameters first, then ln(scale) of each kind in `noise`.
+    is unknown; errors may be correlated. theta holds the problem's parameters first, then ln(scale) of each kind in
+    `noise`.
 
     Attributes:
         problem: model, data and priors.
@@ -47,9 +48,11 @@ class Posterior(eqx.Module):
         problem = self.problem
         sigma, predicted = problem.sigma[:, None], problem.predict(theta[: len(problem.parameters.items)])
         scale, fitted = self.scales(theta), jnp.isfinite(sigma)
-        off = (predicted - problem.measured[:, None]) / (sigma * scale)
+        off = problem.scaled((predicted - problem.measured[:, None]) / scale)
         width = jnp.where(fitted, math.sqrt(2 * math.pi) * sigma * scale, 1.0)
         value = -(off**2 / 2 + jnp.log(width)).sum(0)
+        if problem.correlation is not None:
+            value = value - problem.correlation.log_det
         return Evaluated(
             jnp.where(jnp.isnan(value), -jnp.inf, value), self.parameters.log_prior(theta), predicted, scale
         )

@@ -63,7 +63,7 @@ def prior_and_data_information(fit: Fit, *, draws: int = DRAWS, seed: int = 0) -
     parameters = fit.problem.parameters
     _, sd = _normal_prior(parameters)
     best, prior = fit.best.theta, np.diag(1 / sd**2)
-    scaled = fit.jacobian / np.asarray(fit.problem.sigma)[:, None]
+    scaled = fit.problem.scaled(np.asarray(fit.jacobian))
     points = _spread(best, np.linalg.inv(scaled.T @ scaled + prior), draws, seed)
     return PriorInformation(parameters.names, points, fisher(scaled_jacobians(fit.problem, points)) + prior)
 
@@ -73,8 +73,7 @@ def scaled_jacobians(problem: InverseProblem, points: Iterable[np.ndarray]) -> F
 
     It needs nothing of a problem but what `fit` needs, so any model can be planned for, not only an arm.
     """
-    sigma = np.asarray(problem.sigma)[:, None]
-    rows = [np.asarray(evaluate(problem, jnp.asarray(theta)).jacobian) / sigma for theta in points]
+    rows = [problem.scaled(np.asarray(evaluate(problem, jnp.asarray(theta)).jacobian)) for theta in points]
     return np.nan_to_num(np.stack(rows))
 
 

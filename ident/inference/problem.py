@@ -7,9 +7,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ident.errors import InputError, Problem
+from ident.inference.correlation import Correlation
 from ident.inference.parameters import AnyArray, Parameters, library
 
 
@@ -124,6 +125,7 @@ class InverseProblem(eqx.Module):
         sigma: (D,) standard deviations; infinite for a value that is to be predicted but not fitted.
         parameters: the unknowns.
         kinds: (D,) kind of each value, a word.
+        correlation: of the values' errors; None where they are independent. Change `sigma` by `with_sigma` then.
     """
 
     model: Callable[..., Float[Array, "D *batch"]]
@@ -131,6 +133,7 @@ class InverseProblem(eqx.Module):
     sigma: Float[AnyArray, "D"]
     parameters: Parameters
     kinds: tuple[str, ...] = eqx.field(static=True)
+    correlation: Correlation | None = None
 
     def __check_init__(self) -> None:
         """Refuse values and sigmas that can't be, which a search would only meet as a model without an answer.
@@ -180,8 +183,14 @@ class InverseProblem(eqx.Module):
         return Padded(InverseProblem(model, mean, spread, self.parameters, kinds), places, scatter)
 
     def in_parts(self) -> "InParts | None":
-        """Return a large problem in parts of one size, repeated values as their mean; None for one that stays whole."""
-        parts = self.model.in_parts() if isinstance(self.model, Growing) else None
+        """Return a large problem in parts of one size, repeated values as their mean; None for one that stays whole.
+
+        One with correlated errors, which have no such mean, is in one part if it is not large: predicted like any
+        other, and weighed as it is.
+        """
+        if not isinstance(self.model, Growing):
+            return None
+        parts = self.model.in_parts() or (None if self.correlation is None else _one_part(*self.model.padded()))
         if parts is None:
             return None
         mean, spread, scatter = self.pooled(parts.source.ravel(), parts.places)
@@ -217,24 +226,54 @@ class InverseProblem(eqx.Module):
         """What was measured."""
         return Data(self.measured, self.sigma)
 
+    def scaled(self, x: Float[AnyArray, "D *batch"]) -> Any:
+        """Return what values differ by as independent numbers of standard deviation 1, `(D, *batch)`: L^-1 x / sigma.
+
+        L is the Cholesky factor of the correlation of a group's errors, 1 for a value in no group; a value that is not
+        fitted counts nothing.
+        """
+        xp = library(x)
+        sigma = np.asarray(self.sigma) if xp is np else self.sigma
+        each = x / sigma.reshape((-1,) + (1,) * (x.ndim - 1))
+        return each if self.correlation is None else self.correlation.whiten(each)
+
+    def correlated(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
+        """Return independent standard normal numbers as errors in sigma, correlated as those of the values: L x."""
+        return x if self.correlation is None else self.correlation.color(x)
+
+    def correlations(self, places: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
+        """Return the correlation of the errors of some values."""
+        return np.eye(len(places)) if self.correlation is None else self.correlation.matrix(places)
+
+    def with_sigma(self, sigma: Float[np.ndarray, "D"]) -> "InverseProblem":
+        """Return the problem with other standard deviations; one that is infinite takes its value out of its group."""
+        counts = np.isfinite(sigma)
+        problem = eqx.tree_at(lambda p: p.sigma, self, jax.device_put(np.asarray(sigma)))
+        if self.correlation is None:
+            return problem
+        return eqx.tree_at(lambda p: p.correlation, problem, jax.device_put(self.correlation.among(counts)))
+
     def weigh(
         self, predicted: Float[AnyArray, "D"], jacobian: Float[AnyArray, "D P"], theta: Float[AnyArray, "P"]
     ) -> tuple[Float[AnyArray, "D+P"], Float[AnyArray, "D+P P"]]:
         """Return residuals and their Jacobian by theta.
 
-        The residuals are (predicted - measured) / sigma, then those of the priors, so half their sum of squares is
-        the negative logarithm of the posterior density, up to a constant.
+        The residuals are (predicted - measured) / sigma, made independent within groups (`scaled`), then those of the
+        priors, so half their sum of squares is the negative logarithm of the posterior density, up to a constant.
         """
         prior, slope = self.parameters.prior_residuals(theta)
         xp = library(predicted, jacobian, theta)
-        measured, sigma = (np.asarray(x) if xp is np else x for x in (self.measured, self.sigma))
-        residuals = xp.concatenate([(predicted - measured) / sigma, prior])
-        return residuals, xp.concatenate([jacobian / sigma[:, None], xp.diag(slope)])
+        measured = np.asarray(self.measured) if xp is np else self.measured
+        residuals = xp.concatenate([self.scaled(predicted - measured), prior])
+        return residuals, xp.concatenate([self.scaled(jacobian), xp.diag(slope)])
 
     def without(self, kind: str) -> "InverseProblem":
         """Return the problem in which values of one kind are predicted but not fitted."""
-        sigma = np.where(np.array(self.kinds) == kind, np.inf, np.asarray(self.sigma))
-        return eqx.tree_at(lambda p: p.sigma, self, jax.device_put(sigma))
+        return self.with_sigma(np.where(np.array(self.kinds) == kind, np.inf, np.asarray(self.sigma)))
+
+
+def _one_part(model: Growing, source: np.ndarray, places: np.ndarray) -> Parts:
+    return Parts((model,), source[None], places, lambda held: [held], lambda held: held[0])
 
 
 def _wrong(name: str, place: int, value: float, expected: str, remedy: str) -> Problem:

@@ -231,7 +231,7 @@ def _walkers(fit: Fit, target: Marginal, settings: Settings) -> int:
 
 def _check_bounded(fit: Fit, posterior: Posterior) -> None:
     """Refuse data and prior that leave a parameter open, or exclude each other."""
-    scaled = fit.jacobian / np.asarray(fit.problem.sigma)[:, None]
+    scaled = fit.problem.scaled(np.asarray(fit.jacobian))
     open_ones = np.isinf(information(scaled, fit.problem.parameters.normal_sd, fit.information.names).sd)
     if open_ones.any():
         names = ", ".join(np.array(fit.information.names)[open_ones])

@@ -95,13 +95,10 @@ def score_tests(
     """
     count = len(fit.problem.kinds)
     kept = np.ones(count, bool) if without is None else ~without
-    residuals, slope = (
-        np.asarray(x) for x in fit.problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta)
-    )
-    rows = np.concatenate([kept, np.ones(len(residuals) - count, bool)])
-    residuals, slope = np.where(rows, residuals, 0.0), np.where(rows[:, None], slope, 0.0)
-    scaled = np.where(kept, changes, 0.0) / np.asarray(fit.problem.sigma)
-    d = np.concatenate([scaled, np.zeros((len(scaled), len(residuals) - count))], 1).T
+    problem = fit.problem.with_sigma(np.where(kept, np.asarray(fit.problem.sigma), np.inf))
+    residuals, slope = (np.asarray(x) for x in problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta))
+    scaled = problem.scaled(np.where(kept, changes, 0.0).T)
+    d = np.concatenate([scaled, np.zeros((len(residuals) - count, scaled.shape[1]))])
     basis, inverse = _factors(slope)
     alone, _ = _factors(slope[:count])
     left, of_data = d - basis @ (basis.T @ d), d[:count] - alone @ (alone.T @ d[:count])

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from ident.errors import InputError, Problem
+from ident.measure.covariance import Correlated, Covariance, correlated
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
 from ident.text import nearest, quoted
 from ident.units import QUANTITIES
@@ -74,6 +75,8 @@ class Measurement:
             which a rotation counts, right-handed.
         resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
         repeat: what tells this reading from others of the same, such as its number.
+        group: name of the rows with whose errors its own is correlated; empty for none. See `Campaign.covariance`.
+        member: its place in that group, from 1; 0 for none.
         load: the load case.
         reference_load: the load case that a difference starts from.
         drives: what held the motors, one of `DRIVE_STATES`; `brake` when not given.
@@ -92,6 +95,8 @@ class Measurement:
     direction: Vector | None = None
     resolution: float = 0.0
     repeat: str = ""
+    group: str = ""
+    member: int = 0
     load: Load = OWN_WEIGHT
     reference_load: Load = OWN_WEIGHT
     drives: str = DRIVE_STATES[0]
@@ -133,6 +138,7 @@ class Campaign:
         delimiter: the file's column delimiter.
         decimal: the file's decimal mark.
         measurements: in the file's order, all with the same number of joints.
+        covariance: how the errors of the groups' rows are correlated; None where no row is in a group.
     """
 
     name: str = field(default="", compare=False)
@@ -141,6 +147,7 @@ class Campaign:
     delimiter: str = field(default=",", compare=False)
     decimal: str = field(default=".", compare=False)
     measurements: tuple[Measurement, ...] = ()
+    covariance: Covariance | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "measurements", tuple(self.measurements))
@@ -151,6 +158,11 @@ class Campaign:
             raise InputError(
                 Problem(m.where, text, expected, remedy, "posture") for m, text in zip(odd, got, strict=True)
             )
+        known = self.covariance or Covariance(())
+        lost = [m for m in self.measurements if m.group and not known.has(m.group, m.member)]
+        if lost:
+            expected, remedy = "a correlation of its errors", "give the campaign's covariance"
+            raise InputError(Problem(m.where, f"the group {quoted(m.group)}", expected, remedy, "group") for m in lost)
 
     def __len__(self) -> int:
         return len(self.measurements)
@@ -167,6 +179,11 @@ class Campaign:
     def postures(self) -> tuple[tuple[float, ...], ...]:
         """The different postures [rad], in order of first appearance."""
         return tuple(dict.fromkeys(m.posture for m in self.measurements))
+
+    @property
+    def correlated(self) -> tuple[Correlated, ...]:
+        """Places of the rows of each group that has several, and the correlation of their errors."""
+        return correlated([(m.group, m.member) for m in self.measurements], self.covariance)
 
     def of_kind(self, *kinds: str) -> "Campaign":
         """Return the campaign with the measurements of these kinds only."""
@@ -272,6 +289,7 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "sigma": float(m.sigma),
         "resolution": float(m.resolution),
         "repeat": " ".join(m.repeat.split()),
+        "group": " ".join(m.group.split()),
         "mode": " ".join((m.mode or "").lower().split()) or None,
         "of": None if (of := " ".join((m.of or "").lower().split())) == "undamped" else of or None,
         "drives": m.drives.strip().lower() or DRIVE_STATES[0],

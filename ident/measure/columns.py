@@ -25,6 +25,7 @@ COLUMNS = (
     "relative_sigma",
     "resolution",
     "repeat",
+    "group",
     "note",
 )
 """Names of the columns, beside the joint angles `q1 [deg]`, `q2 [deg]`, ..."""

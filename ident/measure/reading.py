@@ -1,7 +1,8 @@
 """Campaign CSV into a campaign: every cell is checked, and every problem of the file reported at once."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -17,6 +18,7 @@ from ident.measure.campaign import (
     value_problems,
 )
 from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
+from ident.measure.covariance import Covariance, covariance_path, parse_covariance
 from ident.measure.load import Load, parse_direction
 from ident.measure.table import (
     Findings,
@@ -43,16 +45,18 @@ def read_campaign(path: str | Path) -> Campaign:
         path: the file; UTF-8, columns separated by comma, semicolon or tab.
 
     Returns:
-        The measurements in SI units, with the file's hash, delimiter and decimal mark.
+        The measurements in SI units, with the file's hash, delimiter and decimal mark; where rows name a group, also
+        the correlations of `CAMPAIGN.covariance.csv` beside it.
 
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    return parse_campaign(read_table(path), path)
+    beside = covariance_path(path)
+    return parse_campaign(read_table(path), path, read_table(beside) if beside.is_file() else None)
 
 
-def parse_campaign(data: bytes, path: str | Path) -> Campaign:
-    """Read a campaign from the bytes of a CSV file; `path` names it in messages."""
+def parse_campaign(data: bytes, path: str | Path, covariance: bytes | None = None) -> Campaign:
+    """Read a campaign from the bytes of a CSV file, and of that with its correlations; `path` names it in messages."""
     file, findings = one_line(str(path)), Findings()
     text = table_text(data, file)
     delimiter = sniff_delimiter(text, is_column)
@@ -62,13 +66,41 @@ def parse_campaign(data: bytes, path: str | Path) -> Campaign:
     header = read_header(records[0], findings)
     rows, decimal = _rows(records[1:], header, delimiter, findings)
     read = [_read_row(row, header) for row in rows]
-    measurements = tuple(measurement for measurement in read if measurement is not None)
+    measurements = _numbered(measurement for measurement in read if measurement is not None)
     findings += _duplicate_problems(measurements) if not header.broken else ()
     wrong = [p for p in findings if p.where == header.where or p.column not in header.broken]
     if wrong:
         raise InputError(wrong)
     sha256 = hashlib.sha256(data).hexdigest()
-    return Campaign(Path(path).stem, str(path), sha256, delimiter, decimal, measurements)
+    correlated = _covariance(measurements, path, covariance)
+    return Campaign(Path(path).stem, str(path), sha256, delimiter, decimal, measurements, correlated)
+
+
+def _numbered(measurements: Iterable[Measurement]) -> tuple[Measurement, ...]:
+    """Number the rows of each group."""
+    count: Counter[str] = Counter()
+    numbered = []
+    for m in measurements:
+        count[m.group] += 1
+        numbered.append(replace(m, member=count[m.group]) if m.group else m)
+    return tuple(numbered)
+
+
+def _covariance(measurements: Iterable[Measurement], path: str | Path, data: bytes | None) -> Covariance | None:
+    """Return the correlations of the groups that rows name.
+
+    Raises:
+        InputError: rows in groups without that file, or that file without such rows; something in it is wrong.
+    """
+    sizes, beside = Counter(m.group for m in measurements if m.group), covariance_path(path)
+    where = one_line(str(beside))
+    if data is not None and not sizes:
+        got, remedy = "correlations of no row", "name each row's group in a column group, or remove this file"
+        raise InputError(Problem(where, got, f"rows of {one_line(Path(path).name)} in groups", remedy))
+    if sizes and data is None:
+        remedy = "write it (group,i,j,correlation), or empty the column group"
+        raise InputError(Problem(where, "no such file", "the correlations of the rows in groups", remedy))
+    return None if data is None else parse_covariance(data, beside, sizes)
 
 
 def _nothing_to_read(file: str, records: list[Record]) -> Problem:
@@ -129,7 +161,7 @@ def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
         "direction": row.attempt("direction", parse_direction, axis, row.decimal) if axis else None,
         "load": _read_load(row, "load"),
         "reference_load": _read_load(row, "reference_load"),
-        **{name: row[name] for name in ("mode", "of", "point", "drives", "unit", "repeat", "note")},
+        **{name: row[name] for name in ("mode", "of", "point", "drives", "unit", "repeat", "group", "note")},
     }
 
 

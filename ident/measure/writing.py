@@ -8,6 +8,7 @@ from pathlib import Path
 from ident.files import replace_file
 from ident.measure.campaign import DRIVE_STATES, KINDS, Campaign, Measurement
 from ident.measure.columns import COLUMNS
+from ident.measure.covariance import Group, covariance_path, covariance_text
 from ident.measure.load import format_direction
 from ident.measure.reading import parse_campaign
 from ident.measure.text import format_number
@@ -27,7 +28,8 @@ def write_campaign(
     """Write a campaign as CSV: postures in deg, frequencies in Hz, deflections in mm, every digit kept.
 
     The text is read back before it is written, so that no file is made that `read_campaign` would refuse. The
-    file appears whole or not at all.
+    file appears whole or not at all. Correlations go into `CAMPAIGN.covariance.csv` beside it; without any, such a file
+    of an earlier campaign there is removed.
 
     Args:
         campaign: what to write.
@@ -36,9 +38,22 @@ def write_campaign(
         relative_sigma: whether standard deviations are written as fractions of the value, where they are any.
     """
     text = campaign_text(campaign, header_comments=header_comments, relative_sigma=relative_sigma)
-    data = text.encode("utf-8", errors="backslashreplace")
-    parse_campaign(data, path)
+    data, beside = text.encode("utf-8", errors="backslashreplace"), covariance_path(path)
+    groups = _groups(campaign)
+    correlations = covariance_text(groups, Path(path).name).encode() if groups else None
+    parse_campaign(data, path, correlations)
+    if correlations is not None:
+        replace_file(beside, lambda file: file.write(correlations))
+    else:
+        beside.unlink(missing_ok=True)
     replace_file(Path(path), lambda file: file.write(data))
+
+
+def _groups(campaign: Campaign) -> list[Group]:
+    """Return the groups of the campaign's rows as they are numbered when they are read again."""
+    names = dict.fromkeys(m.group for m in campaign if m.group)
+    several = {campaign.measurements[places[0]].group: matrix for places, matrix in campaign.correlated}
+    return [Group(name, several.get(name, ((1.0,),))) for name in names]
 
 
 def campaign_text(campaign: Campaign, *, header_comments: Iterable[str] = (), relative_sigma: bool = False) -> str:
@@ -88,6 +103,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
         yield "sigma", _written(m.sigma, factor)
     yield "resolution", _written(m.resolution, factor) if m.resolution else ""
     yield "repeat", m.repeat
+    yield "group", m.group
 
 
 def _written(value: float, unit: float) -> str:

@@ -9,31 +9,39 @@ from urllib.parse import quote
 
 from ident.errors import InputError, Problem
 from ident.studies.fit import FitOptions
-from ident.studies.options import option
+from ident.studies.options import Options, option
 from ident.studies.result import Progress, Result, silent
 from ident.text import one_line
 
 if TYPE_CHECKING:
-    from ident.identify.fleet import Fleet
+    from ident.identify.fleet import Fleet, Robot
+    from ident.inference.population_chains import Draws, Under
     from ident.present.html.page import Page
 
 CAMPAIGN, ARM = "campaign.csv", "arm.toml"
 
 
 @dataclass(frozen=True, kw_only=True)
-class FleetOptions(FitOptions):
-    """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
+class EngineOptions(Options):
+    """Where robots are computed, and how many at a time."""
 
-    workers: int = option(1, "processes that fit robots at the same time", low=1, high=1024)
-    batch: int = option(
-        1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096
-    )
-    dask: str = option("", "address of a Dask scheduler whose workers fit them instead, as tcp://host:8786")
+    workers: int = option(1, "processes that compute robots at the same time", low=1, high=1024)
+    dask: str = option("", "address of a Dask scheduler whose workers compute them instead, as tcp://host:8786")
 
     def problems(self) -> list[Problem]:
         """Refuse processes here beside a cluster."""
         both = Problem("dask", f"{self.workers} processes here, too", "one of both", "leave `workers` out")
         return [*super().problems(), *([both] if self.dask and self.workers > 1 else [])]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetOptions(EngineOptions, FitOptions):
+    """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
+
+    batch: int = option(
+        1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096
+    )
+    normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
 
     @property
     def of_each(self) -> "FleetOptions":
@@ -58,7 +66,7 @@ class FleetResult(Result):
     fleet: "Fleet"
     options: FleetOptions = field(default_factory=FleetOptions)
 
-    form = "ident-fleet/1"
+    form = "ident-fleet/2"
     subject = "label"
     shown = ("fleet",)
     summary = ("standing_out", "failed", "priors")
@@ -172,20 +180,29 @@ def fleet(
         InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
     """
     from ident.identify.fleet import fleet as infer
-    from ident.studies.fleet_tasks import One, outcomes
+    from ident.studies.fleet_tasks import One, drawn, outcomes
 
     options = FleetOptions.of(options)
-    files = _found(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
+    files = robots_in(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
     if isinstance(robots, str | Path):
         label = label or Path(robots).absolute().name
     with TemporaryDirectory() as passing:
         tasks = [One(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
         done = [robot for _, robot in zip(steps, outcomes(tasks, options), strict=True)]
-    return FleetResult(label or "fleet", infer(done, seed=options.seed), options.of_each)
+        found = {task.name: task for task in tasks}
+
+        def redraw(robots: "Sequence[Robot]", under: "Under") -> "list[Draws | None]":
+            asked = [found[robot.name] for robot in robots]
+            steps = progress("draws of robots", len(asked))(range(len(asked)))
+            known = {one.name: draws for _, (one, draws) in zip(steps, drawn(asked, under, options), strict=True)}
+            return [known[robot.name] for robot in robots]
+
+        inferred = infer(done, seed=options.seed, redraw=None if options.normal else redraw)
+    return FleetResult(label or "fleet", inferred, options.of_each)
 
 
-def _found(folder: Path, arm: str | Path | None) -> list[Files]:
+def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
     """Return the robots of a folder.
 
     Raises:

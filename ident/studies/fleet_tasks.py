@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.identify.fleet import Robot, SourceFile
     from ident.identify.fleet_batch import Given
-    from ident.studies.fleet import FleetOptions
+    from ident.inference.population_chains import Draws, Under
+    from ident.studies.fleet import EngineOptions, FleetOptions
 
 KILLS = 3
 """Workers that a robot may have killed before it is given up."""
@@ -39,20 +40,20 @@ class Task:
         """Where the result goes, named by all that it depends on."""
         raise NotImplementedError
 
-    def robots(self) -> "tuple[Robot, ...]":
-        """Fit the robots, or say which input is wrong."""
+    def results(self) -> tuple[Any, ...]:
+        """Return what is asked for, or which input is wrong."""
         raise NotImplementedError
 
-    def read(self) -> "tuple[Robot, ...] | None":
+    def read(self) -> tuple[Any, ...] | None:
         """Return what was written; None where nothing was, or the file is damaged."""
         try:
-            robots = decode(json.loads(self.file.read_text("utf-8")))
+            results = decode(json.loads(self.file.read_text("utf-8")))
         except (OSError, ValueError, CodecError):
             return None
-        return robots if isinstance(robots, tuple) else None
+        return results if isinstance(results, tuple) else None
 
     def do(self) -> str:
-        """Fit the robots and write what their data say.
+        """Do what is asked for, and write it.
 
         Returns:
             What nobody has expected, such as an error of a library; of it nothing is kept, since it may not come again.
@@ -62,7 +63,7 @@ class Task:
         """
         file = self.file  # before the inputs are read: had one changed since, the name would not be of the new one
         try:
-            text = json.dumps(encode(self.robots()))
+            text = json.dumps(encode(self.results()))
         except Exception as error:
             got = one_line(f"{type(error).__name__}: {error}")[:300]
             return f"an error in the program or a library ({got}); fit it alone to see more, and report it"
@@ -98,8 +99,8 @@ class One(Task):
 
         options = self.options.of_each.recorded()
         paths = [str(self.campaign), str(self.arm)]
-        parts = [self.name, paths, _digest(self.campaign), _digest(self.arm), encode(options), environment()]
-        return _hash(parts)
+        parts = [self.name, paths, digest(self.campaign), digest(self.arm), encode(options), environment()]
+        return hashed(parts)
 
     @property
     def file(self) -> Path:
@@ -111,9 +112,9 @@ class One(Task):
         """Campaign and arm as they are now."""
         from ident.identify.fleet import SourceFile
 
-        return SourceFile(str(self.campaign), _digest(self.campaign)), SourceFile(str(self.arm), _digest(self.arm))
+        return SourceFile(str(self.campaign), digest(self.campaign)), SourceFile(str(self.arm), digest(self.arm))
 
-    def robots(self) -> "tuple[Robot, ...]":
+    def results(self) -> "tuple[Robot, ...]":
         """Fit the robot, or say which input is wrong."""
         from ident.identify.fleet import robot_of
         from ident.studies.fit import fit
@@ -149,9 +150,9 @@ class Batch(Task):
     @property
     def file(self) -> Path:
         """Where the result goes."""
-        return self.folder / f"{_hash([member.key for member in self.members])}.robots"
+        return self.folder / f"{hashed([member.key for member in self.members])}.robots"
 
-    def robots(self) -> "tuple[Robot, ...]":
+    def results(self) -> "tuple[Robot, ...]":
         """Fit those together of which nothing speaks against it, and each of the others by itself."""
         from ident.identify.fleet_batch import robots_together
 
@@ -160,7 +161,41 @@ class Batch(Task):
         given = [each for member in self.members if (each := _given(member, arms)) is not None]
         trusted = tuple(map(str, options.trust_values))
         found = robots_together(given, options.unknowns, self.size, seed=options.seed, trusted=trusted)
-        return tuple(found[member.name] if member.name in found else member.robots()[0] for member in self.members)
+        return tuple(found[member.name] if member.name in found else member.results()[0] for member in self.members)
+
+
+@dataclass(frozen=True)
+class Again(Task):
+    """A robot to be drawn under a population.
+
+    Attributes:
+        one: the robot.
+        under: the population.
+    """
+
+    one: One
+    under: "Under"
+
+    @property
+    def folder(self) -> Path:  # type: ignore[override]
+        """Where the result goes."""
+        return self.one.folder
+
+    @property
+    def file(self) -> Path:
+        """Where the result goes."""
+        return self.folder / f"{hashed([self.one.key, encode(self.under)])}.draws"
+
+    def results(self) -> "tuple[Draws | None]":
+        """Draw the robot; None where that is not possible."""
+        from ident.identify.fleet_draws import draws_under
+        from ident.measure import read_campaign
+        from ident.studies.shared import as_file
+
+        options = self.one.options
+        arm = as_file(self.one.arm, options.soft_base).arm
+        seed = int(hashed([self.one.name, options.seed])[:8], 16)
+        return (draws_under(arm, read_campaign(self.one.campaign), options.unknowns, self.under, seed),)
 
 
 def _given(member: One, arms: "dict[str, Arm]") -> "Given | None":
@@ -179,11 +214,13 @@ def _given(member: One, arms: "dict[str, Arm]") -> "Given | None":
         return None
 
 
-def _hash(parts: list[Any]) -> str:
+def hashed(parts: list[Any]) -> str:
+    """Return a hash of plain data, as a name for a file."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def _digest(path: Path) -> str:
+def digest(path: Path) -> str:
+    """Return a hash of a file's bytes; empty where it can't be read."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:
@@ -203,17 +240,24 @@ def outcomes(robots: Sequence[One], options: "FleetOptions") -> Iterator["Robot"
     if size > 1:
         parts = [tuple(single[start : start + size]) for start in range(0, len(single), size)]
         single = []
-        for batch, _ in _done([Batch(part, size, part[0].folder) for part in parts], options):
+        for batch, _ in done([Batch(part, size, part[0].folder) for part in parts], options):
             if known := batch.read():
                 yield from known
             else:
                 single += batch.members
-    for one, reason in _done([*single], options):
+    for one, reason in done([*single], options):
         known = one.read()
         yield known[0] if known else one.failed(f"{one.campaign}: {reason or 'its result can not be read'}")
 
 
-def _done(tasks: list[T], options: "FleetOptions") -> Iterator[tuple[T, str]]:
+def drawn(robots: Sequence[One], under: "Under", options: "FleetOptions") -> 'Iterator[tuple[One, "Draws | None"]]':
+    """Draw robots under a population, as workers come free; None for one of which that is not possible."""
+    for task, _ in done([Again(one, under) for one in robots], options):
+        known = task.read()
+        yield task.one, known[0] if known else None
+
+
+def done(tasks: list[T], options: "EngineOptions") -> Iterator[tuple[T, str]]:
     """Return each task when it is done, and why it is not; those that were done before come first."""
     pending = []
     for task in tasks:

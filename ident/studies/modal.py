@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.identified_modes import IdentifiedModes, ModalCampaign
+    from ident.assess.identified_modes import IdentifiedModes
     from ident.description.file import ArmFile
+    from ident.measure import Campaign
     from ident.measure.channels import ChannelTable
     from ident.modal.modal_test import ModalTest, Processing
 
@@ -80,7 +81,7 @@ class ModalResult(Result):
         arm: the arm as its file has it, with the points that the channel table adds.
         tests: what was measured, by posture and load.
         identified: modes of each test; none where they were not asked for.
-        modal_campaign: the modes that have a name, as a campaign with covariance; None where none were asked for.
+        campaign: the modes that have a name, with the correlation of their errors; None where none were asked for.
         files: recordings, by name, and the channel table.
         options: what was asked for.
     """
@@ -88,13 +89,13 @@ class ModalResult(Result):
     arm: "ArmFile"
     tests: "tuple[ModalTest, ...]"
     identified: "tuple[IdentifiedModes, ...]" = ()
-    modal_campaign: "ModalCampaign | None" = None
+    campaign: "Campaign | None" = None
     files: Mapping[str, SourceFile] = field(default_factory=dict)
     options: ModalOptions = field(default_factory=ModalOptions)
 
-    form = "ident-modal/1"
+    form = "ident-modal/2"
     suffix = ".nc"
-    shown = ("tests", "identified", "modal_campaign")
+    shown = ("tests", "identified", "campaign")
     summary = ("hits", "rejected")
 
     @property
@@ -143,15 +144,15 @@ class ModalResult(Result):
         return figures | diagrams | planes
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.modal import write_campaign_files, write_netcdf
+        from ident.present.files.modal import write_campaign_file, write_netcdf
 
         document = self._beside(path, ".json")
         encoded = self._write_netcdf(path, lambda part: write_netcdf(self.tests, head, part))
         self._write_json(document, head, encoded)
         tables = self._beside(path, ".csv"), self._beside(path, ".covariance.csv")
-        if self.modal_campaign is None or not self.modal_campaign.campaign:
+        if not self.campaign:
             return path, document
-        write_campaign_files(self.modal_campaign, head, *tables)
+        write_campaign_file(self.campaign, head, tables[0])
         return *tables, path, document
 
     def _inputs(self) -> Mapping[str, Any]:
@@ -202,7 +203,7 @@ def modal_test(
 
 def _identified(
     name: str, arm: "Arm", tests: "tuple[ModalTest, ...]", options: ModalOptions
-) -> "tuple[tuple[IdentifiedModes, ...], ModalCampaign | None]":
+) -> "tuple[tuple[IdentifiedModes, ...], Campaign | None]":
     """Return the modes of each test and their campaign, where they are asked for."""
     from ident.assess.identified_modes import identify_modes, modal_campaign
     from ident.identify.unknowns import stiffness_parameters

@@ -11,7 +11,7 @@ from typing import Any
 from ident.assess.repetition import Difference, differences
 from ident.errors import InputError, Problem
 from ident.studies.load import load
-from ident.studies.result import Progress, Result, silent, study_of
+from ident.studies.result import BESIDE, Progress, Result, silent, study_of
 from ident.text import one_line
 
 
@@ -69,7 +69,7 @@ def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progr
     study = study_of(before.form)
     function = getattr(importlib.import_module(f"ident.studies.{study}"), study)
     wanted = inspect.signature(function).parameters
-    inputs = found(before, Path(path).absolute().parent)
+    inputs = {name: file for name, file in found(before, Path(path).absolute().parent).items() if BESIDE not in name}
     more: dict[str, Any] = {"progress": progress, "folder": folder}
     more = {name: value for name, value in more.items() if name in wanted}
     now = function(**before.arguments(inputs), options=vars(before)["options"], **more)

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from ident.errors import InputError, ModelError, Problem
 from ident.studies.options import Options
 
+BESIDE = "'s covariance"
+"""Ending of the name of an input that is read because it lies beside another."""
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -170,7 +173,9 @@ class Result:
     @property
     def inputs(self) -> Mapping[str, Any]:
         """What came from files, each with `path` and `sha256`, by name; None for what was not given."""
-        return self._inputs()
+        own = self._inputs()
+        beside = {f"{name}{BESIDE}": getattr(source, "covariance", None) for name, source in own.items()}
+        return {**own, **{name: source for name, source in beside.items() if source is not None}}
 
     def standard_errors(self) -> list[dict[str, float]]:
         """Return the Monte Carlo standard errors [SI] of the table's numbers that were sampled, by row, or none."""

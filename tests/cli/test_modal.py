@@ -30,7 +30,7 @@ def test_modal_writes_what_it_says(run, folder, tmp_path):
     ends = (".covariance.csv", ".csv", ".json", ".modes.png", ".nc", ".png", ".shapes.png")
     assert written == [f"out/tests.modal{end}" for end in ends]
     assert "vertical bending 2" in out
-    assert "ident fit takes the rows as independent" in " ".join(out.split())
+    assert "lies beside the campaign, where ident fit finds it" in " ".join(out.split())
 
 
 def test_frequency_responses_alone(run, folder):

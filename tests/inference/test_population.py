@@ -47,19 +47,47 @@ def test_robots_known_by_draws_give_the_same_population():
     fleet = gaussian_fleet(np.random.default_rng(2), robots=8, parameters=2)
     exact = population(fleet.likelihoods, np.zeros(2), np.ones(2), steps=4000)
     rng = np.random.default_rng(3)
-    robots = tuple(drawn(each, np.zeros(2), np.ones(2), rng, 8000) for each in fleet.likelihoods)
-    weighted = population(
-        robots,
-        np.zeros(2),
-        np.ones(2),
-        redraw=lambda r, *under: drawn_again(fleet.likelihoods[r], *under, rng),
-        steps=600,
-    )
-    assert not weighted.normal
+
+    def redraw(which, under):
+        return [drawn_again(fleet.likelihoods[r], under, rng) for r in which]
+
+    weighted = population(fleet.likelihoods, np.zeros(2), np.ones(2), redraw=redraw, steps=600)
+    assert exact.normal == tuple(range(8))
+    assert weighted.normal == ()
     assert weighted.log_likelihood_variance < 1
     assert all(each.sound for each in weighted.weights.values())
     assert_close(weighted.mean, exact.mean)
     assert_close(weighted.sd, exact.sd)
+
+
+def test_a_normal_approximation_that_is_wrong_is_mended_by_draws():
+    """Robots said to be half as sure as they are, and off by their sd: draws from there are weighed by the truth."""
+    rng = np.random.default_rng(6)
+    fleet = gaussian_fleet(rng, robots=8, parameters=2)
+    wrong = tuple(
+        Likelihood(each.precision / 4, each.shift / 4 + np.sqrt(np.diag(each.precision)) / 4)
+        for each in fleet.likelihoods
+    )
+
+    def redraw(which, under):
+        return [weighed(drawn_again(wrong[r], under, rng, 4000), wrong[r], fleet.likelihoods[r]) for r in which]
+
+    exact = population(fleet.likelihoods, np.zeros(2), np.ones(2), steps=4000)
+    weighted = population(wrong, np.zeros(2), np.ones(2), redraw=redraw, steps=800)
+    assert weighted.normal == ()
+    assert_close(weighted.mean, exact.mean)
+    assert_close(weighted.sd, exact.sd)
+    assert np.abs(population(wrong, np.zeros(2), np.ones(2)).mean.mean(0) - exact.mean.mean(0)).max() > 0.02
+
+
+def weighed(draws, drawn_from, truth):
+    """Say of draws by one likelihood what they are worth by another."""
+    change = log_likelihood(drawn_from, draws.theta) - log_likelihood(truth, draws.theta)
+    return Draws(draws.theta, draws.log_prior + change, truth)
+
+
+def log_likelihood(of, theta):
+    return theta @ of.shift - np.einsum("np,pq,nq->n", theta, of.precision, theta) / 2
 
 
 def test_a_robot_that_leaves_directions_open_is_drawn_again():
@@ -69,28 +97,37 @@ def test_a_robot_that_leaves_directions_open_is_drawn_again():
     blind = Likelihood(np.zeros((4, 4)), np.zeros(4))
     asked = []
 
-    def redraw(r, mean, sd, share):
-        asked.append((r, sd.max()))
-        return drawn_again(blind, mean, sd, share, rng)
+    def redraw(which, under):
+        asked.append((which, under.sd.max()))
+        return [drawn_again((*fleet.likelihoods, blind)[r], under, rng) for r in which]
 
     robots = (*fleet.likelihoods, drawn(blind, np.zeros(4), np.ones(4), rng))
     result = population(robots, np.zeros(4), np.ones(4), redraw=redraw, steps=300)
-    assert asked
-    assert asked[0][0] == 6
+    assert 6 in asked[0][0], "draws under the interim prior do not do"
     assert asked[0][1] < 1.0, "narrower than the interim prior"
-    assert not result.normal
+    assert result.normal == ()
     alone = population(robots, np.zeros(4), np.ones(4), steps=300)
-    assert alone.normal == (6,), "without a way to draw again, an approximation takes its place"
+    assert 6 in alone.normal, "without a way to draw again, an approximation takes its place"
     np.testing.assert_allclose(alone.robot_mean[6], alone.mean.mean(0), atol=0.05)
 
 
-def test_a_normal_approximation_of_draws_divides_their_prior_out():
+def test_of_draws_that_never_do_the_normal_approximation_is_taken():
     rng = np.random.default_rng(8)
-    fleet = gaussian_fleet(rng, robots=5, parameters=2)
-    draws = drawn(fleet.likelihoods[0], np.zeros(2), np.ones(2), rng, 60_000)
-    few = Draws(draws.theta[:150], draws.log_prior[:150])  # never enough
-    result = population((few, *fleet.likelihoods[1:]), np.zeros(2), np.ones(2), steps=400)
-    assert result.normal == (0,)
+    fleet = gaussian_fleet(rng, robots=8, parameters=2)
+    asked = []
+
+    def redraw(which, under):
+        asked.append(which)
+        return [
+            None if r == 1 else drawn_again(fleet.likelihoods[r], under, rng, 150 if r == 0 else 2000) for r in which
+        ]
+
+    result = population(fleet.likelihoods, np.zeros(2), np.ones(2), redraw=redraw, steps=600)
+    assert asked == [[*range(8)], [0, 1], [0, 1]]
+    assert result.normal == (0, 1)
+    assert len(result.trusted) == 6
+    exact = population(fleet.likelihoods, np.zeros(2), np.ones(2), steps=4000)
+    assert_close(result.mean, exact.mean)
 
 
 def test_small_rates(fleets):

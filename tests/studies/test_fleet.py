@@ -26,7 +26,7 @@ from ident.studies.fleet import FleetOptions, fleet
 
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
-QUICK = FleetOptions(starts=4)
+QUICK = FleetOptions(starts=4, normal=True)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def robots(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(robots):
-    return fleet(robots[0], options=QUICK)
+    return fleet(robots[0], options=FleetOptions(starts=4))
 
 
 def test_what_it_says(result, robots):
@@ -59,6 +59,27 @@ def test_what_it_says(result, robots):
     off = max(rows, key=lambda row: row["probability_off"])
     assert (off["robot"], off["parameter"]) == (worn, robots[1][worn])
     assert off["against_fleet_log"] < np.log(0.75)
+
+
+def test_its_draws_can_be_trusted_and_agree_with_normal_data_where_these_are_good(result, robots, tmp_path):
+    """Drawn by two processes, and read again."""
+    folder = tmp_path / "kept"
+    again = fleet(robots[0], options=FleetOptions(starts=4, workers=2), folder=folder)
+    ours, population = result.fleet.population, again.fleet.population
+    assert len(ours.trusted) == 8
+    assert ours.log_likelihood_variance < 0.01
+    assert f"effective draws of each: {min(each.effective for each in ours.trusted):.0f} or more" in result.report()
+    np.testing.assert_array_equal(population.mean, ours.mean)
+    before = {path: path.stat().st_mtime_ns for path in folder.glob("*.draws")}
+    assert len(before) == 8
+    fleet(robots[0], options=FleetOptions(starts=4), folder=folder)
+    assert {path: path.stat().st_mtime_ns for path in folder.glob("*.draws")} == before
+    normal = fleet(robots[0], options=QUICK, folder=folder)
+    assert "effective draws" not in normal.report()
+    rough = normal.fleet.population
+    assert rough.normal == tuple(range(8))
+    assert (np.abs(rough.robot_mean - ours.robot_mean) < 0.5 * ours.robot_sd).all()
+    np.testing.assert_allclose(rough.robot_sd, ours.robot_sd, rtol=0.25)
 
 
 def test_its_page_leads_to_one_of_each_robot(result, robots, tmp_path):
@@ -136,12 +157,12 @@ def test_what_is_done_is_not_done_again(robots, tmp_path):
     assert len(before) == 9
     damaged = min(before)
     damaged.write_bytes(before[damaged][1][:-20])
-    again = fleet(robots[0], options=FleetOptions(starts=4, workers=2), folder=tmp_path / "kept")
+    again = fleet(robots[0], options=FleetOptions(starts=4, normal=True, workers=2), folder=tmp_path / "kept")
     after = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in (tmp_path / "kept").iterdir()}
     assert {path for path in before if before[path][0] != after[path][0]} == {damaged}
     assert {path: text for path, (_, text) in before.items()} == {path: text for path, (_, text) in after.items()}
     assert again.report() == first.report()
-    fleet(robots[0], options=FleetOptions(starts=2), folder=tmp_path / "kept")
+    fleet(robots[0], options=FleetOptions(starts=2, normal=True), folder=tmp_path / "kept")
     assert len(list((tmp_path / "kept").iterdir())) == 18, "other options, other files"
 
 
@@ -168,7 +189,7 @@ def test_an_error_that_nobody_expected_costs_one_robot(robots, tmp_path, monkeyp
 
 
 def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
-    line = [sys.executable, "-m", "ident", "fleet", str(robots[0]), "--starts=4", "--no-figure"]
+    line = [sys.executable, "-m", "ident", "fleet", str(robots[0]), "--starts=4", "--normal", "--no-figure"]
     line += [f"--soft-base={0.3}"]  # more unknowns: enough time to be killed in
 
     def run(out, kill_at=None):
@@ -196,7 +217,7 @@ def files(folder):
 
 
 def test_the_command(run, robots, tmp_path):
-    code, out, _ = run("fleet", robots[0], "--starts=4", "--out", tmp_path / "out")
+    code, out, _ = run("fleet", robots[0], "--starts=4", "--normal", "--out", tmp_path / "out")
     assert code == 3, "a robot failed"
     name = robots[0].name
     written = {path.name for path in (tmp_path / "out").iterdir()}
@@ -228,7 +249,7 @@ def test_a_worker_that_is_killed_costs_no_more_than_its_robot(robots, tmp_path, 
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
     hook = "import os, sys\n"
     (tmp_path / "sitecustomize.py").write_text(hook + KILLER.format(name="robot002.csv"))
-    result = fleet(robots[0], options=FleetOptions(starts=4, workers=2), folder=tmp_path / "kept")
+    result = fleet(robots[0], options=FleetOptions(starts=4, normal=True, workers=2), folder=tmp_path / "kept")
     assert set(result.failed) == {"broken", "robot002"}
     assert "killed 3 times" in result.failed["robot002"]
     assert len(result.fleet.members) == 7

@@ -17,7 +17,8 @@ from ident.studies.fleet import FleetOptions, fleet
 
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
-ALONE, TOGETHER = FleetOptions(starts=4), FleetOptions(starts=4, batch=16)
+ALONE = FleetOptions(starts=4, normal=True)
+TOGETHER = replace(ALONE, batch=16)
 
 
 @pytest.fixture(scope="module")

@@ -69,7 +69,8 @@ def test_an_input_that_kills_its_workers_is_given_up(robots, tmp_path):
     with Cluster(tmp_path / "cluster", hooked) as cluster:
         for _ in range(4):
             cluster.start_worker()
-        result = fleet(robots, options=FleetOptions(starts=4, dask=cluster.address), folder=tmp_path / "kept")
+        options = FleetOptions(starts=4, normal=True, dask=cluster.address)
+        result = fleet(robots, options=options, folder=tmp_path / "kept")
         dead = [worker for worker in cluster.workers if worker.poll() is not None]
     assert set(result.failed) == {"broken", "robot002"}
     assert "killed 3 times" in result.failed["robot002"]
@@ -83,7 +84,7 @@ import os, sys
 def watch(event, args):
     if event == "open" and str(args[0]).endswith("robot002.csv"):
         import traceback
-        if any(frame.name == "robots" for frame in traceback.extract_stack()):
+        if any(frame.name == "results" for frame in traceback.extract_stack()):
             os.kill(os.getpid(), 9)
 sys.addaudithook(watch)
 """
@@ -101,7 +102,7 @@ def test_a_scheduler_that_is_none_is_refused(robots, tmp_path):
 def test_workers_of_another_kind_are_refused(robots, tmp_path):
     with Cluster(tmp_path / "cluster", {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false"}) as cluster:
         cluster.start_worker()
-        options = FleetOptions(starts=4, dask=cluster.address)
+        options = FleetOptions(starts=4, normal=True, dask=cluster.address)
         with pytest.raises(InputError, match="another XLA_FLAGS or EQX_ON_ERROR than here"):
             fleet(robots, options=options, folder=tmp_path / "kept")
     assert not (tmp_path / "kept").exists()

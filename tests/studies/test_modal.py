@@ -131,14 +131,18 @@ def test_frequency_responses_are_those_of_the_model_on_the_line_of_the_window(ar
 
 def test_modes_are_those_of_the_model_within_their_joint_covariance(arm, result):
     """Chi-squared of all rows of the campaign, which have a name, against the poles of the model."""
-    rows = result.modal_campaign.campaign.measurements
+    rows = result.campaign.measurements
     off = []
     for row in rows:
         hertz = next(r.value for r in rows if (r.posture, r.mode, r.kind) == (row.posture, row.mode, "frequency"))
         poles = generator().system(arm, np.array(row.posture)).poles
         pole = min(poles[poles.imag > 0], key=lambda p, hertz=hertz: abs(abs(p) / (2 * np.pi) - hertz))
         off.append(row.value - (abs(pole) / (2 * np.pi) if row.kind == "frequency" else -pole.real / abs(pole)))
-    joint = off @ np.linalg.solve(result.modal_campaign.covariance, off)
+    joint = sum(
+        part @ np.linalg.solve(R, part)
+        for places, R in result.campaign.correlated
+        for part in [np.array(off)[list(places)] / [rows[i].sigma for i in places]]
+    )
     assert chi2.ppf(0.025, len(rows)) < joint < chi2.ppf(0.975, len(rows))
 
 
@@ -156,7 +160,7 @@ def test_no_name_is_wrong(arm, result):
 
 
 def test_the_fit_recovers_table_1_within_its_joint_covariance(arm, result):
-    fit = ident.fit(arm, result.modal_campaign.campaign)
+    fit = ident.fit(arm, result.campaign)
     assert not fit.doubts
     known = fit.fit.information
     true = np.array([float(arm.get(name.split("=")[0])) for name in known.names])
@@ -177,15 +181,12 @@ def test_the_figures_and_the_table_have_each_mode(result):
 def test_the_campaign_and_its_covariance_are_written_beside_each_other(result, tmp_path):
     names = [path.name for path in result.save(tmp_path)]
     assert names == ["hammer.modal.csv", "hammer.modal.covariance.csv", "hammer.modal.nc", "hammer.modal.json"]
-    assert ident.read_campaign(tmp_path / names[0]) == result.modal_campaign.campaign
-    made = result.modal_campaign
-    correlation = np.eye(len(made.groups))
-    for group, i, j, value in np.loadtxt(tmp_path / names[1], delimiter=",", skiprows=2):
-        rows = np.flatnonzero(np.array(made.groups) == group)[[int(i) - 1, int(j) - 1]]
-        correlation[rows[0], rows[1]] = correlation[rows[1], rows[0]] = value
-    np.testing.assert_allclose(correlation, made.correlation, atol=1e-15)
-    sigma = [row.sigma for row in result.modal_campaign.campaign]
-    np.testing.assert_allclose(np.sqrt(np.diag(made.covariance)), sigma, rtol=1e-12)
+    assert ident.read_campaign(tmp_path / names[0]) == result.campaign
+    for each, (places, R) in zip(result.identified, result.campaign.correlated, strict=True):
+        named = [i for i, label in enumerate(each.labels.given) if label is not None]
+        at = [*named, *(len(each.labels.given) + i for i in named)]
+        sigma = np.array([result.campaign.measurements[i].sigma for i in places])
+        np.testing.assert_allclose(R * np.outer(sigma, sigma), each.modes.covariance[np.ix_(at, at)], rtol=1e-12)
 
 
 def test_the_choice_of_modes_can_be_overruled(posture):
@@ -203,13 +204,13 @@ def test_a_saved_result_is_the_same(result, tmp_path):
     assert again.report() == result.report()
     np.testing.assert_array_equal(again.tests[3].frf.hits, result.tests[3].frf.hits)
     np.testing.assert_array_equal(again.identified[3].modes.covariance, result.identified[3].modes.covariance)
-    assert again.modal_campaign.campaign == result.modal_campaign.campaign
+    assert again.campaign == result.campaign
 
 
 def test_options_act_and_a_result_repeats(tmp_path):
     options = ident.ModalOptions(estimator="hv", band=(3.0, 20.0), window_end=1.0, no_modes=True)
     other = ident.modal_test(FOLDER, options=options)
-    assert (other.identified, other.modal_campaign) == ((), None)
+    assert (other.identified, other.campaign) == ((), None)
     assert list(other.figures()) == ["", "2", "3", "4"]
     assert other.table() == []
     path = next(each for each in other.save(tmp_path) if each.suffix == ".nc")

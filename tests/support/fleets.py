@@ -50,12 +50,12 @@ def drawn(likelihood, mean, sd, rng, count=2000):
     covariance = np.linalg.inv(likelihood.precision + np.diag(sd**-2.0))
     theta = rng.multivariate_normal(covariance @ (likelihood.shift + mean / sd**2), covariance, count)
     log_prior = -(((theta - mean) / sd) ** 2 / 2 + np.log(sd)).sum(1)
-    return Draws(theta, log_prior)
+    return Draws(theta, log_prior, likelihood)
 
 
-def drawn_again(likelihood, mean, sd, share, rng, count=2000):
+def drawn_again(likelihood, under, rng, count=2000):
     """Draw a robot's posterior under a population: exactly, from the mixture of all choices of what is off."""
-    parameters = len(mean)
+    mean, sd, share, parameters = under.mean, under.sd, under.share, len(under.mean)
     choices = np.array(list(product((False, True), repeat=parameters)))
     moments, log_mass = [], []
     for off in choices:
@@ -69,7 +69,8 @@ def drawn_again(likelihood, mean, sd, share, rng, count=2000):
     mass = np.exp(np.array(log_mass) - max(log_mass))
     counts = rng.multinomial(count, mass / mass.sum())
     parts = [rng.multivariate_normal(*each, n) for each, n in zip(moments, counts, strict=True)]
-    return rng.permutation(np.concatenate(parts))
+    theta = rng.permutation(np.concatenate(parts))
+    return Draws(theta, under.log_density(theta), likelihood)
 
 
 def off_if_known(fleet, r):

@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ident.assess.identified_modes import IdentifiedModes, ModalCampaign
-from ident.files import replace_file
-from ident.measure import write_campaign
+from ident.assess.identified_modes import IdentifiedModes
+from ident.measure import Campaign, write_campaign
+from ident.measure.covariance import covariance_path
 from ident.modal.modal_test import ModalTest
 from ident.present.text.modal import place_in_words
 
 
 def modal_rows(
-    tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes], campaign: ModalCampaign | None
+    tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes], campaign: Campaign | None
 ) -> list[dict[str, Any]]:
     """Return a row for each mode: posture [deg], load, frequency [Hz], damping ratio [-], sd of both, label."""
     return [
@@ -33,19 +33,14 @@ def modal_rows(
     ]
 
 
-def write_campaign_files(made: ModalCampaign, head: Mapping[str, Any], table: Path, covariance: Path) -> None:
-    """Write the campaign, and beside it the correlation of each pair of rows of a posture, by their places in it."""
+def write_campaign_file(campaign: Campaign, head: Mapping[str, Any], path: Path) -> None:
+    """Write the campaign, and beside it how the errors of the rows of a posture are correlated."""
     comments = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",
         "Modes of a hammer test that have a name. of: pole, the undamped frequency is |pole| / 2 pi.",
-        f"The errors of the rows of one posture are correlated: see {covariance.name}.",
+        f"The errors of the rows of one group are correlated: see {covariance_path(path).name}.",
     ]
-    write_campaign(made.campaign, table, header_comments=comments)
-    pairs = "".join(f"{group},{i},{j},{value!r}\n" for group, i, j, value in made.pairs())
-    text = (
-        f"# {table.name}: rows i and j of each posture, its group; sigma stands there\ngroup,i,j,correlation\n{pairs}"
-    )
-    replace_file(covariance, lambda file: file.write(text.encode()), make_folders=True)
+    write_campaign(campaign, path, header_comments=comments)
 
 
 def write_netcdf(tests: Sequence[ModalTest], head: Mapping[str, Any], path: Path) -> None:

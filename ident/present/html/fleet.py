@@ -15,6 +15,7 @@ from ident.present.files.fleet import fleet_priors
 from ident.present.html.page import Page, Picture, Section, Table, Verdict
 from ident.present.html.picture import picture
 from ident.present.text.compare import ratio_words, stiffness_words
+from ident.present.text.fleet import known_by
 from ident.present.text.units import in_paper_unit
 from ident.present.text.words import cut, percent
 
@@ -52,7 +53,7 @@ def fleet_page(fleet: Fleet, label: str, head: Mapping[str, Any], pages: str) ->
         ),
         (
             "Robots are of one design; a stiffness is log-normal from robot to robot, but for the few that are off.",
-            "What a robot's data say is normal in the logarithms of the stiffnesses about its own fit.",
+            *([" ".join(map(str.strip, known_by(fleet, population)))] if population else []),
         ),
         tuple(_provenance(head)),
     )

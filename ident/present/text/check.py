@@ -15,7 +15,16 @@ from ident.measure import Measurement
 from ident.present.text.agreement import agreement, dependence_on_priors
 from ident.present.text.directions import in_words, spread_in_words
 from ident.present.text.units import in_read_unit, unit_of
-from ident.present.text.words import balance, cut, describe, drive_states, kept, paragraphs, parameter_in_words
+from ident.present.text.words import (
+    balance,
+    correlated_errors,
+    cut,
+    describe,
+    drive_states,
+    kept,
+    paragraphs,
+    parameter_in_words,
+)
 
 CORRELATED = 0.9
 """Correlation from which a pair of parameters is named."""
@@ -52,6 +61,7 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
     known = f"{fine} of {count} identifiable by the data alone"
     near = ", but only near these values (see below)" if check.others and check.others.exact else ""
     yield f"  {len(check.campaign)} measurements, {count} unknowns: {known}{near}"
+    yield from correlated_errors(check.campaign)
     yield from drive_states(check.arm, check.campaign)
     if check.tried > check.answered:
         yield f"  WARNING: the model has no answer at {check.tried - check.answered} of {check.tried} points looked at"

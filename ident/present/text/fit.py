@@ -15,7 +15,7 @@ from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.directions import what_is_fixed, what_is_open
 from ident.present.text.fit_details import measurements, optima, origins
 from ident.present.text.units import MM, is_length, unit_of
-from ident.present.text.words import cut, drive_states, in_percent, paragraphs
+from ident.present.text.words import correlated_errors, cut, drive_states, in_percent, paragraphs
 
 
 def fit_report(fit: CampaignFit) -> str:
@@ -41,6 +41,7 @@ def _heading(fit: CampaignFit) -> Iterator[str]:
         f"  {len(fit.campaign)} measurements, {len(fit.information.names)} unknowns;"
         f" chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
     )
+    yield from correlated_errors(fit.campaign)
     yield from drive_states(fit.arm, fit.campaign)
 
 

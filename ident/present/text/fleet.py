@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.identify.fleet import FEWEST, STANDS_OUT, Fleet, Robot
-from ident.inference.population import Population
+from ident.inference.population import LARGEST_K, LEAST_EFFECTIVE, Population
 from ident.present.files.fleet import fleet_priors
 from ident.present.text.compare import ratio_words, stiffness_words
 from ident.present.text.units import in_paper_unit
@@ -65,7 +65,25 @@ def _population(fleet: Fleet, population: Population) -> Iterator[str]:
     yield "  spread: standard deviation of ln(stiffness) from robot to robot, without those that are off"
     low, high = map(percent, np.quantile(population.share, [0.025, 0.975]).tolist())
     yield f"  share of stiffnesses that are off: {low} to {high}"
-    yield "  each robot's data by a normal approximation about its own fit, the prior of that divided out"
+    yield from (f"  {line}" for line in known_by(fleet, population))
+
+
+def known_by(fleet: Fleet, population: Population) -> Iterator[str]:
+    """Say how it is known what each robot's data say, and how far that can be trusted."""
+    trusted, variance = population.trusted, population.log_likelihood_variance
+    if trusted:
+        k, effective = max(each.k for each in trusted), min(each.effective for each in trusted)
+        yield "each robot's data by draws, weighed by the exact model with the interim prior left out"
+        yield f"  effective draws of each: {effective:.0f} or more ({LEAST_EFFECTIVE:g} do); Pareto k: {k:.2f} or less"
+        yield f"  ({LARGEST_K:g} does); Monte Carlo variance of the population's log-likelihood: {variance:.1g} (1)"
+    if variance > 1:
+        yield "  WARNING: that variance makes the population's numbers rough"
+    normal = "a normal approximation about its own fit, the interim prior divided out"
+    if not trusted:
+        yield f"each robot's data by {normal}"
+    elif population.normal:
+        names = _some([_member(fleet, r).name for r in population.normal])
+        yield f"weights of {names} can't be trusted: data by {normal}"
 
 
 def _standing_out(fleet: Fleet, population: Population) -> Iterator[str]:

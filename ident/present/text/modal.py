@@ -5,7 +5,8 @@ from itertools import chain, zip_longest
 
 import numpy as np
 
-from ident.assess.identified_modes import IdentifiedModes, ModalCampaign
+from ident.assess.identified_modes import IdentifiedModes
+from ident.measure import Campaign
 from ident.modal.frf import Place
 from ident.modal.modal_test import ModalTest
 from ident.present.text.words import cut, degrees, paragraphs
@@ -15,7 +16,7 @@ CORRELATED = 0.3
 
 
 def modal_report(
-    tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes] = (), campaign: ModalCampaign | None = None
+    tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes] = (), campaign: Campaign | None = None
 ) -> str:
     """Return the report: a heading, then each posture with its modes, then what the campaign has."""
     postures = [
@@ -85,21 +86,25 @@ def _modes(each: IdentifiedModes) -> Iterator[str]:
         yield "  WARNING: the search for the most probable modes has not ended"
 
 
-def _campaign(identified: Sequence[IdentifiedModes], made: ModalCampaign) -> Iterator[str]:
-    """Yield what the campaign has, and what a fit does not use of it."""
+def _campaign(identified: Sequence[IdentifiedModes], made: Campaign) -> Iterator[str]:
+    """Yield what the campaign has, and which of its errors are correlated most."""
     named = sum(label is not None for each in identified for label in each.labels.given)
     every = sum(len(each.labels.given) for each in identified)
     yield f"Campaign: {named} of {every} modes have a name: rows of frequency (|pole| / 2 pi) and damping ratio"
     if not named:
         return
-    correlation = made.correlation - np.eye(len(made.covariance))
-    strongest = float(abs(correlation).max())
-    if strongest > CORRELATED:
-        first, second = (int(k) for k in np.unravel_index(abs(correlation).argmax(), correlation.shape))
-        rows = [made.campaign.measurements[k] for k in sorted((first, second))]
+    pairs = [
+        (value, (places[j], places[i]))
+        for places, matrix in made.correlated
+        for i, row in enumerate(matrix)
+        for j, value in enumerate(row[:i])
+    ]
+    value, both = max(pairs, key=lambda pair: abs(pair[0]), default=(0.0, (0, 0)))
+    if abs(value) > CORRELATED:
+        rows = [made.measurements[k] for k in both]
         words = " and ".join(f"{row.mode} ({row.kind.replace('_', ' ')})" for row in rows)
-        yield f"  largest correlation {correlation[first, second]:.2f}: {words} at {degrees(rows[0].posture)}"
-    yield "  ident fit takes the rows as independent: their covariance is in the file beside the campaign"
+        yield f"  largest correlation {value:.2f}: {words} at {degrees(rows[0].posture)}"
+    yield "  how the rows' errors are correlated lies beside the campaign, where ident fit finds it"
 
 
 def place_in_words(place: Place) -> str:

@@ -148,6 +148,14 @@ def _held(m: Measurement) -> str:
     return "" if m.drives == DRIVE_STATES[0] else f", {m.drives} on"
 
 
+def correlated_errors(campaign: Campaign) -> Iterator[str]:
+    """Say of how many rows the errors are correlated, if of any."""
+    sizes = [len(places) for places, _ in campaign.correlated]
+    if sizes:
+        groups = "1 group" if len(sizes) == 1 else f"{len(sizes)} groups"
+        yield f"  the errors of {sum(sizes)} measurements are correlated, in {groups}"
+
+
 def drive_states(arm: Arm, campaign: Campaign) -> Iterator[str]:
     """Warn in one line of rows whose motors a servo held, where the arm file describes none."""
     if arm.servos:

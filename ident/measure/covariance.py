@@ -1,0 +1,180 @@
+"""Correlated errors of a campaign's rows: `CAMPAIGN.covariance.csv` into a correlation for each group, and back.
+
+Each row of that file says how the errors of two rows of a group are correlated: `group,i,j,correlation`, i and j their
+places in the group from 1, in the campaign's order. The standard deviations stand in the campaign. Pairs that are not
+named are not correlated.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ident.errors import InputError, Problem
+from ident.measure.table import Findings, misfit, read_records, read_table, sniff_delimiter, table_text
+from ident.measure.text import parse_number
+from ident.text import one_line, quoted
+
+COLUMNS = ("group", "i", "j", "correlation")
+SUFFIX = ".covariance.csv"
+LARGEST = 2000
+"""Rows of a group at most: its correlation has their square."""
+
+
+Correlated = tuple[tuple[int, ...], tuple[tuple[float, ...], ...]]
+"""Places of rows, (n,), and the correlation of their errors, (n, n)."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Rows of a campaign with correlated errors.
+
+    Attributes:
+        name: as the rows name it.
+        correlation: (n, n) [-] of the errors of its rows, in their order.
+    """
+
+    name: str
+    correlation: tuple[tuple[float, ...], ...]
+
+    def __len__(self) -> int:
+        return len(self.correlation)
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """The groups of a campaign; two are equal when they say the same.
+
+    Attributes:
+        groups: in the order of the campaign.
+        path: the file they were read from; empty for groups made in code.
+        sha256: hash of its bytes.
+    """
+
+    groups: tuple[Group, ...]
+    path: str = field(default="", compare=False)
+    sha256: str = field(default="", compare=False)
+
+    def __getitem__(self, name: str) -> Group:
+        return next(group for group in self.groups if group.name == name)
+
+    def has(self, name: str, member: int) -> bool:
+        """Tell whether a group has that many rows."""
+        return any(group.name == name and 1 <= member <= len(group) for group in self.groups)
+
+
+def correlated(rows: Sequence[tuple[str, int]], covariance: Covariance | None) -> tuple[Correlated, ...]:
+    """Return the places of the rows of each group that has several, and the correlation of their errors.
+
+    Args:
+        rows: the group of each row, empty for none, and its place there from 1; in any order, and some may be missing.
+        covariance: of the whole groups.
+    """
+    groups: dict[str, list[int]] = {}
+    for place, (name, _) in enumerate(rows):
+        if name:
+            groups.setdefault(name, []).append(place)
+    found = []
+    for name, places in groups.items():
+        whole, members = covariance[name].correlation if covariance else (), [rows[i][1] - 1 for i in places]
+        if len(places) > 1:
+            found.append((tuple(places), tuple(tuple(whole[i][j] for j in members) for i in members)))
+    return tuple(found)
+
+
+def covariance_path(path: str | Path) -> Path:
+    """Return where the correlations of a campaign's file lie: beside it."""
+    return Path(path).with_suffix(SUFFIX)
+
+
+def read_covariance(path: Path, sizes: Mapping[str, int]) -> Covariance:
+    """Read the correlations of a campaign's groups.
+
+    Args:
+        path: the file.
+        sizes: number of rows of each group, in the campaign's order.
+
+    Raises:
+        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+    """
+    return parse_covariance(read_table(path), path, sizes)
+
+
+def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covariance:
+    """Read correlations from the bytes of a file; `path` names it in messages."""
+    file, findings = one_line(str(path)), Findings()
+    text = table_text(data, file)
+    delimiter = sniff_delimiter(text, COLUMNS.__contains__)
+    records = list(read_records(text, delimiter, file, findings))
+    if not records or records[0][1] != list(COLUMNS):
+        where = records[0][0] if records else file
+        findings.append(Problem(where, "another header", ",".join(COLUMNS), "write these columns"))
+        raise InputError(findings)
+    made = {name: [[float(i == j) for j in range(n)] for i in range(n)] for name, n in sizes.items() if n <= LARGEST}
+    findings += [_too_large(file, name, n) for name, n in sizes.items() if n > LARGEST]
+    said: set[tuple[str, int, int]] = set()
+    for where, cells in records[1:]:
+        if len(cells) != len(COLUMNS):
+            findings.append(misfit(where, len(cells), len(COLUMNS), delimiter))
+        elif pair := _pair(where, cells, sizes, findings):
+            name, i, j, value = pair
+            if (name, *sorted((i, j))) in said:
+                findings.append(Problem(where, "the pair again", "each pair once", "delete one of them"))
+            said.add((name, min(i, j), max(i, j)))
+            if name in made:
+                made[name][i][j] = made[name][j][i] = value
+    if findings:
+        raise InputError(findings)
+    groups = tuple(Group(name, tuple(map(tuple, rows))) for name, rows in made.items())
+    return Covariance(groups, str(path), hashlib.sha256(data).hexdigest())
+
+
+def _too_large(file: str, name: str, rows: int) -> Problem:
+    return Problem(file, f"a group {quoted(name)} of {rows} rows", f"at most {LARGEST}", "split it")
+
+
+def _pair(
+    where: str, cells: Sequence[str], sizes: Mapping[str, int], findings: Findings
+) -> tuple[str, int, int, float] | None:
+    """Return group, places from 0 and correlation of a row; None where something is wrong with it."""
+    name = " ".join(cells[0].split())
+    if name not in sizes:
+        findings.append(Problem(where, quoted(name), "a group that rows of the campaign name", "correct it", "group"))
+        return None
+    before = len(findings)
+    i, j = (
+        findings.attempt(where, column, _place, cell, sizes[name])
+        for column, cell in zip("ij", cells[1:3], strict=True)
+    )
+    value = findings.attempt(where, "correlation", _correlation, cells[3])
+    if len(findings) == before and i == j and value != 1:
+        findings.append(Problem(where, f"{value:g} of a row with itself", "1", "leave it out", "correlation"))
+    return None if len(findings) > before or i is None or j is None or value is None else (name, i, j, value)
+
+
+def _place(text: str, rows: int) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 10 and 1 <= int(text) <= rows):
+        expected = f"the place of a row in its group, 1 to {rows}"
+        raise InputError(Problem("", quoted(text), expected, "count the group's rows in the campaign"))
+    return int(text) - 1
+
+
+def _correlation(text: str) -> float:
+    value = parse_number(text, ".")
+    if not -1 <= value <= 1:
+        raise InputError(Problem("", quoted(text), "a number from -1 to 1", "give a correlation, not a covariance"))
+    return value
+
+
+def covariance_text(groups: Sequence[Group], campaign: str) -> str:
+    """Return correlations as CSV text; pairs that are not correlated are left out."""
+    head = f"# {campaign}: rows i and j of each group, counted from 1; sigma stands there\n{','.join(COLUMNS)}\n"
+    return head + "".join(f"{name},{i},{j},{value!r}\n" for name, i, j, value in _pairs(groups))
+
+
+def _pairs(groups: Sequence[Group]) -> Iterator[tuple[str, int, int, float]]:
+    for group in groups:
+        for i, row in enumerate(group.correlation):
+            for j in range(i + 1, len(row)):
+                if row[j]:
+                    yield group.name, i + 1, j + 1, row[j]

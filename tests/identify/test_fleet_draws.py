@@ -1,0 +1,71 @@
+"""Draws of a robot that the exact model weighs, against chains of emcee."""
+
+import numpy as np
+import pytest
+from arms import DATA
+
+from ident.description.file import read_arm
+from ident.identify import fleet_draws
+from ident.identify.build_problem import build_problem
+from ident.identify.fit import fit_campaign
+from ident.identify.fleet_draws import draws_under
+from ident.identify.sample import sample_campaign
+from ident.identify.unknowns import Unknowns
+from ident.inference.population import Weights
+from ident.inference.population_chains import Under
+from ident.inference.priors import Prior
+from ident.inference.sample import Settings
+from ident.measure import Campaign, read_campaign
+
+pytestmark = pytest.mark.slow
+ARM = read_arm(DATA / "lcd_arm" / "arm.toml").arm
+FEW = Campaign(measurements=read_campaign(DATA / "lcd_arm" / "campaign.csv").measurements[:4])
+"""So few that they leave directions open."""
+
+
+def case(unknowns, width):
+    names = [name for name in build_problem(ARM, FEW, unknowns).parameters.names if ".k_" in name]
+    nominal = np.log([float(ARM.get(name)) for name in names])
+    return names, nominal + width / 2 * np.random.default_rng(1).standard_normal(len(names)), np.full(len(names), width)
+
+
+def moments(drawn, mean, sd):
+    """Return mean and sd under a normal population, and how many draws these are worth."""
+    log_weights = -(((drawn.theta - mean) / sd) ** 2).sum(1) / 2 - drawn.log_prior
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    centre = weights @ drawn.theta
+    return centre, np.sqrt(weights @ (drawn.theta - centre) ** 2), 1 / (weights**2).sum()
+
+
+@pytest.mark.parametrize("unknowns", [Unknowns(), Unknowns(free={"link2.mass": 0.1})], ids=["stiffness", "and a mass"])
+def test_weighed_draws_are_those_of_emcee(unknowns):
+    names, mean, sd = case(unknowns, 0.1)
+    centre, spread, worth = moments(draws_under(ARM, FEW, unknowns, Under(mean, 2 * sd, 0.05), seed=2), mean, sd)
+    assert worth > 500
+    priors = {name: Prior.log_normal(float(np.exp(m)), 0.1) for name, m in zip(names, mean, strict=True)}
+    fitted = fit_campaign(ARM, FEW, Unknowns(priors=priors, free=unknowns.free), starts=2)
+    chains = sample_campaign(fitted, settings=Settings(target_ess=2000.0, seed=3))
+    places = [chains.sample.posterior.parameters.names.index(name) for name in names]
+    theirs = chains.sample.draws()[:, places]
+    assert (np.abs(centre - theirs.mean(0)) < 4 * theirs.std(0) * np.sqrt(1 / 2000 + 1 / worth)).all()
+    np.testing.assert_allclose(spread, theirs.std(0), rtol=0.15)
+
+
+def test_chains_draw_where_weights_do_not(monkeypatch):
+    two = Unknowns(fixed=("joint1.k_tors", "joint2.k_tors", "joint3.k_tors", "joint3.k_bend"))
+    _, mean, sd = case(two, 0.1)
+    under = Under(mean, 2 * sd, 0.05)
+    weighed = moments(draws_under(ARM, FEW, two, under, seed=2), mean, sd)
+    monkeypatch.setattr(fleet_draws, "weighed", lambda *_: Weights(1.0, 10.0, 0.1))
+    drawn = draws_under(ARM, FEW, two, under, seed=2)
+    assert 1000 <= len(drawn.theta) < 2000
+    chains = moments(drawn, mean, sd)
+    assert (np.abs(chains[0] - weighed[0]) < 4 * weighed[1] * np.sqrt(1 / weighed[2] + 1 / chains[2])).all()
+    np.testing.assert_allclose(chains[1], weighed[1], rtol=0.25)
+
+
+def test_a_robot_that_is_no_such_robot_has_no_draws():
+    """A population so soft that the arm's own values can't be of it."""
+    _, mean, sd = case(Unknowns(), 0.1)
+    assert draws_under(ARM, FEW, Unknowns(), Under(mean - 8, sd, 0.05), seed=2) is None

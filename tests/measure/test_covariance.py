@@ -1,0 +1,107 @@
+"""Correlated errors of rows: read from beside a campaign, written there again, and what is wrong with a file said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.errors import InputError
+from ident.measure import Campaign, Measurement, read_campaign, write_campaign
+from ident.measure.covariance import Covariance, Group
+
+ROWS = """kind,q1 [deg],value,unit,sigma,group
+frequency,0,4.1,Hz,0.02,first hit
+frequency,0,4.8,Hz,0.02,
+frequency,0,5.9,Hz,0.02,first hit
+frequency,30,4.2,Hz,0.02,b
+frequency,30,4.9,Hz,0.02,first hit
+frequency,30,6.1,Hz,0.02,b
+"""
+PAIRS = """# as the analyser says
+group,i,j,correlation
+first hit,1,2,0.5
+first hit,3,1,-0.25
+b,1,2,0.9
+"""
+
+
+def written(tmp_path, rows=ROWS, pairs=PAIRS):
+    (tmp_path / "c.csv").write_text(rows)
+    if pairs is not None:
+        (tmp_path / "c.covariance.csv").write_text(pairs)
+    return tmp_path / "c.csv"
+
+
+def test_groups_are_read_by_the_places_of_their_rows(tmp_path):
+    campaign = read_campaign(written(tmp_path))
+    (first, of_first), (second, of_second) = campaign.correlated
+    assert (first, second) == ((0, 2, 4), (3, 5))
+    np.testing.assert_array_equal(of_first, [[1, 0.5, -0.25], [0.5, 1, 0], [-0.25, 0, 1]])
+    np.testing.assert_array_equal(of_second, [[1, 0.9], [0.9, 1]])
+    assert campaign.covariance.path == str(tmp_path / "c.covariance.csv")
+    assert len(campaign.covariance.sha256) == 64
+
+
+def test_rows_keep_their_correlation_where_some_are_left_out_or_others_come_first(tmp_path):
+    campaign = read_campaign(written(tmp_path))
+    rows = campaign.measurements
+    some = replace(campaign, measurements=(rows[4], rows[1], rows[0], rows[3]))
+    assert some.correlated == (((0, 2), ((1.0, -0.25), (-0.25, 1.0))),)
+
+
+def test_it_is_written_and_read_again(tmp_path):
+    campaign = read_campaign(written(tmp_path))
+    path = tmp_path / "again.csv"
+    write_campaign(campaign, path)
+    again = read_campaign(path)
+    assert again == campaign
+    assert again.correlated == campaign.correlated
+    some = replace(campaign, measurements=campaign.measurements[2:])
+    write_campaign(some, path)
+    assert read_campaign(path).correlated == some.correlated
+    write_campaign(replace(campaign, measurements=(rows := campaign.measurements)[1:2], covariance=None), path)
+    assert not (tmp_path / "again.covariance.csv").exists()
+    assert read_campaign(path).measurements == rows[1:2]
+
+
+def test_a_campaign_of_other_correlations_is_another_one(tmp_path):
+    campaign = read_campaign(written(tmp_path))
+    groups = tuple(
+        Group(g.name, tuple(tuple(map(float, row)) for row in np.eye(len(g)))) for g in campaign.covariance.groups
+    )
+    assert replace(campaign, covariance=Covariance(groups)) != campaign
+
+
+@pytest.mark.parametrize(
+    ("pairs", "expected"),
+    [
+        (None, "c.covariance.csv: got no such file, expected the correlations of the rows in groups; write it"),
+        ("group,i,j\n", "c.covariance.csv:1: got another header, expected group,i,j,correlation"),
+        ("", "got another header"),
+        (PAIRS + "c,1,2,0.1\n", "c.covariance.csv:6, group: got 'c', expected a group that rows of the campaign name"),
+        (PAIRS + "b,1,3,0.1\n", "c.covariance.csv:6, j: got '3', expected the place of a row in its group, 1 to 2"),
+        (PAIRS + "b,x,2,0.1\n", "c.covariance.csv:6, i: got 'x', expected the place of a row"),
+        (PAIRS + "b,2,1,0.1\n", "c.covariance.csv:6: got the pair again, expected each pair once"),
+        (PAIRS + "b,2,2,0.1\n", "c.covariance.csv:6, correlation: got 0.1 of a row with itself, expected 1"),
+        (PAIRS + "b,1,2\n", "c.covariance.csv:6: got 3 fields"),
+        (PAIRS + "b,1,2,nan\n", "c.covariance.csv:6, correlation: got 'nan', expected a"),
+        (PAIRS.replace("0.9", "1.1"), "c.covariance.csv:5, correlation: got '1.1', expected a number from -1 to 1"),
+    ],
+)
+def test_what_is_wrong_is_said(tmp_path, pairs, expected):
+    with pytest.raises(InputError) as caught:
+        read_campaign(written(tmp_path, pairs=pairs))
+    assert expected in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_file_of_correlations_beside_a_campaign_without_groups_is_refused(tmp_path):
+    rows = "\n".join(line.rpartition(",")[0] for line in ROWS.splitlines())
+    with pytest.raises(InputError, match=r"got correlations of no row, expected rows of c\.csv in groups"):
+        read_campaign(written(tmp_path, rows + "\n"))
+
+
+def test_a_group_without_a_correlation_is_refused():
+    row = Measurement(kind="frequency", posture=(0.0,), value=4.1, sigma=0.02, group="a", member=1)
+    with pytest.raises(InputError, match="got the group 'a', expected a correlation of its errors"):
+        Campaign(measurements=(row,))
