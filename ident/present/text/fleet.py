@@ -74,8 +74,9 @@ def known_by(fleet: Fleet, population: Population) -> Iterator[str]:
     if trusted:
         k, effective = max(each.k for each in trusted), min(each.effective for each in trusted)
         yield "each robot's data by draws, weighed by the exact model with the interim prior left out"
-        yield f"  effective draws of each: {effective:.0f} or more ({LEAST_EFFECTIVE:g} do); Pareto k: {k:.2f} or less"
-        yield f"  ({LARGEST_K:g} does); Monte Carlo variance of the population's log-likelihood: {variance:.1g} (1)"
+        yield f"  effective draws of each: {effective:.0f} or more; {LEAST_EFFECTIVE:g} do"
+        yield f"  Pareto k: {k:.2f} or less; {LARGEST_K:g} does"
+        yield f"  Monte Carlo variance of the population's log-likelihood: {variance:.1g}; less than 1 does"
     if variance > 1:
         yield "  WARNING: that variance makes the population's numbers rough"
     normal = "a normal approximation about its own fit, the interim prior divided out"
