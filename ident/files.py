@@ -39,7 +39,7 @@ def replace_path(path: Path, write: Callable[[Path], object], *, make_folders: b
                 part.unlink()
     except (OSError, ValueError) as error:
         remedy = "choose a folder that can be written to (--out)"
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        reason = "a folder" if os.path.isdir(path) else (getattr(error, "strerror", None) or str(error)).lower()
         raise InputError(Problem(one_line(str(path)), reason, "a file to write", remedy)) from None
 
 

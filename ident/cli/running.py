@@ -7,9 +7,12 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import typer
 
 from ident.cli.memory import use_few_heaps
 from ident.cli.output import output
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
     from ident.measure import Campaign
 
 
+NEW_PROGRAM = "/jax/compilation_cache/cache_misses"
+"""What jax reports of a program that it has compiled, as none like it was kept."""
 LONGEST_PATH = 200
 """Characters of a path that a message repeats."""
 
@@ -43,6 +48,21 @@ def start() -> None:
     os.environ.setdefault("IDENT_PROGRAMS", "on")
     os.environ.setdefault("EQX_ON_ERROR", "nan")  # the checks of diffrax else call Python, which no cache can keep
     watch_jax()
+    if sys.stderr.isatty() and not output().quiet:
+        import jax.monitoring
+
+        jax.monitoring.register_event_listener(_look_out_for_new_programs)
+
+
+def _look_out_for_new_programs(event: str, **_: Any) -> None:
+    if event == NEW_PROGRAM:
+        _say_that_it_compiles()
+
+
+@cache
+def _say_that_it_compiles() -> None:
+    """Say once why this run takes longer than the next one will."""
+    typer.echo("compiling, once: the next run like this one starts at once", err=True)
 
 
 def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:

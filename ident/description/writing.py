@@ -26,7 +26,7 @@ def arm_text(arm: Arm, *, origin: Origin, guessed: tuple[str, ...] = (), note: s
         head: comment above it, without the `#`.
     """
     writer = _Writer(origin, guessed, note)
-    lines = [f"# {line}".rstrip() for line in head.splitlines()]
+    lines = [f"# {one_line(line)}".rstrip() for line in head.splitlines()]
     lines += ['format = "ident-arm/1"', f"name = {_quoted(arm.name)}"]
     for joint in arm.joints:
         lines += ["", *writer.joint(joint)]

@@ -128,7 +128,7 @@ def test_a_limit_that_is_kept_needs_no_remedy(result):
     assert fine.verdict == "accept"
     assert fine.advised is None
     assert fine.table() == []
-    assert "the limit of 1000 mm is kept by 100 % of 10 draws" in fine.advice
+    assert "the limit of 1000 mm is kept by 10 of 10 draws" in fine.advice
     assert "nothing needs to be changed" in fine.report()
     assert 'class="verdict accept"' in fine.html()
     assert "verification" not in fine.figures()

@@ -50,7 +50,7 @@ def test_each_mode_swings_between_its_own_ends(view, columns):
 def test_who_wants_no_motion_sees_none(view, browser, tmp_path, reduced):
     path = tmp_path / "modes.svg"
     path.write_text(moving_modes(view), "utf-8")
-    section = arm_section(view)
+    section = arm_section(view, "The arm")
     assert any(picture.moving for picture in section.pictures)
     modes = replace(section, pictures=tuple(picture for picture in section.pictures if picture.moving))
     write_page(replace(sample_page(), summary=(), sections=(modes,)), tmp_path / "page.html")
