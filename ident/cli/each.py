@@ -41,7 +41,7 @@ def each_command(
     ROBOTS.COMMAND.json. A robot that is done is not done again. Exit status 3 where it failed for a robot.
     """
     from ident.cli.words import Words
-    from ident.studies.fleet_tasks import done
+    from ident.studies.fleet_tasks import Engine
 
     label = f"{robots.absolute().name}.{words[0]}"
     tasks = [Words(*files, tuple(words), out / label) for files in sorted(robots_in(robots, arm))]
@@ -49,8 +49,9 @@ def each_command(
     ended: dict[str, tuple[int, str, str]] = {}
     steps = running.progress("robots", len(tasks))(range(len(tasks)))
     try:
-        for _, (task, reason) in zip(steps, done([*tasks], options), strict=True):
-            ended[task.name] = task.read() or (SHORT, reason or "its result can not be read", "{}")
+        with Engine(options) as engine:
+            for _, (task, reason) in zip(steps, engine.done(tasks), strict=True):
+                ended[task.name] = task.read() or (SHORT, reason or "its result can not be read", "{}")
     except KeyboardInterrupt:
         typer.echo(f"stopped; kept {out / label}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None

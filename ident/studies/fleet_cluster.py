@@ -6,7 +6,7 @@ waited beside it; marks in the shared folder count (`fleet_worker.attempt`).
 """
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from queue import Empty, Queue
@@ -25,23 +25,23 @@ QUIET, ANSWER = 5.0, 15.0
 """Time [s] without news after which the scheduler is asked whether it is there, and in which it must answer."""
 
 
-def on_cluster(pending: list[T], address: str) -> Iterator[tuple[T, str]]:
-    """Have tasks done by the workers of a Dask scheduler, and return each when it is done or given up, with why not.
+@contextmanager
+def cluster(address: str, folder: Path) -> Iterator[Callable[[list[T]], Iterator[tuple[T, str]]]]:
+    """Connect with a Dask scheduler whose workers do tasks, and return each when it is done or given up, with why not.
 
     Args:
-        pending: one at least.
         address: the scheduler's, as tcp://host:8786.
+        folder: of the tasks.
 
     Raises:
         InputError: no Dask here, or no scheduler or workers there; workers of other versions, or without the folder.
-        ClusterError: the scheduler was lost, or a worker can't go on.
+        ClusterError: while tasks are done: the scheduler was lost, or a worker can't go on.
     """
-    folder = pending[0].folder
     place = Place(Path.cwd(), settings(), environment(), uuid4().hex)
     with _client(address) as client:
         _check(client, place, folder)
         try:
-            yield from _collected(client, pending, place)
+            yield lambda pending: _collected(client, pending, place)
         finally:
             shutil.rmtree(marks_of(folder, place.run), ignore_errors=True)
 
@@ -130,6 +130,8 @@ def _collected(client: Any, pending: list[T], place: Place) -> Iterator[tuple[T,
     tasks: dict[str, tuple[Any, T, int]] = {}
 
     def submit(task: T, times: int) -> None:
+        if client.status != "running":
+            raise _gone()
         future = client.submit(attempt, task, place, key=f"ident-{uuid4().hex}", pure=False)
         tasks[future.key] = future, task, times
         future.add_done_callback(news.put)

@@ -101,8 +101,8 @@ class Run:
 
     @property
     def done(self) -> int:
-        """Robots whose files are there."""
-        return len(list(self.kept.glob("*.robot")))
+        """Robots that are fitted, and those that are drawn: each has a file."""
+        return len(list(self.kept.glob("*.robot"))) + len(list(self.kept.glob("*.draws")))
 
     def wait_for(self, ready: Callable[[], bool]) -> None:
         """Wait until something holds, or the process has ended."""
@@ -195,7 +195,7 @@ class Disturbed:
         return Run(self.robots, self.out, "--dask", self.cluster.address)
 
     def _moment(self, run: Run, *, reached: bool = False) -> bool:
-        """Wait until none, one or two robots more are done, and somewhat longer; False where the run has ended.
+        """Wait until none, one or two files more are there, and somewhat longer; False where the run has ended.
 
         Args:
             run: the client.
