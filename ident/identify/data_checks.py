@@ -31,6 +31,8 @@ PLAUSIBLE = {
     "deflection_difference": 5.0,
     "rotation": 5.0,
     "rotation_difference": 5.0,
+    "twist": 5.0,
+    "twist_difference": 5.0,
 }
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
 

@@ -160,7 +160,7 @@ def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
         "direction": row.attempt("direction", parse_direction, axis, row.decimal) if axis else None,
         "load": _read_load(row, "load"),
         "reference_load": _read_load(row, "reference_load"),
-        **{name: row[name] for name in ("mode", "of", "point", "drives", "unit", "repeat", "group", "note")},
+        **{name: row[name] for name in ("mode", "of", "point", "joint", "drives", "unit", "repeat", "group", "note")},
     }
 
 

@@ -90,6 +90,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
         ("mode", m.mode or ""),
         ("of", m.of or ""),
         ("point", m.point or ""),
+        ("joint", m.joint or ""),
         ("note", m.note),
     )
     yield "direction", format_direction(m.direction) if m.direction else ""
