@@ -1,4 +1,4 @@
-"""What instruments read of an arm at rest: deflections, rotations and twists, each by itself or against another load case."""
+"""What instruments read of an arm at rest: deflections, rotations, twists, each alone or against another load."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
