@@ -18,7 +18,7 @@ from ident.identify.mode_assignment import Named, name_modes
 from ident.identify.repeats import Repeats, repeats, room
 from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
-from ident.measure.campaign import DIFFERENCES, ROTATIONS, TWISTS
+from ident.measure.kinds import DIFFERENCES, ROTATIONS, TWISTS
 
 BY_MODE = ("frequency", "damping_ratio")
 State = tuple[tuple[float, ...], Load, str]

@@ -20,7 +20,7 @@ from ident.identify.mode_assignment import FAR
 from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import SUSPICIOUS, farthest
 from ident.measure import Campaign, Measurement
-from ident.measure.campaign import KINDS
+from ident.measure.kinds import KINDS
 from ident.text import quoted
 from ident.units import QUANTITIES, si_factor
 

@@ -9,7 +9,6 @@ from typing import Any, ParamSpec, TypeVar
 
 from ident.errors import InputError, Problem
 from ident.measure.campaign import (
-    KINDS,
     Campaign,
     Measurement,
     load_problems,
@@ -18,6 +17,7 @@ from ident.measure.campaign import (
 )
 from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
 from ident.measure.covariance import Covariance, covariance_path, parse_covariance
+from ident.measure.kinds import KINDS
 from ident.measure.load import Load, parse_direction
 from ident.measure.table import (
     Findings,

@@ -13,7 +13,7 @@ from ident.arm.oddities import oddities
 from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
-from ident.measure.campaign import DIFFERENCES
+from ident.measure.kinds import DIFFERENCES
 from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
