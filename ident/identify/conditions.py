@@ -18,7 +18,7 @@ from ident.identify.mode_assignment import Named, name_modes
 from ident.identify.repeats import Repeats, repeats, room
 from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
-from ident.measure.campaign import DIFFERENCES, ROTATIONS
+from ident.measure.kinds import DIFFERENCES, ROTATIONS, TWISTS
 
 BY_MODE = ("frequency", "damping_ratio")
 State = tuple[tuple[float, ...], Load, str]
@@ -44,14 +44,16 @@ class Unnamed(eqx.Module):
 
 
 class Readings(eqx.Module):
-    """Measured deflections, rotations, and differences; what several rows measured is one of them.
+    """Measured deflections, rotations, twists, and differences; what several rows measured is one of them.
 
     Attributes:
         states: (n,) state of each.
         references: (n,) state that a difference is counted from; -1 for none.
-        points: (n,) point that was read.
-        direction: (3, n) unit vector along which it was read, or about which it turned.
+        points: (n,) point that was read; of a twist, the joint.
+        direction: (3, n) unit vector along which it was read, or about which it turned; of a twist, the pin's axis in
+            the shaft's frame.
         turning: (n,) whether it is a rotation; None where none is.
+        twisting: (n,) whether it is a twist; None where none is.
     """
 
     states: Int[AnyArray, "n"]
@@ -59,12 +61,15 @@ class Readings(eqx.Module):
     points: Int[AnyArray, "n"]
     direction: Float[AnyArray, "3 n"]
     turning: Bool[AnyArray, "n"] | None = None
+    twisting: Bool[AnyArray, "n"] | None = None
 
     def by_kind(self) -> list[Int[np.ndarray, "_"]]:
-        """Return the places of deflections, of their differences, of rotations and of their differences."""
+        """Return the places of deflections, of rotations and of twists, each by itself and as differences."""
         difference = np.asarray(self.references) >= 0
-        turning = np.zeros(len(difference), bool) if self.turning is None else np.asarray(self.turning)
-        return [np.flatnonzero((turning == turns) & (difference == differs)) for turns in (0, 1) for differs in (0, 1)]
+        what = np.zeros(len(difference), int)
+        for code, those in ((1, self.turning), (2, self.twisting)):
+            what = what if those is None else np.where(those, code, what)
+        return [np.flatnonzero((what == code) & (difference == differs)) for code in range(3) for differs in (0, 1)]
 
     def of(self, places: Int[np.ndarray, "_"]) -> "Readings":
         """Return some of them."""
@@ -218,8 +223,11 @@ def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple
     if m.kind in BY_MODE:
         return (BY_MODE.index(m.kind), state, parse_label(m.mode), m.of) if m.mode else (2, state, m.value, row)
     against = states[m.posture, m.reference_load, m.drives] if m.kind in DIFFERENCES else -1
+    if m.kind in TWISTS:
+        joint = [joint.name for joint in arm.joints].index(m.joint or "")
+        return 3, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), False, True
     point = [point.name for point in arm.points].index(m.point or "")
-    return 3, state, against, point, m.direction, m.kind in ROTATIONS
+    return 3, state, against, point, m.direction, m.kind in ROTATIONS, False
 
 
 def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
@@ -259,10 +267,10 @@ def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:
 
 
 def _readings(values: Sequence[tuple[Any, ...]]) -> Readings:
-    _, state, against, point, direction, turning = zip(*values, strict=True) if values else ((),) * 6
+    _, state, against, point, direction, turning, twisting = zip(*values, strict=True) if values else ((),) * 7
     states, references, points = (np.array(each, int) for each in (state, against, point))
-    turns = np.array(turning, bool) if any(turning) else None
-    return Readings(states, references, points, np.array(direction, float).reshape(-1, 3).T, turns)
+    turns, twists = (np.array(each, bool) if any(each) else None for each in (turning, twisting))
+    return Readings(states, references, points, np.array(direction, float).reshape(-1, 3).T, turns, twists)
 
 
 def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:

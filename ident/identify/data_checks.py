@@ -20,7 +20,7 @@ from ident.identify.mode_assignment import FAR
 from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import SUSPICIOUS, farthest
 from ident.measure import Campaign, Measurement
-from ident.measure.campaign import KINDS
+from ident.measure.kinds import KINDS
 from ident.text import quoted
 from ident.units import QUANTITIES, si_factor
 
@@ -31,6 +31,8 @@ PLAUSIBLE = {
     "deflection_difference": 5.0,
     "rotation": 5.0,
     "rotation_difference": 5.0,
+    "twist": 5.0,
+    "twist_difference": 5.0,
 }
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
 

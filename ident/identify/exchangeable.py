@@ -58,4 +58,4 @@ def _state(m: Measurement) -> tuple[object, ...]:
 
 
 def _name(m: Measurement) -> tuple[object, ...]:
-    return m.mode, m.point, m.direction
+    return m.mode, m.point, m.direction, m.joint

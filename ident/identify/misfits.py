@@ -17,6 +17,9 @@ def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
     points = [point.name for point in arm.points]
     if m.point is not None and m.point not in points:
         yield _unknown(m.where, "point", m.point, points)
+    joints = [joint.name for joint in arm.driven]
+    if m.joint is not None and m.joint not in joints:
+        yield _unknown(m.where, "joint", m.joint, joints)
     for column, load in (("load", m.load), ("reference_load", m.reference_load)):
         yield from unknown_names(arm, load, m.where, column)
     if m.drives == "off":

@@ -150,6 +150,7 @@ def _part(conditions: Conditions, groups: Sequence[Int[np.ndarray, "_"]], states
             own.points,
             own.direction,
             own.turning,
+            own.twisting,
         ),
         rows,
         repeats(rows, rows),

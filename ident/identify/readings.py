@@ -1,4 +1,4 @@
-"""What instruments read of an arm at rest: deflections and rotations, each by itself or against another load case."""
+"""What instruments read of an arm at rest: deflections, rotations, twists, each alone or against another load."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -6,23 +6,29 @@ from jaxtyping import Array, Float
 from ident.arm.chain import Chain
 from ident.arm.equilibrium import deflection
 from ident.arm.mechanics import point_rotations
-from ident.arm.rotations import identity, matmul, rotation_vector, transpose
+from ident.arm.rotations import identity, matmul, matvec, rotation_vector, transpose
 from ident.identify.conditions import Readings
 from ident.jit import AnyArray
 
 
 def read(chain: Chain, phi: Float[Array, "3 N S *#batch"], readings: Readings) -> Float[Array, "n *batch"]:
-    """Return what is read of a chain whose bushings are turned by phi: deflections [m], rotations [rad].
+    """Return what is read of a chain whose bushings are turned by phi: deflections [m], rotations [rad], twists [rad].
 
     A rotation is the component d'log(R R0') of the rotation vector by which the point's body turns, R0 being its axes
     under the reference load, or at phi = 0 where there is none. So a difference is the turn that leads from one
     load case to the other; both are counted in the base frame, right-handed.
+
+    A twist is the component of a bushing's rotation vector along its pin's axis, which is what the torsional stiffness
+    acts on: by how much the link's angle exceeds the motor's over the ratio.
     """
-    moved = _deflections(deflection(chain, phi), readings)
-    if readings.turning is None:
-        return moved
-    turns = _rotations(point_rotations(chain, phi), readings)
-    return jnp.where(_lifted(readings.turning, moved.ndim - 1), turns, moved)
+    none = jnp.zeros((len(readings.states), *phi.shape[3:]))
+    moved = _deflections(deflection(chain, phi), readings) if chain.carrier else none
+    if readings.turning is not None:
+        turns = _rotations(point_rotations(chain, phi), readings)
+        moved = jnp.where(_lifted(readings.turning, moved.ndim - 1), turns, moved)
+    if readings.twisting is not None:
+        moved = jnp.where(_lifted(readings.twisting, moved.ndim - 1), _twists(chain, phi, readings), moved)
+    return moved
 
 
 def _deflections(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
@@ -40,6 +46,15 @@ def _rotations(axes: Float[Array, "3 3 P S *batch"], readings: Readings) -> Floa
     start = jnp.where(_lifted(readings.references >= 0, rank), start, identity(3, rank + 1))
     turn = rotation_vector(matmul(axes[:, :, readings.points, readings.states], transpose(start)))
     return (turn * _lifted(readings.direction, rank)).sum(0)
+
+
+def _twists(chain: Chain, phi: Float[Array, "3 N S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
+    """Return how far the bushings turn about their pins' axes."""
+    own = matvec(transpose(chain.frame), phi)
+    rank = own.ndim - 3
+    start = own[:, readings.points, jnp.maximum(readings.references, 0)]
+    start = jnp.where(_lifted(readings.references >= 0, rank), start, 0.0)
+    return ((own[:, readings.points, readings.states] - start) * _lifted(readings.direction, rank)).sum(0)
 
 
 def _lifted(x: AnyArray, rank: int) -> AnyArray:

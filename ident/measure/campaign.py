@@ -6,35 +6,10 @@ from dataclasses import dataclass, field, replace
 
 from ident.errors import InputError, Problem
 from ident.measure.covariance import Correlated, Covariance, correlated
+from ident.measure.kinds import DIFFERENCES, KINDS, ROLES, ROTATIONS, TWISTS
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
 from ident.text import nearest, quoted
 from ident.units import QUANTITIES
-
-KINDS = {
-    "frequency": "frequency",
-    "deflection": "length",
-    "deflection_difference": "length",
-    "rotation": "rotation",
-    "rotation_difference": "rotation",
-    "damping_ratio": "damping_ratio",
-}
-"""Kinds of measurement, each with the quantity it is measured in."""
-
-ROLES = {
-    "frequency": ("mode", "of"),
-    "deflection": ("point", "direction"),
-    "deflection_difference": ("point", "direction", "reference_load"),
-    "rotation": ("point", "direction"),
-    "rotation_difference": ("point", "direction", "reference_load"),
-    "damping_ratio": ("mode",),
-}
-"""The fields that a kind has beside posture, load, value and sigma."""
-
-DIFFERENCES = ("deflection_difference", "rotation_difference")
-"""Kinds that are what a load makes of the arm less what the reference load makes of it."""
-
-ROTATIONS = ("rotation", "rotation_difference")
-"""Kinds that turn about their direction; no direction is usual, so it must be given."""
 
 DRIVE_STATES = ("brake", "servo", "off")
 """What held the motors while it was measured: brakes, the controller, or nothing."""
@@ -63,8 +38,8 @@ class Measurement:
 
     Attributes:
         kind: `frequency` (natural frequency [Hz], see `of`), `deflection` [m], `deflection_difference` (under
-            `load` minus under `reference_load` [m]), `rotation` [rad], `rotation_difference` [rad] or `damping_ratio`
-            [-].
+            `load` minus under `reference_load` [m]), `rotation` [rad], `rotation_difference` [rad], `twist` [rad],
+            `twist_difference` [rad] or `damping_ratio` [-].
         posture: (joints,) [rad] joint angles at which the arm was held.
         value: () [Hz, m, rad or -] the measured number.
         sigma: () [as value] its standard deviation.
@@ -73,6 +48,7 @@ class Measurement:
         point: point of the arm whose deflection was read; of a rotation, the point whose body turned.
         direction: (3,) [-] unit vector in the base frame, along which a deflection counts, -z when not given, or about
             which a rotation counts, right-handed.
+        joint: joint whose twist was read.
         resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
         repeat: what tells this reading from others of the same, such as its number.
         group: name of the rows with whose errors its own is correlated; empty for none. See `Campaign.covariance`.
@@ -93,6 +69,7 @@ class Measurement:
     of: str | None = None
     point: str | None = None
     direction: Vector | None = None
+    joint: str | None = None
     resolution: float = 0.0
     repeat: str = ""
     group: str = ""
@@ -211,6 +188,8 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
     if "point" in ROLES[kind] and "point" not in given:
         read = "whose body turned" if kind in ROTATIONS else "whose deflection was read"
         yield Problem("", "nothing", f"the point {read}", "name a point of the arm", "point")
+    if kind in TWISTS and "joint" not in given:
+        yield Problem("", "nothing", "the joint whose twist was read", "name a driven joint of the arm", "joint")
     if kind in ROTATIONS and "direction" not in given:
         remedy = "give one of x, -z, ... or three numbers"
         yield Problem("", "nothing", "the axis that the rotation is about, right-handed", remedy, "direction")
@@ -262,7 +241,7 @@ def resolution_problems(resolution: float) -> Iterator[Problem]:
         yield Problem("", f"{resolution:g}", "a resolution above 0", remedy, "resolution")
 
 
-_ROLE_FIELDS = ("mode", "of", "point", "direction", "reference_load")
+_ROLE_FIELDS = ("mode", "of", "point", "direction", "joint", "reference_load")
 _RANGES = {"frequency": (0.0, math.inf), "damping_ratio": (0.0, 1.0)}
 
 
@@ -284,6 +263,7 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "of": None if (of := " ".join((m.of or "").lower().split())) == "undamped" else of or None,
         "drives": m.drives.strip().lower() or DRIVE_STATES[0],
         "point": (m.point or "").strip() or None,
+        "joint": (m.joint or "").strip() or None,
         "direction": unit_vector(direction) if direction else None,
         "unit": m.unit.strip() or QUANTITIES[KINDS[m.kind]].si,
         "note": "\n".join(m.note.splitlines()).strip(),

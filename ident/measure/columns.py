@@ -16,6 +16,7 @@ COLUMNS = (
     "of",
     "point",
     "direction",
+    "joint",
     "load",
     "reference_load",
     "drives",

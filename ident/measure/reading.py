@@ -9,7 +9,6 @@ from typing import Any, ParamSpec, TypeVar
 
 from ident.errors import InputError, Problem
 from ident.measure.campaign import (
-    KINDS,
     Campaign,
     Measurement,
     load_problems,
@@ -18,6 +17,7 @@ from ident.measure.campaign import (
 )
 from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
 from ident.measure.covariance import Covariance, covariance_path, parse_covariance
+from ident.measure.kinds import KINDS
 from ident.measure.load import Load, parse_direction
 from ident.measure.table import (
     Findings,
@@ -160,7 +160,7 @@ def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
         "direction": row.attempt("direction", parse_direction, axis, row.decimal) if axis else None,
         "load": _read_load(row, "load"),
         "reference_load": _read_load(row, "reference_load"),
-        **{name: row[name] for name in ("mode", "of", "point", "drives", "unit", "repeat", "group", "note")},
+        **{name: row[name] for name in ("mode", "of", "point", "joint", "drives", "unit", "repeat", "group", "note")},
     }
 
 

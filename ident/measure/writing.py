@@ -6,9 +6,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ident.files import replace_file
-from ident.measure.campaign import DRIVE_STATES, KINDS, Campaign, Measurement
+from ident.measure.campaign import DRIVE_STATES, Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.covariance import Group, covariance_path, covariance_text
+from ident.measure.kinds import KINDS
 from ident.measure.load import format_direction
 from ident.measure.reading import parse_campaign
 from ident.measure.text import format_number
@@ -90,6 +91,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
         ("mode", m.mode or ""),
         ("of", m.of or ""),
         ("point", m.point or ""),
+        ("joint", m.joint or ""),
         ("note", m.note),
     )
     yield "direction", format_direction(m.direction) if m.direction else ""

@@ -24,7 +24,7 @@ from ident.measure import (
     read_campaign,
     write_campaign,
 )
-from ident.measure.campaign import DIFFERENCES
+from ident.measure.kinds import DIFFERENCES, TWISTS
 
 README = Path(__file__).parents[2] / "data" / "README.md"
 
@@ -221,6 +221,8 @@ def measurements(draw):
     if kind in ("frequency", "damping_ratio"):
         return Measurement(mode=draw(st.none() | TEXTS), drives=draw(st.sampled_from(DRIVE_STATES)), **fields)
     reference = {"reference_load": Load(("reference",))} if kind in DIFFERENCES else {}
+    if kind in TWISTS:
+        return Measurement(joint=draw(NAMES), **reference, **fields)
     return Measurement(point=draw(NAMES), direction=draw(VECTORS), **reference, **fields)
 
 

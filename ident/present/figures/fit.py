@@ -47,6 +47,8 @@ KIND_STYLES: dict[str, Style] = {
     "deflection_difference": {"color": PINK, "marker": "D"},
     "rotation": {"color": ORANGE, "marker": "v"},
     "rotation_difference": {"color": PINK, "marker": "P"},
+    "twist": {"color": ORANGE, "marker": "<"},
+    "twist_difference": {"color": PINK, "marker": ">"},
     "damping_ratio": {"color": GREEN, "marker": "^"},
 }
 RIMMED: Style = {"markersize": 8, "markeredgecolor": "black", "markeredgewidth": 1.8}

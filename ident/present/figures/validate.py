@@ -45,7 +45,7 @@ def _off(axes: Axes, validation: Validation) -> None:
         for place, value in zip(part.places, part.off / part.sd, strict=True):
             m = campaign[place]
             z.append(value)
-            names.append(f"{cut(part.name, 22)}  {cut(m.mode or m.point or m.kind, 22)}")
+            names.append(f"{cut(part.name, 22)}  {cut(m.mode or m.point or m.joint or m.kind, 22)}")
             colours.append(ORANGE if part.name in missed else BLUE)
     shown = np.sort(np.argsort(-np.abs(z))[:MOST])
     off, names, colours = np.array(z)[shown], [names[i] for i in shown], [colours[i] for i in shown]

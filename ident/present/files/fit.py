@@ -71,5 +71,6 @@ def rows(campaign: Campaign) -> dict[str, list[Any]]:
         "row": [m.where for m in campaign],
         "mode": [m.mode or "" for m in campaign],
         "point": [m.point or "" for m in campaign],
+        "joint": [m.joint or "" for m in campaign],
         "sigma": [m.sigma for m in campaign],
     }

@@ -9,6 +9,8 @@ KINDS = {
     "deflection_difference": (1e3, "mm"),
     "rotation": (1e3, "mrad"),
     "rotation_difference": (1e3, "mrad"),
+    "twist": (1e3, "mrad"),
+    "twist_difference": (1e3, "mrad"),
 }
 MM = 1e3
 """mm in a metre."""

@@ -13,7 +13,7 @@ from ident.arm.oddities import oddities
 from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
-from ident.measure.campaign import DIFFERENCES
+from ident.measure.kinds import DIFFERENCES
 from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
@@ -136,7 +136,7 @@ def direction_name(direction: Direction, names: Sequence[str], spread: Float[np.
 def short(m: Measurement) -> str:
     """Say in a few words what was measured, with its value."""
     value, unit = in_read_unit(m.kind, m.value)
-    what = m.mode or m.point or ""
+    what = m.mode or m.point or m.joint or ""
     loads = f", {m.load}" if m.load else ""
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES else ""
     defined = f" ({m.of})" if m.of else ""
@@ -146,7 +146,7 @@ def short(m: Measurement) -> str:
 
 def describe(m: Measurement) -> str:
     """Say in a few words what was measured, without its value."""
-    what = m.mode or m.point or ""
+    what = m.mode or m.point or m.joint or ""
     loads = f" {m.load}" if m.load else ""
     held = _held(m)
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES and m.reference_load else ""
