@@ -41,7 +41,7 @@ def each_command(
     ROBOTS.COMMAND.json. A robot that is done is not done again. Exit status 3 where it failed for a robot.
     """
     from ident.cli.words import Words
-    from ident.studies.fleet_tasks import Engine
+    from ident.studies.fleet_engine import Engine
 
     label = f"{robots.absolute().name}.{words[0]}"
     tasks = [Words(*files, tuple(words), out / label) for files in sorted(robots_in(robots, arm))]

@@ -196,7 +196,8 @@ def fleet(
         InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
     """
     from ident.identify.fleet import fleet as infer
-    from ident.studies.fleet_tasks import Engine, One, drawn, outcomes
+    from ident.studies.fleet_engine import Engine, drawn, outcomes
+    from ident.studies.fleet_tasks import One
 
     options = FleetOptions.of(options)
     files = robots_in(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
