@@ -11,7 +11,7 @@ from recording_files import ANSWER, FORCE, LVM, RATE, TIME, files, hdf5, tdms, u
 from scipy.io import savemat, wavfile
 
 from ident.errors import InputError
-from ident.measure.recordings import read_recording
+from ident.measure.recordings import matlab, read_recording
 
 
 def refused(path):
@@ -123,13 +123,31 @@ def test_csv_that_is_wrong(tmp_path, text, words):
     assert words in refused(tmp_path / "a.csv")
 
 
-def test_matlab_5_vectors_matrices_and_structures(tmp_path):
+@pytest.mark.parametrize("compressed", [True, False])
+def test_matlab_5_vectors_matrices_and_structures(tmp_path, compressed):
     both = np.column_stack([FORCE, ANSWER])
-    savemat(tmp_path / "a.mat", {"t": TIME, "y": both, "hit": {"force": FORCE}, "fs": RATE, "who": "me"})
+    variables = {"t": TIME, "y": both, "hit": {"force": FORCE}, "fs": RATE, "who": "me"}
+    savemat(tmp_path / "a.mat", variables, do_compression=compressed)
     recording = read_recording(tmp_path / "a.mat")
     assert recording.names == ("t", "y:1", "y:2", "hit.force")
     np.testing.assert_array_equal(values(recording, "y:2").values[0], ANSWER)
     np.testing.assert_array_equal(values(recording, "hit.force").values[0], FORCE)
+
+
+@pytest.mark.parametrize("place", [248, 249])
+def test_matlab_5_with_a_flipped_bit_at_which_scipy_crashes(tmp_path, place):
+    """Without compression there is no checksum; here lies the size of a structure's field."""
+    savemat(tmp_path / "a.mat", {"hit": {"force": FORCE}})
+    data = bytearray((tmp_path / "a.mat").read_bytes())
+    data[place] ^= 1 << 4
+    (tmp_path / "a.mat").write_bytes(data)
+    assert "damaged or truncated" in refused(tmp_path / "a.mat")
+
+
+def test_matlab_5_whose_reader_dies_is_refused(tmp_path, monkeypatch):
+    savemat(tmp_path / "a.mat", {"force": FORCE})
+    monkeypatch.setattr(matlab, "ASIDE", "import os; os.abort()")
+    assert "scipy's reader crashes" in refused(tmp_path / "a.mat")
 
 
 def test_hdf5(tmp_path):

@@ -1,33 +1,94 @@
 """MATLAB files: version 5 by scipy, version 7.3, which is HDF5, as such."""
 
 import io
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from ident.measure.recordings import hdf5
-from ident.measure.recordings.recording import Channel, Contents, columns, damaged
+from ident.measure.recordings.recording import Contents, columns, damaged
+from ident.text import one_line
+
+Vectors = list[tuple[str, np.ndarray]]
+"""Arrays of a file by their names."""
+HEAD, COMPRESSED = 128, 15
+"""Bytes before the first variable, and the type of one that is compressed and so has a checksum."""
+ASIDE = "import sys; from ident.measure.recordings import matlab; matlab.pass_on(sys.stdin.buffer, sys.stdout.buffer)"
 
 
 def read(path: Path, data: bytes) -> Contents:
     """Return the vectors, and the columns of matrices, of a MATLAB file; those in structures by `a.b`."""
-    from scipy.io import loadmat
-
     if data[512:520] == hdf5.SIGNATURE or data.startswith(hdf5.SIGNATURE):
         return hdf5.read(path, data)
     try:
+        found = vectors(data) if _has_checksums(data) else _aside(data)
+    except ValueError as error:
+        damaged(path, "a MATLAB file", str(error))
+    return tuple(channel for name, value in found for channel in columns(name, value)), (), {}
+
+
+def vectors(data: bytes) -> Vectors:
+    """Return the arrays of numbers in a file of version 5.
+
+    Raises:
+        ValueError: scipy can't read it.
+    """
+    from scipy.io import loadmat
+
+    try:
         variables = loadmat(io.BytesIO(data), simplify_cells=True)
     except Exception as error:  # scipy lets errors of zlib, struct and its own through
-        damaged(path, "a MATLAB file", error)
+        raise ValueError(f"{type(error).__name__}: {one_line(str(error))[:80]}") from None
     named = [(name, value) for name, value in variables.items() if not name.startswith("__")]
-    return tuple(channel for name, value in named for channel in _channels(name, value)), (), {}
+    return [leaf for name, value in named for leaf in _leaves(name, value)]
 
 
-def _channels(name: str, value: Any) -> Iterator[Channel]:
+def pass_on(source: IO[bytes], target: IO[bytes]) -> None:
+    """Read a file, and write its arrays as NumPy's archive; end with a line about what is wrong."""
+    try:
+        found = vectors(source.read())
+    except ValueError as error:
+        sys.exit(str(error))
+    out = io.BytesIO()
+    np.savez(out, np.array([name for name, _ in found], str), *[value for _, value in found])
+    target.write(out.getvalue())
+
+
+def _aside(data: bytes) -> Vectors:
+    """Read a file in a process of its own: of one whose bits have flipped, scipy's reader may crash.
+
+    Raises:
+        ValueError: it does, or can't read it.
+    """
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run([sys.executable, "-c", ASIDE], input=data, capture_output=True, env=environment, check=False)
+    if done.returncode:
+        said = done.stderr.decode("utf-8", "replace").strip().splitlines()
+        raise ValueError(said[-1][:100] if said and done.returncode > 0 else "scipy's reader crashes")
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as kept:
+        names, *values = (kept[key] for key in kept.files)
+    return list(zip(names.tolist(), values, strict=True))
+
+
+def _has_checksums(data: bytes) -> bool:
+    """Return whether all of the file's variables are compressed."""
+    order, at = "little" if data[126:128] == b"IM" else "big", HEAD
+    while at < len(data):
+        kind, size = (int.from_bytes(data[at + i : at + i + 4], order) for i in (0, 4))  # type: ignore[arg-type]
+        if kind != COMPRESSED:
+            return False
+        at += 8 + size
+    return True
+
+
+def _leaves(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
     if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _channels(f"{name}.{key}", inner)
+            yield from _leaves(f"{name}.{key}", inner)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-        yield from columns(name, value)
+        yield name, value
