@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from ident.inference.convergence import SHORT, step_length, weighed
 from ident.inference.information import RANK_TOLERANCE
-from ident.inference.least_squares import End, evaluate
+from ident.inference.least_squares import End, choosing, evaluate, solve, stay
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.inference.searcher import Searcher
@@ -178,20 +178,22 @@ def _search(
     """Search all minima for priors of these widths; the first start is the best that is known for all data."""
     place = np.array(problem.kinds)
     normal, wide = _with_widths(problem, widths), _with_widths(problem, WIDE * widths)
-    first = _ended(normal, starts[0]) or _minimum(normal, starts[:1])
-    if first is None:
+    first = _ended(normal, starts[0]) or jax.device_get(solve(normal, starts[0]))
+    if not np.isfinite(first.cost):
         return None
     problems = {kind: (_fitted(normal, place != kind), _fitted(wide, place == kind)) for kind in kinds}
-    ends = {kind: (_minimum(others, starts), _minimum(own, starts[:2])) for kind, (others, own) in problems.items()}
+    ends = {
+        kind: (_minimum(others, starts[1:], first), _minimum(own, starts[1:2], first))
+        for kind, (others, own) in problems.items()
+    }
     parts = {kind: (others, own) for kind, (others, own) in ends.items() if others and own}
-    every = _minimum(normal, [others.theta for others, _ in parts.values()], first) or first
+    again = _minimum(normal, [others.theta for others, _ in parts.values()])
+    every = again if again and again.choice.settled and again.cost < first.cost else first
     better = bool(every.cost < first.cost - SAME * (1 + first.cost))
     if better:  # what is less for all data leads to no more for a part of them
         for kind, (others, own) in parts.items():
-            again = [
-                _minimum(part, [every.theta], end) for part, end in zip(problems[kind], (others, own), strict=True)
-            ]
-            parts[kind] = again[0] or others, again[1] or own
+            near = [_minimum(part, [], every) for part in problems[kind]]
+            parts[kind] = _less(others, near[0]), _less(own, near[1])
     return _Minima(every, parts, better)
 
 
@@ -219,7 +221,7 @@ def _by_value(
     others, _ = minima.parts[cross.kind]
     normal, left = _with_widths(problem, widths), np.array(problem.kinds) != cross.kind
     single = minima.every if len(cross.rows) == 1 else None
-    ends = [single or _minimum(_fitted(normal, left | (np.arange(len(left)) == i)), [others.theta]) for i in cross.rows]
+    ends = [single or _minimum(_fitted(normal, left | (np.arange(len(left)) == i)), [], others) for i in cross.rows]
     added = [max(float(end.cost - others.cost), 0.0) if end else 0.0 for end in ends]
     return replace(cross, z=np.sign(cross.measured - cross.predicted) * np.sqrt(added))
 
@@ -246,13 +248,25 @@ def _ended(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> End | None
     return end._replace(cost=residuals @ residuals) if step_length(residuals, slope) < SHORT else None
 
 
-def _minimum(problem: InverseProblem, starts: Sequence[Float[np.ndarray, "P"]], known: End | None = None) -> End | None:
-    """Return the best of several searches, or what is known; None where the model has no answer at any start."""
-    search = Searcher(problem)
-    ends = [search(start, near=not i) for i, start in enumerate(starts)]
-    finite = [jax.device_get(end) for end in ends if np.isfinite(end.cost)]
-    order = [*finite, known] if known else finite
-    return min(order, key=lambda end: (not end.choice.settled, float(end.cost)), default=None)
+def _minimum(problem: InverseProblem, starts: Sequence[Float[np.ndarray, "P"]], near: End | None = None) -> End | None:
+    """Return the best of several searches; None where the model has no answer at any start.
+
+    Args:
+        problem: that in which some of the values are fitted.
+        starts: theta to begin at. What does not settle on what the values belong to is taken where there is nothing
+            else only: it is no minimum.
+        near: where more of the values are fitted. From there on the search holds the choice, so that its cost is no
+            more than theirs there.
+    """
+    search = Searcher(problem, choosing)
+    ends = [jax.device_get(end) for end in map(search, starts) if np.isfinite(end.cost)]
+    held = [jax.device_get(stay(problem, near))] if near else []
+    settled = [end for end in held if np.isfinite(end.cost)] + [end for end in ends if end.choice.settled]
+    return min(settled or ends, key=lambda end: float(end.cost), default=None)
+
+
+def _less(known: End, other: End | None) -> End:
+    return other if other and other.cost < known.cost else known
 
 
 def _fitted(problem: InverseProblem, rows: Bool[np.ndarray, "D"]) -> InverseProblem:

@@ -83,13 +83,19 @@ def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | N
         near = _held(problem, start, choice.likened())
         if (near.choice.settled and np.isfinite(near.cost)) or (example and not example.choice.settled):
             return near
-    own = _choosing(problem, start)
+    own = choosing(problem, start)
     if own.choice.settled or not np.isfinite(own.cost):
         return own
     ends = [_held(problem, own.theta, own.choice.held)]
     if example is not None:
         ends += _like(problem, start, example)
     return min(ends, key=lambda end: (not np.isfinite(end.cost), not end.choice.settled, _is_steep(end), end.cost))
+
+
+def stay(problem: InverseProblem, end: End) -> End:
+    """Search from where another search has ended, and hold what it has chosen, whether or not that stays probable."""
+    held = end.choice.held
+    return _held(problem, end.theta, None if held is None else held.likened())
 
 
 def _like(problem: InverseProblem, start: Float[AnyArray, "P"], example: End) -> list[End]:
@@ -99,7 +105,7 @@ def _like(problem: InverseProblem, start: Float[AnyArray, "P"], example: End) ->
         first = _held(problem, first.theta, first.choice.held.likened())
     if first.choice.settled or not np.isfinite(first.cost):
         return [first]
-    then = _choosing(problem, first.theta)
+    then = choosing(problem, first.theta)
     return [first, then if then.choice.settled else _held(problem, then.theta, then.choice.held)]
 
 
@@ -107,8 +113,11 @@ def _is_steep(end: End) -> bool:
     return not np.abs(end.gradient).max() < STEEP
 
 
-def _choosing(problem: InverseProblem, start: Float[AnyArray, "P"]) -> End:
-    """Search, beginning anew wherever another choice is more probable, until one stays so or `TURNS` are over."""
+def choosing(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None) -> End:
+    """Search, beginning anew wherever another choice is more probable, until one stays so or `TURNS` are over.
+
+    Then it has not ended: its choice is not settled. An example is of no use to it.
+    """
     held = None
     for _ in range(TURNS):
         end, finished = _searched(problem, start, held, UNTIL_ANEW)

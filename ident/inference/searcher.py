@@ -1,5 +1,6 @@
 """Searches from many starts: where data are many, first among a part of them, then among all from where that ended."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,12 @@ class Searcher:
 
     Args:
         problem: model, data and unknowns.
+        search: how to search from one start, with the best end so far, if any.
     """
 
-    def __init__(self, problem: InverseProblem):
+    def __init__(self, problem: InverseProblem, search: Callable[[InverseProblem, Any, End | None], End] = solve):
         large = problem.in_parts()
-        self.problem = problem
+        self.problem, self.search = problem, search
         self.part = large.problems[0] if large else None
         self.ends: list[tuple[End, End]] = []
 
@@ -39,12 +41,12 @@ class Searcher:
             near: whether the start is near an optimum already: then the search among all begins there.
         """
         if self.part is None:
-            return solve(self.problem, start, example)
+            return self.search(self.problem, start, example)
         best = min((coarse for coarse, _ in self.ends), key=lambda end: end.score, default=None)
-        coarse = solve(self.part, start, best)
+        coarse = self.search(self.part, start, best)
         for known, fine in self.ends:
             if np.abs(known.theta - coarse.theta).max() < SAME:
                 return fine
-        fine = solve(self.problem, start if near or not np.isfinite(coarse.cost) else coarse.theta, example)
+        fine = self.search(self.problem, start if near or not np.isfinite(coarse.cost) else coarse.theta, example)
         self.ends.append((coarse, fine))
         return fine
