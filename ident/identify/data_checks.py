@@ -157,19 +157,24 @@ def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
     campaign that is right is named stays below that of one pair at 3 sd. Frequencies without a mode label are never
     repeats, since those of one posture and load belong to different modes.
     """
+    same = repeated(campaign)
+    limit = farthest(sum(math.comb(len(rows), 2) for rows in same))
+    for rows in same:
+        own = [campaign.measurements[row] for row in rows]
+        apart = _farthest_apart(np.array([m.value for m in own]), np.array([m.spread for m in own]), limit)
+        if apart:
+            yield rows[apart[0]], rows[apart[1]]
+
+
+def repeated(campaign: Campaign) -> list[list[int]]:
+    """Return the rows of each thing that was measured; frequencies without a label are in none."""
     same: dict[Measurement, list[int]] = {}
     for row, m in enumerate(campaign):
         if m.kind not in BY_MODE or m.mode:
             angles = tuple(round(angle, 5) for angle in m.posture)
             blank: dict[str, Any] = {"value": 0.5, "sigma": 1.0, "resolution": 0.0, "repeat": "", "note": ""}
             same.setdefault(replace(m, posture=angles, **blank), []).append(row)
-    pairs = sum(math.comb(len(rows), 2) for rows in same.values())
-    limit = farthest(pairs)
-    for rows in same.values():
-        own = [campaign.measurements[row] for row in rows]
-        apart = _farthest_apart(np.array([m.value for m in own]), np.array([m.spread for m in own]), limit)
-        if apart:
-            yield rows[apart[0]], rows[apart[1]]
+    return [*same.values()]
 
 
 def _farthest_apart(

@@ -8,7 +8,7 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.identify.assumptions import Assumptions, assumptions
 from ident.identify.build_problem import build_problem
-from ident.identify.data_checks import check_values, row_names
+from ident.identify.data_checks import check_values, repeated, row_names
 from ident.identify.exchangeable import exchangeable, moves_of
 from ident.identify.mode_assignment import FAR
 from ident.identify.unknowns import Unknowns
@@ -63,6 +63,24 @@ class CampaignFit(Fit):
         rows += f" and {len(self.renamed) - NAMED} more" if len(self.renamed) > NAMED else ""
         mode = "this mode has another label: row" if len(self.renamed) == 1 else "these modes have other labels: rows"
         return (*super().remarks, *((f"on the fitted arm {mode} {rows}",) if rows else ()), *self._exchanges(names))
+
+    @property
+    def without_rounding(self) -> tuple[float, int]:
+        """Chi-squared and degrees of freedom without how readings of one thing differ that a display has rounded.
+
+        They may all be equal, however large their sigmas: the display's steps hide that they are not.
+        """
+        chi_squared, freedom = self.chi_squared, self.degrees_of_freedom
+        if self.problem.correlation is not None:
+            return chi_squared, freedom
+        measured, sigma = np.asarray(self.problem.measured), np.asarray(self.problem.sigma)
+        for rows in repeated(self.campaign):
+            own = [i for i in rows if np.isfinite(sigma[i])]
+            if len(own) > 1 and any(self.campaign.measurements[i].resolution for i in own):
+                mean = np.average(measured[own], weights=sigma[own] ** -2)
+                chi_squared -= float((((measured[own] - mean) / sigma[own]) ** 2).sum())
+                freedom -= len(own) - 1
+        return chi_squared, freedom
 
     def _exchanges(self, names: Sequence[str]) -> Iterator[str]:
         """Say of each pair of rows that the data would fit with its two values exchanged."""

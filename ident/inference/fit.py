@@ -139,10 +139,19 @@ class Fit:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What is odd about this fit, though it forbids no interval."""
-        if not self.p_value > 1 - IMPROBABLE:
+        chi_squared, freedom = self.without_rounding
+        if not freedom > 0:
             return ()
-        small = f"so small a chi-squared has a chance of {1 - self.p_value:.1g}"
-        return (f"{small}: are the sigmas too large, or rows copied?",)
+        from scipy.special import chdtr
+
+        if not (chance := float(chdtr(freedom, chi_squared))) < IMPROBABLE:
+            return ()
+        return (f"so small a chi-squared has a chance of {chance:.1g}: are the sigmas too large, or rows copied?",)
+
+    @property
+    def without_rounding(self) -> tuple[float, int]:
+        """Chi-squared and degrees of freedom without what is small for another reason than sigmas: here nothing."""
+        return self.chi_squared, self.degrees_of_freedom
 
     @property
     def supported(self) -> Bool[np.ndarray, "P"]:

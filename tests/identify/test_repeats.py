@@ -1,5 +1,7 @@
 """Repeated readings of a coarse display: what they share, averaging does not reduce."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arms import lcd_arm
@@ -7,8 +9,11 @@ from scipy.stats import binom
 
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
+from ident.identify.conditions import bind
+from ident.identify.fit import fit_campaign
+from ident.identify.predict import predict
 from ident.identify.repeats import shared_error
-from ident.measure import parse_campaign
+from ident.measure import Campaign, parse_campaign
 
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,value,unit,sigma,resolution,repeat\n"
 
@@ -31,6 +36,16 @@ def test_equal_hits_are_no_surer_than_the_display(count):
 def test_without_a_resolution_they_count_as_they_did():
     sigma = build_problem(lcd_arm(), hits(5, resolution="")).sigma
     assert np.asarray(sigma).tolist() == [0.002] * 5
+
+
+@pytest.mark.parametrize(("resolution", "remarked"), [("0.01", False), ("", True)])
+def test_equal_hits_are_no_sign_of_large_sigmas_where_a_display_has_rounded_them(resolution, remarked):
+    arm, campaign = lcd_arm(), hits(40, resolution=resolution)
+    value = float(predict(arm, {}, bind(arm, campaign))[0])
+    campaign = Campaign(measurements=tuple(replace(m, value=value) for m in campaign))
+    found = fit_campaign(arm, campaign, starts=1)
+    assert found.degrees_of_freedom == 39
+    assert any("sigmas too large" in remark for remark in found.remarks) == remarked
 
 
 def test_equal_hits_that_nothing_tells_apart_are_duplicates():
