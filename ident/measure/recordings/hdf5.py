@@ -4,7 +4,7 @@ import io
 from pathlib import Path
 from typing import Any
 
-from ident.measure.recordings.recording import Channel, Contents, columns, damaged, lacking
+from ident.measure.recordings.recording import Channel, Contents, columns, damaged
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = ("unit", "units")
@@ -13,10 +13,8 @@ UNITS = ("unit", "units")
 
 def read(path: Path, data: bytes) -> Contents:
     """Return the vectors, and the columns of matrices, of an HDF5 file; those in groups by `a/b`."""
-    try:
-        import h5py
-    except ImportError:
-        lacking(path, "h5py")
+    import h5py
+
     found: list[Channel] = []
 
     def visit(name: str, item: Any) -> None:

@@ -75,9 +75,11 @@ def read_group(file: "str | Path | BytesIO", group: str | None = None, **how: An
     Raises:
         ValueError: its variables are larger than `MOST_BYTES`; besides, whatever the libraries raise.
     """
+    import h5netcdf
     import h5py
     import xarray
 
+    h5netcdf.File._writable = False  # of one that it fails to open, and asks for this when that is thrown away
     with h5py.File(file, "r"):  # what is no such file at all ends here: in h5netcdf it would not end quietly
         pass
     with xarray.open_dataset(file, group=group, engine="h5netcdf", **how) as data:
