@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from ident.arm.multibody import Multibody, multibody
 from ident.errors import InputError, Problem
 from ident.identify.conditions import loads_of
 from ident.measure import Campaign, Load
+from ident.measure.load import Vector
 from ident.text import did_you_mean, quoted
 from ident.vibrate.motion.motion import Motion
 
@@ -129,10 +130,41 @@ def without(load: Load, carried: Carried) -> Load:
     return Load(payloads, masses, load.forces)
 
 
+class Added(NamedTuple):
+    """What a load case has more than what hangs on the arm always.
+
+    Attributes:
+        mass: [kg] of what is carried.
+        masses: mass [kg] and point of each other one; below zero for one that is missing.
+        forces: (3,) force [N] and point of each.
+    """
+
+    mass: float
+    masses: tuple[tuple[float, str], ...]
+    forces: tuple[tuple[Vector, str], ...]
+
+
+def added(load: Load, fixed: Load, carried: Carried) -> Added | None:
+    """Return what makes a load case of what hangs on the arm always; None where they differ by a payload."""
+    rest = without(load, carried)
+    if rest.payloads != fixed.payloads:
+        return None
+    masses = {point: mass for mass, point in rest.masses}
+    for mass, point in fixed.masses:
+        masses[point] = masses.get(point, 0.0) - mass
+    away = tuple(((-x, -y, -z), point) for (x, y, z), point in fixed.forces)
+    forces = Load(forces=(*rest.forces, *away)).forces
+    return Added(_mass(load, carried), tuple((m, point) for point, m in masses.items() if m), forces)
+
+
 def mass_of(load: Load, fixed: Load, carried: Carried) -> float | None:
     """Return how much [kg] of what is carried makes a load case; None where it is another one."""
     if without(load, carried) != fixed:
         return None
+    return _mass(load, carried)
+
+
+def _mass(load: Load, carried: Carried) -> float:
     if carried.kind == "payload":
         return carried.nominal if carried.name in load.payloads else 0.0
     return sum(mass for mass, point in load.masses if point == carried.name)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from arms import lcd_arm, random_arm
 
-from ident.measure import Campaign, Measurement
+from ident.identify.conditions import bind
+from ident.identify.predict import predict
+from ident.measure import Campaign, Load, Measurement
 from ident.studies.explore import ExploreOptions, explore
 
 pytestmark = pytest.mark.slow
@@ -78,3 +80,39 @@ def test_on_paper_it_is_two_sheets(page, request, browser_page):
         opened.page.wait_for_timeout(1000)
         sheets = re.findall(rb"/Type\s*/Page\b", opened.page.pdf(format="A4"))
     assert len(sheets) == 2
+
+
+PULLED = Load(masses=((3.5, "tip"),), forces=(((6.0, -8.0, 3.0), "tip"),))
+LOADS = ((PULLED, Load()), (Load(("glass",)), Load(masses=((1.0, "tip"),))))
+
+
+def static_readings(arm):
+    """One of each kind that instruments read at rest, under each load, at two postures."""
+    q, read = (0.4, -0.9, 1.3), {"point": "tip", "direction": (0.0, 0.6, -0.8)}
+    twist = {"joint": arm.joints[1].name}
+    return [
+        Measurement(kind=kind + end, posture=posture, value=1e-3, sigma=1e-5, load=load, **where, **against)
+        for posture in (q, (0.0, 0.0, 0.0))
+        for load, reference in LOADS
+        for kind, where in (("deflection", read), ("rotation", read), ("twist", twist))
+        for end, against in (("", {}), ("_difference", {"reference_load": reference}))
+    ]
+
+
+def test_readings_at_rest_are_those_of_predict(tmp_path, browser_page):
+    """Under loads of their own, whatever hangs on the arm on the page."""
+    arm = lcd_arm()
+    campaign = Campaign(measurements=tuple(static_readings(arm)))
+    expected = np.asarray(predict(arm, {}, bind(arm, campaign)))
+    options = ExploreOptions(load="2 kg @ tip", posture=(0, 0, 0))
+    with browser_page(explore(arm, options, measured=campaign).save(tmp_path)[0], 1280, 900) as opened:
+        found = opened.page.evaluate("explorer.read()")
+        opened.page.wait_for_function("!document.getElementById('read-part').hidden", polling=100)
+        rows = opened.page.evaluate(ROWS.replace("#modes", "#read"))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert (np.abs(expected) > 1e-5).sum() == 20, "glass twists no upright pin"
+    assert len(rows) == len(campaign) / 2
+    value = f"{1e3 * expected[len(campaign) // 2]:.3f}"
+    pulled = "3.5 kg @ tip + 6 N x @ tip + 8 N -y @ tip + 3 N z @ tip"
+    assert rows[0] == [f"deflection of tip along 0 0.6 -0.8under {pulled}", value, value, "1.00 ± 0.01", "mm"]
+    assert rows[-1] == ["twist of joint2glass less 1 kg @ tip", "0.000", "0.000", "1.00 ± 0.01", "mrad"]

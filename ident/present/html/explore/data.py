@@ -8,11 +8,13 @@ import numpy as np
 
 from ident.arm.assembly import Moments
 from ident.arm.fields import field_named
-from ident.assess.exploration import Carried, Exploration, mass_of
+from ident.assess.exploration import Carried, Exploration, added, mass_of
+from ident.measure import Measurement
+from ident.measure.kinds import DIFFERENCES
 from ident.text import one_line
 
-SHOWN = ("frequency", "deflection")
-"""Kinds of measurement that the page shows beside what it computes."""
+NOT_SHOWN = ("damping_ratio",)
+"""Kinds of measurement that the page does not show beside what it computes."""
 
 
 def page_data(exploration: Exploration) -> dict[str, Any]:
@@ -123,15 +125,27 @@ def _readings(exploration: Exploration) -> list[Mapping[str, Any]]:
             "posture_deg": [math.degrees(angle) for angle in m.posture],
             "load": one_line(str(m.load)),
             "mass": mass_of(m.load, exploration.fixed, carried),
+            "loads": _loads(exploration, m),
             "value": m.value,
             "sigma": m.sigma,
             "mode": m.mode or "",
             "point": one_line(m.point or ""),
+            "joint": one_line(m.joint or ""),
             "direction": list(m.direction or (0.0, 0.0, -1.0)),
         }
         for m in measured or ()
-        if m.kind in SHOWN
+        if m.kind not in NOT_SHOWN
     ]
+
+
+def _loads(exploration: Exploration, m: Measurement) -> list[dict[str, Any]] | None:
+    """Return what each load case of a reading adds, the reference last; None where the page can't have it."""
+    cases = [m.load, *([m.reference_load] if m.kind in DIFFERENCES else [])]
+    found = [added(case, exploration.fixed, exploration.carried) for case in cases]
+    if any(each is None for each in found):
+        return None
+    named = zip(map(str, cases), found, strict=True)
+    return [{"words": one_line(words), **each._asdict()} for words, each in named if each]
 
 
 def _plain(values: Any) -> list[float]:

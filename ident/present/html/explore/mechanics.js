@@ -84,8 +84,8 @@ function curvature(phi, moment) {
 }
 
 // The arm at a posture under a load: all axes parallel to the base frame (ident.arm.chain.at_posture).
-// k: stiffness by joint, [bending, torsion] each; mass: of the payload [kg].
-function chainAt(model, q, mass, k) {
+// k: stiffness by joint, [bending, torsion] each; mass: of the payload [kg]; more: masses and forces at points by name.
+function chainAt(model, q, mass, k, more = { masses: [], forces: [] }) {
   let frame = IDENTITY;
   const joints = model.joints.map((joint, j) => {
     const before = frame, after = matmul(before, turnAbout(joint.axis, joint.driven ? q[joint.pin] : 0));
@@ -93,6 +93,10 @@ function chainAt(model, q, mass, k) {
     const axis = matvec(before, joint.axis), along = outer(axis, axis), across = minus(IDENTITY, along);
     const parts = [[joint.shaft, before, 1], [joint.link, after, 1]];
     if (j === model.payload.joint) parts.push([model.payload.unit, after, mass]);
+    for (const [kilograms, name] of more.masses) {
+      const { joint: carrier, position } = model.points[pointNamed(model, name)];
+      if (carrier === j) parts.push([{ mass: 1, first: position, second: outer(position, position) }, after, kilograms]);
+    }
     const bend = scale(across, k[j][0]), tors = scale(along, k[j][1]);
     return {
       axis, before, after, bend, tors,
@@ -106,8 +110,14 @@ function chainAt(model, q, mass, k) {
   });
   const points = model.points.map((point) => (
     { joint: point.joint, force: point.force, position: matvec(joints[point.joint].after, point.position) }));
+  for (const [force, name] of more.forces) {
+    const point = points[pointNamed(model, name)];
+    point.force = add(point.force, force);
+  }
   return { joints, points, gravity: model.gravity };
 }
+
+const pointNamed = (model, name) => model.points.findIndex((point) => point.name === name);
 
 // Centres of the bushings, rotations of the bodies, and W_j with w_j = W_j dphi_j/dt.
 function forwardKinematics(chain, phi) {

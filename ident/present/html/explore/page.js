@@ -2,6 +2,7 @@
 
 const model = JSON.parse(document.getElementById("data").textContent);
 const PLACES = model.joints.length > 8 ? 17 : 33, BUDGET = [3, 12], SLOW_FRAME = 30, PAUSE = 150;  // places along the motion; milliseconds a frame for them, at least and at most; a frame that is too slow; between drawings of the response
+const MOST_READ = 30;
 const $ = (id) => document.getElementById(id);
 model.points.unshift({ name: "", joint: model.payload.joint, position: model.payload.unit.first, force: [0, 0, 0] });
 const WITHIN = window.parent !== window;  // in another page's frame, whose address is not this one's to change
@@ -102,7 +103,7 @@ function showNumbers() {
   const q = radians(angles(model, state));
   if (!atFirst || String(atFirst.q) !== String(q)) atFirst = solveAt(model, q, first.mass, first.k);
   $("brief").textContent = here ? briefly() : "";
-  if (here) { modeRows(); staticRows(); steadyRow(); } else for (const id of ["modes", "static", "steady"]) $(id).replaceChildren();
+  if (here) { modeRows(); staticRows(); readRows(); steadyRow(); } else for (const id of ["modes", "static", "read", "steady"]) $(id).replaceChildren();
 }
 
 function settle() {
@@ -177,14 +178,33 @@ function staticRows() {
     const moved = scale(deflectionOf(here, i + 1), 1e3), row = document.createElement("tr");
     const before = atFirst && Math.hypot(...deflectionOf(atFirst, i + 1)) * 1e3;
     const own = found.filter((reading) => reading.point === point.name).map((reading) => {
-      const { direction } = reading, along = direction.findIndex((x) => Math.abs(Math.abs(x) - 1) < 1e-9);
-      const words = along < 0 ? `along ${direction.map(short).join(" ")}` : `${direction[along] < 0 ? "-" : ""}${"xyz"[along]}`;
-      return `${fixed(1e3 * reading.value, 2)} ± ${short(1e3 * reading.sigma)} (${words})`;
+      const words = directionWords(reading.direction);
+      return `${measuredValue(reading)} (${words.includes(" ") ? `along ${words}` : words})`;
     });
     row.append(cell(point.name, "th"), ...moved.map((x) => cell(fixed(x, 3))), cell(fixed(Math.hypot(...moved), 3)));
     row.append(cell(before ? fixed(before, 3) : "–"), cell(own.join(", ") || "–"));
     return row;
   }));
+}
+
+const measuredValue = (reading) => `${fixed(1e3 * reading.value, 2)} ± ${short(1e3 * reading.sigma)}`;
+
+// What was read here besides: rotations, twists, differences, and deflections under other loads than the page's.
+function readRows() {
+  const shownAbove = new Set(readingsHere("deflection"));
+  const found = model.readings.filter((reading) => (
+    reading.loads && reading.kind !== "frequency" && !shownAbove.has(reading) && sameAngles(reading.posture_deg, angles(model, state))));
+  $("read-part").hidden = !found.length;
+  $("read").replaceChildren(...found.slice(0, MOST_READ).map((reading) => {
+    const row = document.createElement("tr"), [what, loads] = readingWords(reading), head = cell(what, "th"), under = document.createElement("div");
+    under.className = "soft";
+    under.textContent = loads;
+    head.append(under);
+    const computed = [state.k, first.k].map((k) => readingAt(model, reading, k)).map((x) => (x === null ? "–" : fixed(1e3 * x, 3)));
+    row.append(head, ...computed.map((x) => cell(x)), cell(measuredValue(reading)), cell(isLength(reading) ? "mm" : "mrad"));
+    return row;
+  }));
+  $("read-more").textContent = found.length > MOST_READ ? `and ${found.length - MOST_READ} more` : "";
 }
 
 function steadyRow() {

@@ -23,7 +23,7 @@ from ident.present.html.explore.data import page_data
 from ident.present.html.page import shown
 from ident.present.text.basis import changes_in_words, values_in_words
 
-SCRIPTS = ("mechanics.js", "response.js", "drawing.js", "state.js", "sliders.js", "page.js", "views.js")
+SCRIPTS = ("mechanics.js", "response.js", "readings.js", "drawing.js", "state.js", "sliders.js", "page.js", "views.js")
 """Parts of the script, in this order."""
 
 

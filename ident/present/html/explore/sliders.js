@@ -114,12 +114,12 @@ function makeVisits() {
   head.textContent = "go to a measured posture …";
   select.append(head);
   for (const reading of model.readings) {
-    const place = model.stroke ? placeOf(reading.posture_deg) : 0, name = JSON.stringify([reading.posture_deg, reading.load]);
-    if (reading.mass === null || place === null || known.has(name)) continue;
+    const place = model.stroke ? placeOf(reading.posture_deg) : 0, set = reading.mass !== null, name = JSON.stringify([reading.posture_deg, set && reading.load]);
+    if ((!set && !reading.loads) || place === null || known.has(name)) continue;
     known.add(name);
     visits.push({ place, q: reading.posture_deg, mass: reading.mass });
     const option = document.createElement("option");
-    option.textContent = `${reading.posture_deg.map((x) => short(x)).join(", ")} deg, ${reading.load}`;
+    option.textContent = `${reading.posture_deg.map((x) => short(x)).join(", ")} deg${set ? `, ${reading.load}` : ""}`;
     select.append(option);
   }
   select.hidden = !visits.length;
@@ -127,7 +127,7 @@ function makeVisits() {
     const visit = visits[select.selectedIndex - 1];
     if (!visit) return;
     if (model.stroke) state.place = visit.place; else state.q = visit.q.map(round);
-    state.mass = visit.mass;
+    if (visit.mass !== null) state.mass = visit.mass;
     changed();
   });
 }

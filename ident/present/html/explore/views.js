@@ -250,5 +250,6 @@ window.explorer = {
   state: () => copyOf(state),
   numbers: () => here,
   worst: (speed) => worstOnStroke(model, places, speed),
+  read: (k = first.k) => model.readings.map((reading) => (reading.loads && reading.kind !== "frequency" ? readingAt(model, reading, k) : null)),
   at: (degrees, mass, k = first.k) => solveAt(model, radians(degrees), mass, k),
 };
