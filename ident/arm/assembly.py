@@ -23,11 +23,18 @@ class Loads(eqx.Module):
         payload: (n_payloads, *batch) [-] how much of each payload is there, 0 or 1.
         mass: (n_points, *batch) [kg] point mass at each named point.
         force: (3, n_points, *batch) [N] force on each named point, constant in the base frame.
+        moment: (3, n_points, *batch) [N m] moment on the body that carries each named point; None where there is none.
     """
 
     payload: Float[Array, "n_payloads *#batch"]
     mass: Float[Array, "n_points *#batch"]
     force: Float[Array, "3 n_points *#batch"]
+    moment: Float[Array, "3 n_points *#batch"] | None = None
+
+    def lifted(self, rank: int) -> "Loads":
+        """Return them with so many batch axes at least."""
+        moment = None if self.moment is None else lift(self.moment, 2, rank)
+        return Loads(lift(self.payload, 1, rank), lift(self.mass, 1, rank), lift(self.force, 2, rank), moment)
 
 
 def no_loads(arm: Arm, batch: tuple[int, ...] = ()) -> Loads:

@@ -14,7 +14,6 @@ from ident.arm.assembly import (
     axes,
     bushings,
     carriers,
-    lift,
     losses,
     moments,
     no_loads,
@@ -43,12 +42,14 @@ class Chain(eqx.Module):
         tors: (3, 3, N, *batch) [N m/rad] torsional part of it.
         damping: (3, 3, N, *batch) [N m s/rad] damping of bushing j.
         position: (3, P, *batch) [m] named points from the bushing of their body.
-        force: (3, P, *batch) [N] force on each named point.
+        force: (3, P, *batch) [N] force on each named point, constant in the base frame.
         gravity: (3,) [m/s^2]
         frame: (3, 3, N, *batch) axes of shaft j, columns, in the base frame.
         carrier: body that carries each named point.
         loss: (3, 3, N, *batch) [N m/rad] what bushing j loses by its loss factors, see `Joint`; None without any.
         motors: those that servos hold, where some do; else the pins are fixed.
+        couple: (3, P, *batch) [N m] moment at phi = 0 on the body of each named point, see `potential_energy`; None
+            where there is none.
     """
 
     offset: Float[Array, "3 N *#batch"]
@@ -65,6 +66,7 @@ class Chain(eqx.Module):
     carrier: tuple[int, ...] = eqx.field(static=True)
     loss: Float[Array, "3 3 N *#batch"] | None = None
     motors: "Motors | None" = None
+    couple: Float[Array, "3 P *#batch"] | None = None
 
     @property
     def stiffness(self) -> Float[Array, "3 3 N *#batch"]:
@@ -143,6 +145,7 @@ def at_posture(
         frame=before,
         carrier=carrier,
         loss=losses(arm, bend, tors),
+        couple=loads.moment,
     )
     if servo is None or not arm.servos:
         return held
@@ -198,8 +201,7 @@ def _motors(arm: Arm, free: Chain, axis: Float[Array, "3 N *#batch"], on: Float[
 
 def _lifted(loads: Loads, rank: int) -> Loads:
     """Give a load case as many batch axes as the postures have, unless it has more of its own."""
-    axes = max(rank, loads.mass.ndim - 1)
-    return Loads(lift(loads.payload, 1, axes), lift(loads.mass, 1, axes), lift(loads.force, 2, axes))
+    return loads.lifted(max(rank, loads.mass.ndim - 1))
 
 
 def _frames(arm: Arm, posture: Array) -> tuple[Array, Array]:

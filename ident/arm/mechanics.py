@@ -105,12 +105,20 @@ def straight_positions(chain: Chain) -> Float[Array, "3 P *#batch"]:
 
 
 def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
-    """Return V = -sum_j m_j g.r_j - sum f.r + sum_j phi_j' K_j phi_j / 2 [J]."""
+    """Return V = -sum_j m_j g.r_j - sum f.r - sum m.a(R) + sum_j phi_j' K_j phi_j / 2 [J].
+
+    A moment m on a body that has turned by R works m.a(R), a(R) along the axis of R and as long as its angle's sine.
+    So do two crosswise pairs of forces of fixed direction in the plane of m. It turns along by half the rotation; a
+    moment that keeps its direction has no potential (Ziegler, "Principles of Structural Stability", 1968, 1.5:
+    semitangential moments).
+    """
     at = forward_kinematics(chain, phi)
     gravity = chain.gravity.reshape((3,) + (1,) * (phi.ndim - 1))
     moment = chain.mass * at.centre + matvec(at.axes, chain.moment)
     weight = (gravity * moment).sum((0, 1))
     pull = (chain.force * point_positions(chain, phi)).sum((0, 1))
+    if chain.couple is not None:
+        pull = pull + jnp.trace(_crossed(chain, at, chain.couple)).sum(0)
     return (phi * matvec(chain.stiffness, phi)).sum((0, 1)) / 2 - weight - pull
 
 
@@ -198,6 +206,8 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
     weights = (gravity * (chain.mass * acceleration + matvec(A, arm))).sum((0, 1))
     point = matvec(at.axes[:, :, body], chain.position)
     forces = (chain.force * (acceleration[:, body] + matvec(A[:, :, body], point))).sum((0, 1))
+    if chain.couple is not None:
+        forces = forces + (A[:, :, body] * transpose(_crossed(chain, at, chain.couple))).sum((0, 1, 2))
     potential = (v * matvec(chain.stiffness, v)).sum((0, 1)) - weights - forces
 
     local = matvec(transpose(at.axes), w)
@@ -213,10 +223,18 @@ def _virial(chain: Chain, at: ForwardKinematics) -> Float[Array, "3 3 N *#batch"
     gravity = chain.gravity.reshape((3, 1) + (1,) * (at.centre.ndim - 2))
     arm, points = chain.mass * at.centre + matvec(at.axes, chain.moment), _points_of(chain, at)
     weight, force = (jnp.broadcast_to(f, r.shape) for f, r in ((chain.mass * gravity, arm), (chain.force, points)))
-    dyads = jnp.concatenate([outer(arm, gravity), outer(points, force)], 2)
+    pulls = outer(points, force)
+    if chain.couple is not None:
+        pulls = pulls + _crossed(chain, at, chain.couple)
+    dyads = jnp.concatenate([outer(arm, gravity), pulls], 2)
     joints = np.arange(arm.shape[1])
     moved = np.less_equal.outer(joints, np.concatenate([joints, chain.carrier]))
     return total(moved, dyads, 2) - outer(at.centre, total(moved, jnp.concatenate([weight, force], 1), 1))
+
+
+def _crossed(chain: Chain, at: ForwardKinematics, couple: Float[Array, "3 P *#batch"]) -> Float[Array, "3 3 P *#batch"]:
+    """Return the sum of r f' over the crossed pairs of forces that make the moments, r turning with the body."""
+    return matmul(at.axes[:, :, np.asarray(chain.carrier, dtype=int)], -skew(couple) / 2)
 
 
 def inboard(n: int) -> np.ndarray:

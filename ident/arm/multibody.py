@@ -13,7 +13,6 @@ from ident.arm.assembly import (
     axes,
     bushings,
     carriers,
-    lift,
     moments,
     no_loads,
     offsets,
@@ -23,6 +22,7 @@ from ident.arm.assembly import (
 from ident.arm.fields import names_of
 from ident.arm.losses import refuse_losses
 from ident.arm.rotations import skew
+from ident.errors import InputError, Problem
 
 
 class Drives(eqx.Module):
@@ -148,11 +148,13 @@ def multibody(
 
     Raises:
         ModelError: the arm has more batch axes than `rank`.
-        InputError: the arm has loss factors, see `refuse_losses`.
+        InputError: the arm has loss factors, see `refuse_losses`; a load with a moment.
     """
     refuse_losses(arm)
-    loads = no_loads(arm) if loads is None else loads
-    loads = Loads(lift(loads.payload, 1, rank), lift(loads.mass, 1, rank), lift(loads.force, 2, rank))
+    loads = (no_loads(arm) if loads is None else loads).lifted(rank)
+    if loads.moment is not None:
+        remedy = "take two forces at two points of the body"
+        raise InputError(Problem(arm.name, "a moment", "payloads, masses and forces in motion", remedy, "load"))
     axis, (shaft, link) = axes(arm, rank), moments(arm, loads, rank)
     bend, tors, damping = bushings(arm, axis)
     return Multibody(

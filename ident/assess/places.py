@@ -89,7 +89,7 @@ def _problems(arm: Arm, row: ChannelRow, own: set[str]) -> Iterator[Problem]:
             row.where, f"a position of {quoted(row.point)}", "none: the arm has this point", remedy, "position"
         )
     payloads = {payload.body.name for payload in arm.payloads}
-    for name in (*(point for _, point in (*row.load.masses, *row.load.forces)),):
+    for name in (point for _, point in (*row.load.masses, *row.load.forces, *row.load.moments)):
         if name not in own:
             remedy = "add it to the arm's file as a [[point]]: a fit needs it, too"
             yield Problem(row.where, f"a load at {quoted(name)}", f"a point of {arm.name}", remedy, "load")

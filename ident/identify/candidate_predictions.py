@@ -189,14 +189,14 @@ def equivalent_postures(predictions: CandidatePredictions, favoured: np.ndarray)
 def _load_columns(arm: Arm, loads: tuple[Load, ...]) -> np.ndarray:
     """Return the load cases as columns, as `_loads_of` takes them apart."""
     bound = bind_loads(arm, loads)
-    parts = [np.asarray(part).reshape(-1, len(loads)) for part in (bound.payload, bound.mass, bound.force)]
-    return np.concatenate(parts)
+    return np.concatenate([np.asarray(part).reshape(-1, len(loads)) for part in jax.tree.leaves(bound)])
 
 
 def _loads_of(arm: Arm, columns: Array) -> Loads:
     payloads, points = len(arm.payloads), len(arm.points)
-    share, mass, force = jnp.split(columns, [payloads, payloads + points])
-    return Loads(share, mass, force.reshape(3, points, -1))
+    share, mass, force, moment = jnp.split(columns, [payloads, payloads + points, payloads + 4 * points])
+    moments = moment.reshape(3, points, -1) if len(moment) else None
+    return Loads(share, mass, force.reshape(3, points, -1), moments)
 
 
 @jit

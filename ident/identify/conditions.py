@@ -248,8 +248,7 @@ def loads_of(arm: Arm, load: Load) -> Loads:
     Raises:
         InputError: a payload or point that the arm has not.
     """
-    bound = bind_loads(arm, [load])
-    return Loads(bound.payload[:, 0], bound.mass[:, 0], bound.force[:, :, 0])
+    return jax.tree.map(lambda x: x[..., 0], bind_loads(arm, [load]))
 
 
 def _named(values: Sequence[tuple[Any, ...]], count: int) -> Named:
@@ -277,7 +276,7 @@ def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:
     points, payloads = [p.name for p in arm.points], [p.body.name for p in arm.payloads]
     share = np.zeros((len(payloads), len(cases)))
     mass = np.zeros((len(points), len(cases)))
-    force = np.zeros((3, len(points), len(cases)))
+    force, moment = np.zeros((2, 3, len(points), len(cases)))
     for state, case in enumerate(cases):
         for name in case.payloads:
             share[payloads.index(name), state] = 1
@@ -285,4 +284,7 @@ def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:
             mass[points.index(name), state] += kilograms
         for vector, name in case.forces:
             force[:, points.index(name), state] += vector
-    return Loads(*map(jax.device_put, (share, mass, force)))
+        for vector, name in case.moments:
+            moment[:, points.index(name), state] += vector
+    parts = jax.device_put((share, mass, force, moment if moment.any() else None))
+    return Loads(*parts)

@@ -64,7 +64,7 @@ def _count(arm: Arm, drives: str) -> int:
 def unknown_names(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:
     """Yield what a load case hangs on points, or takes for payloads, that the arm has not."""
     points, payloads = [point.name for point in arm.points], [payload.body.name for payload in arm.payloads]
-    for name in (name for _, name in (*load.masses, *load.forces)):
+    for name in (name for _, name in (*load.masses, *load.forces, *load.moments)):
         if name not in points:
             yield _unknown(where, column, name, points)
     for name in load.payloads:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Chain, Loads, at_posture
+from ident.arm.chain import Chain, at_posture
 from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
 from ident.arm.modes import (
     Modes,
@@ -169,8 +169,7 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
     def lift(x: AnyArray) -> Array:
         return jnp.asarray(x).reshape(x.shape + (1,) * rank)
 
-    loads = conditions.loads
-    loads = Loads(lift(loads.payload), lift(loads.mass), lift(loads.force))
+    loads = jax.tree.map(lift, conditions.loads)
     servo = None if conditions.servo is None else lift(conditions.servo)
     return at_posture(arm.replace(parameters), lift(conditions.posture), loads, servo)
 

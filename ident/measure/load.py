@@ -3,7 +3,7 @@
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from ident.errors import InputError, Problem
@@ -23,13 +23,12 @@ AXES: dict[str, Vector] = {
 }
 """Unit vectors of the base frame by name; a leading `+` is also read."""
 
-LOAD_SYNTAX = "terms joined by ' + ', each like 'glass', '5 kg @ tip' or '20 N -z @ tip'"
+LOAD_SYNTAX = "terms joined by ' + ', each like 'glass', '5 kg @ tip', '20 N -z @ tip' or '12 N*m about y @ tip'"
 """The load syntax in words, for messages."""
 
-_HUNG = re.compile(
-    rf"(?P<amount>[+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*(?P<unit>[^\W\d_]+)"
-    rf"(?P<direction>\s[^@]+?)?\s*@\s*(?P<point>{NAME})"
-)
+_AMOUNT = r"(?P<amount>[+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*"
+_HUNG = re.compile(rf"{_AMOUNT}(?P<unit>[^\W\d_]+)(?P<direction>\s[^@]+?)?\s*@\s*(?P<point>{NAME})")
+_TURNED = re.compile(rf"{_AMOUNT}(?P<unit>[^@]+?)\s+about\s(?P<direction>[^@]+?)\s*@\s*(?P<point>{NAME})")
 
 
 def unit_vector(vector: Iterable[float]) -> Vector:
@@ -74,45 +73,40 @@ class Load:
         payloads: names of payloads that the arm file defines.
         masses: (mass [kg], point name), point masses.
         forces: ((3,) force [N] in the base frame, point name).
+        moments: ((3,) moment [N m] in the base frame, right-handed, point whose body it turns).
     """
 
     payloads: tuple[str, ...] = ()
     masses: tuple[tuple[float, str], ...] = ()
     forces: tuple[tuple[Vector, str], ...] = ()
+    moments: tuple[tuple[Vector, str], ...] = ()
 
     def __post_init__(self) -> None:
         _check_load(self)
         masses: dict[str, float] = defaultdict(float)
         for mass, point in self.masses:
             masses[point] += mass
-        forces: dict[str, Vector] = defaultdict(lambda: (0.0, 0.0, 0.0))
-        for force, point in self.forces:
-            x, y, z = (a + b for a, b in zip(forces[point], force, strict=True))
-            forces[point] = (x, y, z)
         object.__setattr__(self, "payloads", tuple(sorted(self.payloads)))
         object.__setattr__(self, "masses", tuple((mass, point) for point, mass in sorted(masses.items())))
-        acting = ((force, point) for point, force in sorted(forces.items()) if any(force))
-        object.__setattr__(self, "forces", tuple(acting))
+        object.__setattr__(self, "forces", _summed(self.forces))
+        object.__setattr__(self, "moments", _summed(self.moments))
 
     def __bool__(self) -> bool:
-        return bool(self.payloads or self.masses or self.forces)
+        return bool(self.payloads or self.masses or self.forces or self.moments)
 
     def __str__(self) -> str:
         masses = [f"{format_number(mass)} kg @ {point}" for mass, point in self.masses]
-        pulling = [
-            f"{format_number(abs(size))} N {'-' if size < 0 else ''}{axis} @ {point}"
-            for force, point in self.forces
-            for size, axis in zip(force, "xyz", strict=True)
-            if size
-        ]
-        return " + ".join([*self.payloads, *masses, *pulling]) or "own weight"
+        acting = (*_components(self.forces, "N "), *_components(self.moments, "N*m about "))
+        return " + ".join([*self.payloads, *masses, *acting]) or "own weight"
 
     @classmethod
     def parse(cls, text: str, *, decimal: str = ".") -> "Load":
-        """Read a load such as `glass + 5 kg @ tip + 20 N -z @ tip`; blank or `own weight` is the empty one.
+        """Read a load such as `glass + 5 kg @ tip + 20 N -z @ tip + 12 N*m about y @ tip`.
+
+        Blank or `own weight` is the empty one.
 
         Args:
-            text: the load as written; masses and forces may carry any unit of their kind.
+            text: the load as written; masses, forces and moments may carry any unit of their kind.
             decimal: the decimal mark in use.
 
         Returns:
@@ -125,12 +119,31 @@ class Load:
         if text.lower() in ("", "own weight"):
             return cls()
         terms = text.split(" + ")
-        matches = [_HUNG.fullmatch(term) for term in terms]
-        payloads = tuple(term for term, match in zip(terms, matches, strict=True) if match is None)
-        amounts = [match for match in matches if match]
+        turned = [_TURNED.fullmatch(term) for term in terms]
+        hung = [None if turns else _HUNG.fullmatch(term) for term, turns in zip(terms, turned, strict=True)]
+        payloads = tuple(term for term, *found in zip(terms, turned, hung, strict=True) if not any(found))
+        amounts = [match for match in hung if match]
         masses = tuple((_amount(m, "mass", decimal), m["point"]) for m in amounts if not m["direction"])
-        forces = tuple((_force(m, decimal), m["point"]) for m in amounts if m["direction"])
-        return cls(payloads, masses, forces)
+        forces = tuple((_vector(m, "force", decimal), m["point"]) for m in amounts if m["direction"])
+        moments = tuple((_vector(m, "moment", decimal), m["point"]) for m in turned if m)
+        return cls(payloads, masses, forces, moments)
+
+
+def _summed(acting: Iterable[tuple[Vector, str]]) -> tuple[tuple[Vector, str], ...]:
+    """Add up what acts at each point; nothing where that is zero."""
+    sums: dict[str, Vector] = defaultdict(lambda: (0.0, 0.0, 0.0))
+    for vector, point in acting:
+        x, y, z = (a + b for a, b in zip(sums[point], vector, strict=True))
+        sums[point] = (x, y, z)
+    return tuple((vector, point) for point, vector in sorted(sums.items()) if any(vector))
+
+
+def _components(acting: Iterable[tuple[Vector, str]], words: str) -> Iterator[str]:
+    """Write what acts as terms along the axes."""
+    for vector, point in acting:
+        for size, axis in zip(vector, "xyz", strict=True):
+            if size:
+                yield f"{format_number(abs(size))} {words}{'-' if size < 0 else ''}{axis} @ {point}"
 
 
 def _amount(term: re.Match[str], quantity: str, decimal: str) -> float:
@@ -143,8 +156,8 @@ def _amount(term: re.Match[str], quantity: str, decimal: str) -> float:
     return amount
 
 
-def _force(term: re.Match[str], decimal: str) -> Vector:
-    size = _amount(term, "force", decimal)
+def _vector(term: re.Match[str], quantity: str, decimal: str) -> Vector:
+    size = _amount(term, quantity, decimal)
     try:
         x, y, z = parse_direction(term["direction"].strip(), decimal)
     except InputError as error:
@@ -159,7 +172,7 @@ def _misread(term: str, expected: str) -> Problem:
 def _check_load(load: Load) -> None:
     problems = [
         _misread(name, "the name of a payload or point")
-        for name in (*load.payloads, *(point for _, point in (*load.masses, *load.forces)))
+        for name in (*load.payloads, *(point for _, point in (*load.masses, *load.forces, *load.moments)))
         if not re.fullmatch(NAME, name)
     ]
     problems += [
@@ -168,9 +181,10 @@ def _check_load(load: Load) -> None:
         if not 0 < mass < math.inf
     ]
     problems += [
-        _misread(f"{force} N @ {point}", "a finite force of three components")
-        for force, point in load.forces
-        if len(force) != 3 or not all(map(math.isfinite, force))
+        _misread(f"{vector} {unit} @ {point}", f"a finite {quantity} of three components")
+        for quantity, unit, acting in (("force", "N", load.forces), ("moment", "N*m", load.moments))
+        for vector, point in acting
+        if len(vector) != 3 or not all(map(math.isfinite, vector))
     ]
     twice = {name for name in load.payloads if load.payloads.count(name) > 1}
     problems += [_misread(name, "each payload once") for name in sorted(twice)]

@@ -64,9 +64,13 @@ def test_mass_matrix_is_the_hessian_of_kinetic_energy() -> None:
     assert worst(mass_matrix(chain, phi), hessian) < 1e-14
 
 
-def test_potential_derivatives_are_those_of_the_potential() -> None:
+FORCE, MOMENT = jnp.array([[50.0, 0], [-30, 20], [10, -90]]), jnp.array([[0.0, 4], [20, -30], [0, 50]])
+
+
+@pytest.mark.parametrize("moment", [None, MOMENT])
+def test_potential_derivatives_are_those_of_the_potential(moment: Array | None) -> None:
     arm, posture = sample()
-    loads = Loads(jnp.array([1.0]), jnp.array([2.0, 1.0]), jnp.array([[50.0, 0], [-30, 20], [10, -90]]))
+    loads = Loads(jnp.array([1.0]), jnp.array([2.0, 1.0]), FORCE, moment)
     chain, phi = held(arm, posture, loads), a_phi(3)
     chain = eqx.tree_at(lambda c: (c.bend, c.tors), chain, (chain.bend * 1e-3, chain.tors * 1e-3))
 
@@ -80,9 +84,10 @@ def test_potential_derivatives_are_those_of_the_potential() -> None:
     assert worst(potential_gradient(chain, phi), gradient) < 1e-15
 
 
-def test_second_variations_are_those_of_the_matrices() -> None:
+@pytest.mark.parametrize("moment", [None, MOMENT])
+def test_second_variations_are_those_of_the_matrices(moment: Array | None) -> None:
     arm, posture = sample()
-    loads = Loads(jnp.array([1.0]), jnp.array([2.0, 1.0]), jnp.array([[50.0, 0], [-30, 20], [10, -90]]))
+    loads = Loads(jnp.array([1.0]), jnp.array([2.0, 1.0]), FORCE, moment)
     chain, phi = held(arm, posture, loads), a_phi(3)
     chain = eqx.tree_at(lambda c: (c.bend, c.tors), chain, (chain.bend * 1e-3, chain.tors * 1e-3))
     v = a_phi(3, seed=9)

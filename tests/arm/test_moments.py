@@ -1,0 +1,103 @@
+"""Moments as loads: pairs of forces that make them, MuJoCo's torques, and what is read and refused."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from arms import lcd_arm, random_arm
+from engines import MujocoArm, rates
+
+from ident.arm.arm import Arm
+from ident.arm.chain import at_posture
+from ident.arm.equilibrium import static_equilibrium
+from ident.arm.mechanics import potential_gradient, unflatten
+from ident.arm.parts import Point
+from ident.errors import InputError
+from ident.identify.conditions import loads_of
+from ident.measure import Load
+from ident.studies.predict import PredictOptions, predict
+from ident.studies.simulate import SimulateOptions, simulate
+
+MOMENT = np.array([30.0, -40.0, 60.0])
+SIZE = float(np.linalg.norm(MOMENT))
+TEXT = "30 N*m about x @ tip + 40 N*m about -y @ tip + 60 N*m about z @ tip"
+
+
+def test_it_is_two_crosswise_pairs_of_forces_whatever_the_rotation():
+    """Forces of fixed direction at the ends of two arms across the moment, on an arm soft enough to turn far."""
+    arm = random_arm(np.random.default_rng(3), 3)
+    joint = arm.points[-1].joint
+    arm = Arm(arm.name, arm.joints, (*arm.points, *(Point(name, joint, np.zeros(3)) for name in "abcd")), arm.payloads)
+    soft = arm.replace({path: 0.02 * float(arm.get(path)) for path in arm.paths() if path.endswith(("bend", "tors"))})
+    posture = np.array([0.3, -0.8, 1.1])
+    turned = at_posture(soft, posture, loads_of(soft, Load(moments=((tuple(MOMENT.tolist()), "tip"),))))
+    across = np.linalg.svd(MOMENT[None])[2][1:]  # two directions across the moment, and across one another
+    across[1] = np.cross(MOMENT / SIZE, across[0])
+    tip = np.asarray(turned.position)[:, [p.name for p in arm.points].index("tip")]
+    places = [tip + across[0] / 2, tip - across[0] / 2, tip + across[1] / 2, tip - across[1] / 2]
+    pulls = np.array([across[1], -across[1], -across[0], across[0]]) * SIZE / 2
+    pulled = at_posture(soft, posture)
+    pulled = eqx.tree_at(
+        lambda c: (c.position, c.force),
+        pulled,
+        (pulled.position.at[:, -4:].set(np.transpose(places)), pulled.force.at[:, -4:].set(pulls.T)),
+    )
+    one, other = static_equilibrium(turned), static_equilibrium(pulled)
+    assert np.abs(one.phi).max() > 0.03
+    np.testing.assert_allclose(one.phi, other.phi, atol=1e-13)
+    np.testing.assert_allclose(one.W, other.W, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("size", [1e-7, 1e-4, 1e-2])
+def test_it_is_mujocos_torque_of_fixed_direction_up_to_half_the_rotation(seed, size):
+    rng = np.random.default_rng(seed)
+    arm, posture = random_arm(rng, 3), rng.uniform(-2, 2, 3)
+    engine, x = MujocoArm(arm, posture), size * rng.uniform(-1, 1, 9)
+    engine._place(x)
+    qfrc, body = np.zeros(engine.model.nv), int(engine.model.site("end").bodyid[0])
+    mujoco.mj_applyFT(engine.model, engine.data, np.zeros(3), MOMENT, np.zeros(3), body, qfrc)
+    expected = rates(engine.frames(), x).T @ qfrc[engine.v_ball]
+    loads = (Load.parse(TEXT), Load())
+    turned, plain = (
+        potential_gradient(at_posture(arm, posture, loads_of(arm, load)), unflatten(jnp.asarray(x))) for load in loads
+    )
+    np.testing.assert_allclose(plain - turned, expected, atol=SIZE * (1e-9 + _half_the_rotation(phi)))
+    assert np.abs(expected).max() > 0.3 * SIZE
+
+
+def _half_the_rotation(phi):
+    """Half the angle that the last body turns by, at most."""
+    return float(jnp.linalg.norm(phi, axis=0).sum()) / 2
+
+
+def test_it_is_read_and_written():
+    load = Load.parse(TEXT + " + 5 kg @ tip + 2 kN -z @ tip + 500 N mm about 0 0.6 -0.8 @ mid")
+    assert load.moments == (((0.0, 0.3, -0.4), "mid"), (tuple(MOMENT.tolist()), "tip"))
+    assert load.forces == (((0.0, 0.0, -2000.0), "tip"),)
+    assert Load.parse(str(load)) == load
+    assert Load.parse("3 N*m about y @ tip + 3 N*m about -y @ tip") == Load()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("5 kg about y @ tip", "a unit of moment"),
+        ("5 N*m about w @ tip", "x, -z"),
+        ("-5 N*m about y @ tip", "a moment above 0"),
+    ],
+)
+def test_what_is_no_moment_is_refused(text, words):
+    with pytest.raises(InputError, match=words):
+        Load.parse(text)
+
+
+def test_commands_take_it_but_for_those_in_motion():
+    arm = lcd_arm()
+    cases = [PredictOptions(posture=((0, 0, 0),), load=load) for load in ("own weight", "50 N*m about y @ tip")]
+    plain, turned = (predict(arm, case).analyses[0] for case in cases)
+    lower = np.asarray(turned.deflection["tip"]) - np.asarray(plain.deflection["tip"])
+    assert lower[2] < -1e-4, "about y is downwards for what points along x"
+    with pytest.raises(InputError, match="a moment, expected payloads, masses and forces in motion"):
+        simulate(arm, SimulateOptions(load=cases[1].load))
