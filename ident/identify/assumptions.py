@@ -12,6 +12,7 @@ from ident.arm.hinges import CutArm, cut
 from ident.identify.conditions import Conditions, bind
 from ident.identify.predict import ArmModel, Held
 from ident.identify.slopes import Slopes, slopes, slopes_once
+from ident.identify.uncertain import scaled_inertia
 from ident.inference.fit import Fit
 from ident.inference.score import ScoreTest, asked_for, score_tests
 from ident.measure import Campaign, Measurement
@@ -96,7 +97,10 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
         campaign: what was fitted.
     """
     own = set(arm.paths())
-    fitted = arm.replace({path: value for path, value in fit.parameters.items() if path in own})
+    scaled = fit.problem.model.scaled if isinstance(fit.problem.model, ArmModel) else ()
+    fitted = scaled_inertia(arm, fit.parameters, scaled).replace(
+        {path: value for path, value in fit.parameters.items() if path in own}
+    )
     pieces = cut(fitted)
     held = replace(fitted, servos=())
     found = _slopes(fit, held, pieces, bind(held, campaign))

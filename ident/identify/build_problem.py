@@ -1,5 +1,6 @@
 """An arm, a campaign and a choice of unknowns, posed as an inverse problem."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import jax
@@ -10,6 +11,7 @@ from ident.errors import InputError
 from ident.identify.conditions import bind
 from ident.identify.predict import ArmModel
 from ident.identify.repeats import shared_error
+from ident.identify.uncertain import check_measurable, scaled_bodies, uncertain_parameters
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.correlation import Correlation, correlation
 from ident.inference.discrepancy import with_discrepancy
@@ -19,19 +21,22 @@ from ident.measure import Campaign
 from ident.text import one_line
 
 
-def arm_problem(arm: Arm, campaign: Campaign, parameters: Parameters) -> InverseProblem:
+def arm_problem(
+    arm: Arm, campaign: Campaign, parameters: Parameters, uncertain: Mapping[str, str] | None = None
+) -> InverseProblem:
     """Pose the inverse problem of an arm and a campaign.
 
     Raises:
         InputError: the campaign speaks of points, payloads or modes that the arm has not.
     """
-    conditions = bind(arm, campaign)
+    conditions, widths = bind(arm, campaign), uncertain or {}
+    check_measurable(widths, conditions.loads)
     value, sigma, step = np.array([(m.value, m.sigma, m.resolution) for m in campaign], float).T
     return InverseProblem(
-        ArmModel(arm, conditions),
+        ArmModel(arm, conditions, scaled_bodies(arm, widths)),
         jax.device_put(value),
         jax.device_put(shared_error(np.asarray(conditions.order), sigma, step)),
-        parameters,
+        Parameters((*parameters.items, *uncertain_parameters(arm, widths))),
         tuple(m.kind for m in campaign),
         _correlation(campaign),
     )
@@ -65,4 +70,4 @@ def build_problem(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None
     unknowns = unknowns or Unknowns()
     damping = any(m.kind == "damping_ratio" for m in campaign)
     parameters = stiffness_parameters(arm, unknowns, damping=damping)
-    return with_discrepancy(arm_problem(arm, campaign, parameters), unknowns.discrepancy)
+    return with_discrepancy(arm_problem(arm, campaign, parameters, unknowns.uncertain), unknowns.discrepancy)

@@ -11,6 +11,8 @@ from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, repeated, row_names
 from ident.identify.exchangeable import exchangeable, moves_of
 from ident.identify.mode_assignment import FAR
+from ident.identify.predict import ArmModel
+from ident.identify.uncertain import scaled_inertia
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
 from ident.inference.exchange import Exchange, exchanges
@@ -92,7 +94,14 @@ class CampaignFit(Fit):
     @property
     def fitted_arm(self) -> Arm:
         """The arm with the fitted numbers in place."""
-        return self.arm.replace(self.parameters)
+        own = set(self.arm.paths())
+        return self._scaled.replace({path: x for path, x in self.parameters.items() if path in own})
+
+    @property
+    def _scaled(self) -> Arm:
+        """The arm with the inertia of bodies whose mass is uncertain."""
+        model = self.problem.model
+        return scaled_inertia(self.arm, self.parameters, model.scaled if isinstance(model, ArmModel) else ())
 
 
 def fit_campaign(

@@ -29,6 +29,7 @@ from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable,
 from ident.identify.parts import Parts as ConditionsInParts
 from ident.identify.parts import in_parts
 from ident.identify.readings import read
+from ident.identify.uncertain import LOAD, scaled_inertia, scaled_loads
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
 
@@ -68,15 +69,17 @@ class ArmModel(eqx.Module, Choosing, Growing):
 
     arm: Arm
     conditions: Conditions
+    scaled: tuple[str, ...] = eqx.field(static=True, default=())
+    """Bodies whose inertia goes with their mass."""
 
     def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
         """Predict the campaign's values [SI] for these numbers of the arm."""
-        return predict(self.arm, parameters, self.conditions, data)
+        return predict(scaled_inertia(self.arm, parameters, self.scaled), parameters, self.conditions, data)
 
     def padded(self) -> tuple["ArmModel", np.ndarray, np.ndarray]:
         """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
         conditions, source, places = self.conditions.padded()
-        return ArmModel(self.arm, conditions), source, places
+        return ArmModel(self.arm, conditions, self.scaled), source, places
 
     def in_parts(self) -> Parts | None:
         """Return a model of many states in parts of one size, None for one that stays whole."""
@@ -85,7 +88,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
             return None
         source = np.asarray(self.conditions.repeats.first)[parts.values]
         places = parts.places[np.asarray(self.conditions.order)]
-        models = tuple(ArmModel(self.arm, each) for each in parts.conditions)
+        models = tuple(ArmModel(self.arm, each, self.scaled) for each in parts.conditions)
         return Parts(models, source, places, partial(_split, parts), partial(_joined, parts))
 
     def unheld(self) -> Held | None:
@@ -97,7 +100,8 @@ class ArmModel(eqx.Module, Choosing, Growing):
 
     def holding(self, parameters: Mapping[str, Any], data: Data, held: Held) -> tuple[Float[Array, "D"], Choice]:
         """Predict the campaign's values, each label at the mode whose shape it holds."""
-        values, chain = self.conditions.named, chains(self.arm, parameters, self.conditions)
+        arm = scaled_inertia(self.arm, parameters, self.scaled)
+        values, chain = self.conditions.named, chains(arm, parameters, self.conditions)
         data = self.conditions.repeats.pooled(data)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at)
@@ -170,6 +174,9 @@ def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> C
         return jnp.asarray(x).reshape(x.shape + (1,) * rank)
 
     loads = jax.tree.map(lift, conditions.loads)
+    if LOAD in parameters:
+        loads = scaled_loads(loads, parameters[LOAD])
+        parameters = {path: value for path, value in parameters.items() if path != LOAD}
     servo = None if conditions.servo is None else lift(conditions.servo)
     return at_posture(arm.replace(parameters), lift(conditions.posture), loads, servo)
 

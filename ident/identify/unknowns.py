@@ -100,6 +100,7 @@ class Unknowns:
             A base has one `BASE_WIDER` times as wide.
         priors: priors of single parameters by path, in place of that one.
         discrepancy: by kind of measurement, the standard deviation of ln(factor) by which the model may be off.
+        uncertain: what is not exactly known, by path, or `load`: its standard deviation as `5%` or `2mm`.
     """
 
     fixed: tuple[str, ...] = ()
@@ -108,6 +109,7 @@ class Unknowns:
     prior_sd: float = WEAK_PRIOR
     priors: Mapping[str, Prior] = field(default_factory=dict)
     discrepancy: Mapping[str, float] = field(default_factory=dict)
+    uncertain: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def with_prior(self) -> "Unknowns":
@@ -141,6 +143,12 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     for path in set(unknowns.free).intersection(fixed):
         raise InputError(Problem("", f"{path} fixed and freed", "one of the two", "drop it from `fix` or from `free`"))
     _refuse_unlike(groups)
+    if unknowns.uncertain and unknowns.discrepancy:
+        remedy = "leave out `discrepancy`, or `uncertain`"
+        raise InputError(Problem("", "uncertain numbers beside a discrepancy", "one of both", remedy))
+    for path in {*widths, *taken}.intersection(unknowns.uncertain):
+        remedy = "drop it from `uncertain`, or from `free`, `fix` and `tie`"
+        raise InputError(Problem("", f"{path} uncertain and an unknown, fixed or tied", "one of them", remedy))
     if damping:
         whole = _damping(arm)
         groups += [rest for group in whole if (rest := tuple(path for path in group if path not in taken))]

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 class CheckOptions(ProblemOptions):
     """Options of `ident.check`: what is unknown, and what is known of it."""
 
+    takes_uncertain = True
+
 
 @dataclass(frozen=True, repr=False, eq=False)
 class CheckResult(Result):

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 class FitOptions(ProblemOptions):
     """Options of `ident.fit`: what is unknown, what is known of it, and how long to search."""
 
+    takes_uncertain = True
+
     starts: int = option(16, "starts of the fit, at least", low=1, high=10_000)
 
 

@@ -39,6 +39,8 @@ class EngineOptions(Options):
 class FleetOptions(EngineOptions, FitOptions):
     """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
 
+    takes_uncertain = False
+
     batch: int = option(
         1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096
     )

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 class PlanOptions(FitOptions):
     """Options of `ident.plan`: what to choose from, for what, and what is unknown."""
 
+    takes_uncertain = False
+
     count: int = option(4, "experiments in the batch, at most", low=1, high=100, short="-k")
     criterion: str = option(
         "d", "what experiments are chosen for: d (information), a (mean variance) or a parameter's name"

@@ -60,6 +60,15 @@ def widths(texts: Sequence[str], flag: str) -> dict[str, float]:
     return once(flag, [(name, number(width, f"{flag} {text}") if width else math.inf) for text, name, width in parts])
 
 
+def uncertain(texts: Sequence[str], flag: str) -> dict[str, str]:
+    """Read NAME:WIDTH, WIDTH with its unit, commas between several; each name once."""
+    parts = [(text, *each.strip().partition(":")[::2]) for text in texts for each in text.split(",")]
+    for text, name, width in parts:
+        if not (name and width):
+            raise InputError(Problem(f"{flag} {text}", "no NAME:WIDTH", "as link2.mass:5%,load:1%", "correct it"))
+    return once(flag, [(name, width.strip()) for _, name, width in parts])
+
+
 def named(text: str, where: str) -> tuple[str, str]:
     """Split NAME=VALUE."""
     name, equals, value = text.partition("=")

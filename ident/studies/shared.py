@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import InputError, Problem
 from ident.inference.priors import Prior
@@ -60,6 +60,13 @@ class ProblemOptions(BaseOptions):
         repeated=True,
         read=reading.widths,
     )
+    uncertain: dict[str, str] = option(
+        {},
+        "number that is not exactly known, with its standard deviation, as link2.mass:5%, joint2.offset.x:2mm or, of "
+        "all loads together, load:1%; commas between several",
+        repeated=True,
+        read=reading.uncertain,
+    )
     prior_sd: float = option(1.0, "width of the prior: standard deviation of ln(stiffness)", above=0.0, high=100.0)
     no_prior: bool = option(False, "no prior on stiffness and damping")
     prior: dict[str, Prior] = option(
@@ -84,6 +91,16 @@ class ProblemOptions(BaseOptions):
     )
     seed: int = option(0, "seed of all that is drawn at random", low=0, high=1e18)
 
+    takes_uncertain: ClassVar[bool] = False
+    """Whether the study knows of numbers that are not exactly known."""
+
+    def problems(self) -> list[Problem]:
+        """Refuse uncertain numbers where a study would leave them out."""
+        refused = bool(self.uncertain) and not self.takes_uncertain
+        remedy = "use it with check, fit, profile or sample"
+        here = Problem("uncertain", ", ".join(self.uncertain), "no uncertain number in this study", remedy)
+        return [*super().problems(), *([here] if refused else [])]
+
     @property
     def unknowns(self) -> "Unknowns":
         """What is unknown, as identification takes it."""
@@ -91,7 +108,7 @@ class ProblemOptions(BaseOptions):
 
         width = math.inf if self.no_prior else self.prior_sd
         prior = {name: Prior.parse(form) if isinstance(form, str) else form for name, form in self.prior.items()}
-        return Unknowns(self.fix, self.tie, self.free, width, prior, self.discrepancy)
+        return Unknowns(self.fix, self.tie, self.free, width, prior, self.discrepancy, self.uncertain)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,106 @@
+"""Numbers that are not exactly known: against arms changed by hand, and against the covariance C + G P G'."""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+
+from ident.errors import InputError
+from ident.identify.build_problem import build_problem
+from ident.identify.fit import fit_campaign
+from ident.identify.unknowns import Unknowns
+from ident.measure import Campaign, Load, Measurement, read_campaign
+
+MASS, OFFSET = "link2.mass", "joint2.offset.x"
+WIDTHS = {MASS: "5%", OFFSET: "2mm", "load": "1%"}
+BY_HAND = {MASS: 0.05, OFFSET: 1.0, "load": 0.01}
+"""Standard deviations in theta: ln of a positive number; the others count in their own width."""
+PULLED = Load(masses=((20.0, "tip"),), forces=(((30.0, 40.0, 0.0), "tip"),))
+
+
+@cache
+def campaign():
+    """The shipped one, and deflections under a load."""
+    still = (0.3, -0.8, 0.5)
+    axes = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    rows = [
+        Measurement(kind="deflection", posture=still, value=0.0, sigma=2e-4, point="tip", direction=d, load=PULLED)
+        for d in axes
+    ]
+    values = predicted(lcd_arm(), Campaign(measurements=tuple(rows)))
+    loaded = [replace(row, value=float(v)) for row, v in zip(rows, values, strict=True)]
+    return Campaign(measurements=(*read_campaign(DATA / "lcd_arm" / "campaign.csv").measurements, *loaded))
+
+
+def predicted(arm, rows, **unknowns):
+    """What a problem predicts at the arm's own numbers, but for those given."""
+    values = unknowns.pop("at", {})
+    problem = build_problem(arm, rows, Unknowns(**unknowns))
+    start = dict(zip(problem.parameters.names, np.asarray(problem.parameters.column("start")), strict=True))
+    theta = problem.parameters.theta(np.array([(start | values)[name] for name in problem.parameters.names]))
+    return np.asarray(problem.predict(jnp.asarray(theta)))
+
+
+def test_an_uncertain_mass_takes_its_inertia_along_and_a_load_all_loads():
+    """Prediction with nuisances off their centre: that of an arm and a campaign changed by hand."""
+    arm, mass = lcd_arm(), float(lcd_arm().get(MASS))
+    inertia = {path: 1.1 * float(arm.get(path)) for path in (f"link2.inertia.{end}" for end in ("xx", "yy", "zz"))}
+    changed = arm.replace({MASS: 1.1 * mass, OFFSET: float(arm.get(OFFSET)) + 0.002, **inertia})
+    more = Load(masses=((20.6, "tip"),), forces=(((30.9, 41.2, 0.0), "tip"),))
+    rows = tuple(replace(m, load=more) if m.load == PULLED else m for m in campaign())
+    at = {MASS: 1.1 * mass, OFFSET: float(arm.get(OFFSET)) + 0.002, "load": 1.03}
+    ours = predicted(arm, campaign(), uncertain=WIDTHS, at=at)
+    np.testing.assert_allclose(ours, predicted(changed, Campaign(measurements=rows)), rtol=1e-9)
+
+
+def test_the_fit_knows_what_generalised_least_squares_knows():
+    """Covariance of the stiffnesses: inv(J' inv(C + G P G') J + priors), by dense matrices."""
+    fit = fit_campaign(lcd_arm(), campaign(), Unknowns(uncertain=WIDTHS), starts=2)
+    names = fit.problem.parameters.names
+    nuisance = np.array([name in WIDTHS for name in names])
+    J, sigma = np.asarray(fit.jacobian), np.asarray(fit.problem.sigma)
+    G, P = J[:, nuisance], np.diag([BY_HAND[name] ** 2 for name in names if name in WIDTHS])
+    whole = np.diag(sigma**2) + G @ P @ G.T
+    known = J[:, ~nuisance].T @ np.linalg.solve(whole, J[:, ~nuisance]) + np.eye((~nuisance).sum())
+    sd = np.sqrt(np.diag(np.linalg.inv(known)))
+    np.testing.assert_allclose(fit.information.sd[~nuisance], sd, rtol=1e-6)
+    without = fit_campaign(lcd_arm(), campaign(), starts=2)
+    assert (sd > without.information.sd).all()
+    assert (sd / without.information.sd).max() > 1.05
+
+
+def test_nothing_uncertain_is_the_same_problem():
+    """Same structure, to the bit the same predictions."""
+    bare, none = (build_problem(lcd_arm(), campaign(), u) for u in (Unknowns(), Unknowns(uncertain={})))
+    assert jax.tree.structure(bare) == jax.tree.structure(none)
+
+
+BAD = [
+    ({"link2.mas": "5%"}, {}, "link2.mass"),
+    ({MASS: "5"}, {}, "with its unit"),
+    ({MASS: "5mm"}, {}, "kg"),
+    ({MASS: "0%"}, {}, "width > 0"),
+    ({MASS: "300%"}, {}, "of its value"),
+    ({"load": "2N"}, {}, "a share"),
+    ({MASS: "5%"}, {"free": {MASS: 0.1}}, "one of them"),
+    ({MASS: "5%"}, {"discrepancy": {"frequency": 0.1}}, "one of both"),
+]
+
+
+@pytest.mark.parametrize(("widths", "others", "said"), BAD)
+def test_bad_widths_are_refused_in_one_line(widths, others, said):
+    """Each with what was expected."""
+    with pytest.raises(InputError) as refused:
+        build_problem(lcd_arm(), campaign(), Unknowns(uncertain=widths, **others))
+    assert len(refused.value.problems) == 1
+    assert said in str(refused.value)
+
+
+def test_a_scale_of_loads_needs_a_load():
+    """The shipped campaign has none."""
+    with pytest.raises(InputError, match="no row with a mass or force"):
+        build_problem(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), Unknowns(uncertain={"load": "1%"}))
