@@ -83,7 +83,7 @@ def sample_command(
     Goes on where an earlier run of the same inputs was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
     figures into the folder given by --out. Exit status 3 where the chains are too short.
     """
-    from ident.store import Store
+    from ident.studies.sample import discard
 
     measured, described = running.read(campaign, arm)
     folder = out / f"{measured.name}.sample.part"
@@ -94,7 +94,7 @@ def sample_command(
         raise typer.Exit(130) from None
     finish(result, out, no_figure)
     if result.enough:
-        running.discard_unless_taken(folder, Store.discard)
+        running.discard_unless_taken(folder, discard)
     else:
         output().say(f"kept {folder}: the same command with more --steps goes on from there")
     leave(result, strict=strict)

@@ -70,8 +70,8 @@ def _parameter(arm: Arm, path: str, text: str) -> Parameter:
         expected = f"a width from {NARROWEST:.0e} to {WIDEST:g} of its value"
         raise InputError(Problem("uncertain", f"{path}:{text}", expected, "free it (`free`), or drop it"))
     if positive and value > 0:
-        return Parameter((path,), True, value, value, sd / value)
-    return Parameter((path,), False, value, value, 1.0, sd)
+        return Parameter((path,), True, value, value, sd / value, nuisance=True)
+    return Parameter((path,), False, value, value, 1.0, sd, nuisance=True)
 
 
 def _width(path: str, text: str) -> float | str:

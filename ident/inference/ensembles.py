@@ -14,9 +14,11 @@ from ident.inference.checkpoints import Draws, Walkers
 from ident.inference.information import information
 from ident.inference.initial_walkers import initial_walkers
 from ident.inference.least_squares import evaluate as fit_at
-from ident.inference.marginal import Marginal, densities, with_factors
+from ident.inference.linear_marginal import LinearMarginal
+from ident.inference.marginal import Marginal
 from ident.inference.moves import Apart, Independent, InReciprocals
 from ident.inference.optima import Optimum
+from ident.inference.posterior import evaluate
 
 BLOCK = 50
 """Steps between two checkpoints."""
@@ -40,7 +42,14 @@ def batch_size(ensembles: int, walkers: int) -> int:
 class Ensembles:
     """All ensembles of one run, about one or several optima."""
 
-    def __init__(self, target: Marginal, optima: Sequence[Optimum], walkers: int, seed: int, pool: ThreadPoolExecutor):
+    def __init__(
+        self,
+        target: Marginal | LinearMarginal,
+        optima: Sequence[Optimum],
+        walkers: int,
+        seed: int,
+        pool: ThreadPoolExecutor,
+    ):
         """Prepare.
 
         Args:
@@ -104,12 +113,12 @@ class Ensembles:
         rng = np.random.default_rng([self.seed, block])
         shape = len(theta), len(self.optima), self.walkers
         points, of_them = (x.reshape(-1, x.shape[-1]) for x in (theta, known))
-        whole, log_density = with_factors(self.target, points, of_them, rng)
+        whole, log_density = self.target.completed(points, of_them, rng)
         return Draws(whole.reshape(*shape, -1), log_density.reshape(shape))
 
     def _densities(self, points: Float[np.ndarray, "n Q"]) -> Float[np.ndarray, "n columns"]:
         batch = batch_size(len(self.optima), self.walkers)
-        return densities(self.target, points, batch, self.pool.map)
+        return self.target.columns(evaluate(self.target.itself, points, batch, self.pool.map))
 
     def _sampler(self, share: float) -> emcee.EnsembleSampler:
         def density(points: np.ndarray) -> np.ndarray:
@@ -147,7 +156,7 @@ class Ensembles:
         ]
 
 
-def _independent(target: Marginal, optimum: Optimum) -> Independent | None:
+def _independent(target: Marginal | LinearMarginal, optimum: Optimum) -> Independent | None:
     """Return draws from the normal approximation about an optimum; None where sigmas are unknown or it has none."""
     if target.posterior.noise.items:
         return None

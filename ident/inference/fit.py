@@ -79,9 +79,11 @@ class Fit:
 
     @property
     def chi_squared(self) -> float:
-        """Sum of the squared residuals of the data, independent ones where errors are correlated."""
+        """Sum of the squared residuals of the data, independent ones where errors are correlated, and of nuisances."""
         off = np.asarray(self.predicted) - np.asarray(self.problem.measured)
-        return float(np.sum(self.problem.scaled(off) ** 2))
+        parameters = self.problem.parameters
+        known = np.asarray(parameters.prior_residuals(self.best.theta)[0])[parameters.nuisance]
+        return float(np.sum(self.problem.scaled(off) ** 2) + np.sum(known**2))
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -155,8 +157,11 @@ class Fit:
 
     @property
     def supported(self) -> Bool[np.ndarray, "P"]:
-        """Which parameters an interval may be quoted for: none where the fit itself is in doubt."""
-        return self.information.supported & (not self.doubts)
+        """Which parameters an interval may be quoted for: none where the fit itself is in doubt.
+
+        That of a nuisance rests on its prior, as it is meant to.
+        """
+        return (self.information.supported | self.problem.parameters.nuisance) & (not self.doubts)
 
     @property
     def rivals(self) -> tuple[Optimum, ...]:
@@ -227,7 +232,7 @@ def fit(
             reached.append(ended(problem, end))
             optima = distinct(problem, reached)
         met = tried >= starts and optima and optima[0].starts >= AGAIN and unmet(optima) < UNMET
-        if met and not _answer(problem, reached).misfits:
+        if met and not _answer(problem, reached, optima).misfits:
             break
     if not reached:
         raise _no_optimum(evaluate(problem).predicted)
@@ -248,7 +253,7 @@ def _explained(problem: InverseProblem, reached: list[Ended], lost: int, seed: i
         reached.append(ended(problem, solve(problem, least)))
         optima = distinct(problem, reached)
     failed = lost + len(reached) - sum(optimum.starts for optimum in optima)
-    found = replace(_answer(problem, reached), optima=optima, failed=failed, cross_predictions=agreement)
+    found = replace(_answer(problem, reached, optima), failed=failed, cross_predictions=agreement)
     return with_stretch(found)
 
 
@@ -259,12 +264,13 @@ def with_stretch(fit: Fit) -> Fit:
     return replace(fit, stretch=stretch, beaten=beaten)
 
 
-def _answer(problem: InverseProblem, reached: list[Ended]) -> Fit:
-    """Return the fit of the best end, without the optima."""
+def _answer(problem: InverseProblem, reached: list[Ended], optima: tuple[Optimum, ...]) -> Fit:
+    """Return the fit of the best end, before it is asked how far it can be trusted."""
     best, _ = in_order(problem, reached)[0]
     scaled = problem.scaled(np.asarray(best.jacobian))
-    known = information(scaled, normal_prior_sd(problem), problem.parameters.names)
-    return Fit(problem, (), 0, best.predicted, best.jacobian, known, best.choice)
+    parameters = problem.parameters
+    known = information(scaled, normal_prior_sd(problem), parameters.names, parameters.nuisance)
+    return Fit(problem, optima, 0, best.predicted, best.jacobian, known, best.choice)
 
 
 def _no_optimum(predicted: Float[np.ndarray, "D"]) -> ModelError:

@@ -7,10 +7,11 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ident.inference.information import OPEN_ABOVE, Information, information
+from ident.inference.information import OPEN_ABOVE, Information, clear_of, information
 from ident.inference.least_squares import End, evaluate
 from ident.inference.leverage import Leverage, leverage_of
 from ident.inference.other_solutions import OtherSolutions, other_solutions
+from ident.inference.parameters import Parameter
 from ident.inference.problem import InverseProblem
 
 Verdict = Literal["identifiable", "weak", "open", "not seen", "unknown"]
@@ -28,12 +29,12 @@ class Check:
 
     Attributes:
         problem: what was checked.
-        verdicts: (P,) see `check`.
+        verdicts: (Q,) of the unknowns of interest, see `check`.
         information: what the data alone tell at the starting values; None where the model has no answer there.
         leverage: the part of each measurement in it; None likewise.
         missing: (D,) which values the model has no answer for, or no derivative of, at the starting values.
-        data_sd: (points, P) standard deviation in theta by the data alone, the starting values first.
-        supported: (points, P) whether each parameter is identifiable there.
+        data_sd: (points, Q) standard deviation in theta by the data alone, the starting values first.
+        supported: (points, Q) whether each parameter is identifiable there.
         tried: number of points tried, the starting values among them; those without an answer are not in `data_sd`.
         others: other values that give the same data; None where some direction is open, so that there are always some.
     """
@@ -43,10 +44,15 @@ class Check:
     information: Information | None
     leverage: Leverage | None
     missing: Bool[np.ndarray, "D"]
-    data_sd: Float[np.ndarray, "points P"]
-    supported: Bool[np.ndarray, "points P"]
+    data_sd: Float[np.ndarray, "points Q"]
+    supported: Bool[np.ndarray, "points Q"]
     tried: int
     others: OtherSolutions | None = None
+
+    @property
+    def items(self) -> tuple[Parameter, ...]:
+        """The unknowns of interest."""
+        return tuple(item for item in self.problem.parameters.items if not item.nuisance)
 
     @property
     def answered(self) -> int:
@@ -72,6 +78,8 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
       together with others, or next to nothing of it;
     - `weak`: else. The data see it too little, or not at every point.
 
+    What is not exactly known beside them scatters the data, and so makes them tell less.
+
     That is local: whether values far away give the same data is looked for, from several starts, in `others`.
 
     Args:
@@ -87,19 +95,21 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
     ends = [jax.device_get(evaluate(problem, theta)) for theta in (start, *(start + noise))]
     evaluated = [_scaled_jacobian(problem, end) for end in ends]
     answers = [J for J, missing in evaluated if not missing.any()]
-    known = [information(J, np.full(len(start), np.inf), parameters.names) for J in answers]
+    own = ~parameters.nuisance
+    names = tuple(name for name, counts in zip(parameters.names, own, strict=True) if counts)
+    known = [information(J, np.full(len(names), np.inf), names) for J in answers]
     here, missing = evaluated[0]
     blank = bool(missing.any())
-    sd = np.array([each.data_sd for each in known]).reshape(-1, len(start))
-    supported = np.array([each.supported for each in known], bool).reshape(-1, len(start))
+    sd = np.array([each.data_sd for each in known]).reshape(-1, len(names))
+    supported = np.array([each.supported for each in known], bool).reshape(-1, len(names))
     unknown = blank or 2 * len(answers) < len(evaluated)
     groups = None if problem.correlation is None else problem.correlation.groups
     closed = not blank and not any(direction.open for direction in known[0].directions)
     return Check(
         problem,
-        tuple("unknown" for _ in start) if unknown else _verdicts(np.array(answers), supported, sd),
+        tuple("unknown" for _ in names) if unknown else _verdicts(np.array(answers), supported, sd),
         None if blank else known[0],
-        None if blank else leverage_of(here, parameters.names, groups),
+        None if blank else leverage_of(here, names, groups),
         missing,
         sd,
         supported,
@@ -109,11 +119,14 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPRE
 
 
 def _scaled_jacobian(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
-    """Return d(predicted / sigma)/d(theta), and which values are fitted but have no answer."""
+    """Return d(predicted / sigma)/d(theta) of the unknowns of interest, and which fitted values have no answer."""
     sigma = np.asarray(problem.sigma)
     J, fitted = np.asarray(end.jacobian), np.isfinite(sigma)
     missing = fitted & ~(np.isfinite(np.asarray(end.predicted)) & np.isfinite(J).all(1))
-    return problem.scaled(np.where(fitted[:, None], J, 0.0)), missing
+    scaled, parameters = problem.scaled(np.where(fitted[:, None], J, 0.0)), problem.parameters
+    if missing.any() or not parameters.nuisance.any():
+        return scaled[:, ~parameters.nuisance], missing
+    return clear_of(scaled, parameters.normal_sd, parameters.nuisance), missing
 
 
 def _verdicts(

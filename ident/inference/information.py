@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 WEAK_ABOVE = 0.5
 """Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6."""
@@ -49,8 +49,10 @@ class Information:
 
     Attributes:
         names: (P,) parameters.
-        directions: (P,) from the best known to the least known, orthogonal in theta.
+        directions: (Q,) of the Q unknowns of interest, from the best known to the least known, orthogonal in theta;
+            what is not exactly known beside them counts as noise.
         data_sd: (P,) standard deviation in theta by the data alone; infinite where they leave the parameter open.
+            What is known of nuisances counts with the data, but for each nuisance's own.
         covariance: (P, P) of theta by data and prior; infinite variances where neither says anything.
         prior_share: (P,) share of the prior in what is known of each parameter, from 0 to 1.
     """
@@ -127,7 +129,10 @@ def half_width(level: float) -> float:
 
 
 def information(
-    jacobian: Float[np.ndarray, "D P"], prior_sd: Float[np.ndarray, "P"], names: tuple[str, ...]
+    jacobian: Float[np.ndarray, "D P"],
+    prior_sd: Float[np.ndarray, "P"],
+    names: tuple[str, ...],
+    nuisance: Bool[np.ndarray, "P"] | None = None,
 ) -> Information:
     """Weigh data against prior around a point.
 
@@ -135,19 +140,43 @@ def information(
         jacobian: d(predicted / sigma)/d(theta) of the data.
         prior_sd: widths of the priors in theta, infinite for none.
         names: of the parameters.
+        nuisance: which of them are known by their priors, and count as noise of the data; none by default.
     """
-    padded = np.vstack([jacobian, np.zeros((len(names), len(names)))])
-    _, s, Vt = np.linalg.svd(padded, full_matrices=False)
+    own = np.ones(len(names), bool) if nuisance is None else ~nuisance
+    cleared = np.zeros((jacobian.shape[0] + len(names), len(names)))[:, own]
+    cleared[: len(jacobian)] = jacobian if own.all() else clear_of(jacobian, prior_sd, ~own)
+    _, s, Vt = np.linalg.svd(cleared, full_matrices=False)
     seen = s > RANK_TOLERANCE * max(s[0], 1e-300)
     sds = np.divide(1.0, s, out=np.full_like(s, np.inf), where=seen)
-    directions = tuple(Direction(_signed(v), float(sd)) for v, sd in zip(Vt, sds, strict=True))
-    data = _covariance(s * seen, Vt)
+    directions = tuple(Direction(_among(own, _signed(v)), float(sd)) for v, sd in zip(Vt, sds, strict=True))
     both = np.vstack([jacobian, np.diag(1 / np.asarray(prior_sd))])
     _, s_both, Vt_both = np.linalg.svd(both, full_matrices=False)
     covariance = _covariance(s_both * (s_both > RANK_TOLERANCE * max(s_both[0], 1e-300)), Vt_both)
     variance = np.diag(covariance)
     share = np.where(np.isfinite(variance), variance, 0.0) / np.asarray(prior_sd) ** 2
-    return Information(names, directions, np.sqrt(np.diag(data)), covariance, share)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        data = np.sqrt(variance / np.maximum(1 - share, 0.0))
+    data[own] = np.sqrt(np.diag(_covariance(s * seen, Vt)))
+    return Information(names, directions, data, covariance, share)
+
+
+def clear_of(
+    jacobian: Float[np.ndarray, "D P"], prior_sd: Float[np.ndarray, "P"], nuisance: Bool[np.ndarray, "P"]
+) -> Float[np.ndarray, "D Q"]:
+    """Return the Jacobian of the unknowns of interest as independent data see it that the nuisances scatter as well.
+
+    With B the nuisances' columns times their priors' sds, the data scatter by 1 + B B' = U diag(1 + s^2) U' + rest; so
+    the others' columns are multiplied by its inverse square root, 1 - U diag(1 - (1 + s^2)^-1/2) U'.
+    """
+    U, s, _ = np.linalg.svd(jacobian[:, nuisance] * np.asarray(prior_sd)[nuisance], full_matrices=False)
+    others = jacobian[:, ~nuisance]
+    return others - (U * (1 - (1 + s**2) ** -0.5)) @ (U.T @ others)
+
+
+def _among(own: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    whole = np.zeros(len(own))
+    whole[own] = weights
+    return whole
 
 
 def _covariance(s: np.ndarray, Vt: np.ndarray) -> np.ndarray:

@@ -57,10 +57,12 @@ def look(problem: InverseProblem, theta: Float[AnyArray, "P"], held: Any) -> End
     return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
 
 
-def without_priors(problem: InverseProblem) -> InverseProblem:
-    """Return the problem in which the priors count nothing."""
+def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> InverseProblem:
+    """Return the problem in which priors count nothing; those of nuisances too, unless they are to."""
     free = tuple(
-        eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
+        item
+        if item.nuisance and but_nuisances
+        else eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
         for item in problem.parameters.items
     )
     return eqx.tree_at(lambda p: p.parameters.items, problem, free)

@@ -1,7 +1,6 @@
 """Discrepancy factors integrated out of a posterior, and drawn again afterwards: what is left is far less thin."""
 
 import math
-from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ident.inference.discrepancy import PREFIX, Discrepant
 from ident.inference.parameters import AnyArray, Parameters
-from ident.inference.posterior import Posterior, evaluate
+from ident.inference.posterior import Posterior
 
 NODES, WEIGHTS = (x[:, None] for x in np.polynomial.hermite.hermgauss(32))
 STEPS = 12
@@ -73,6 +72,32 @@ class Marginal(eqx.Module):
         items = self.posterior.parameters.items
         return [item.prior_sd for item, out in zip(items, self.integrated, strict=True) if out]
 
+    def columns(self, at: Any) -> Float[np.ndarray, "n columns"]:
+        """Return the log density and, with factors, what `completed` needs, a row for each point."""
+        if not isinstance(at, Integrated):
+            return np.asarray(at.log_density)[:, None]
+        return np.concatenate([at.log_density[None], at.log_at_one[None], at.A, at.B]).T
+
+    def completed(
+        self, theta: Float[np.ndarray, "n Q"], known: Float[np.ndarray, "n columns"], rng: np.random.Generator
+    ) -> tuple[Float[np.ndarray, "n P"], Float[np.ndarray, "n"]]:
+        """Draw the factors given the other unknowns; return all unknowns and the log density of the whole posterior.
+
+        Args:
+            theta: draws without the factors.
+            known: what `columns` says of them.
+            rng: source of randomness.
+        """
+        whole, log_density = np.empty((len(theta), len(self.integrated))), known[:, :1].sum(1)
+        whole[:, ~self.integrated] = theta
+        if self.integrated.any():
+            log_density, (A, B) = known[:, 1].copy(), np.split(known[:, 2:].T, 2)
+            for place, a, b, sd in zip(np.flatnonzero(self.integrated), A, B, self.widths, strict=True):
+                width = float(sd)
+                whole[:, place] = u = _draw(a, b, width, rng)
+                log_density += _log_integrand(u, a, b, width, np)
+        return whole, log_density
+
     @property
     def _kinds(self) -> list[str]:
         names = np.array(self.posterior.parameters.names)[self.integrated]
@@ -95,45 +120,6 @@ class Integrated(NamedTuple):
     log_at_one: Any
     A: Any
     B: Any
-
-
-def densities(
-    target: Marginal, points: Float[np.ndarray, "n Q"], batch: int, run: Callable[..., Iterable[Any]] = map
-) -> Float[np.ndarray, "n columns"]:
-    """Return for each point the log density and, with factors, what `with_factors` needs to draw them.
-
-    Args:
-        target: what is evaluated.
-        points: where.
-        batch: points that are evaluated together.
-        run: evaluates the batches; `map`, or a pool's for several at the same time.
-    """
-    at = evaluate(target.itself, points, batch, run)
-    if not isinstance(at, Integrated):
-        return np.asarray(at.log_density)[:, None]
-    return np.concatenate([at.log_density[None], at.log_at_one[None], at.A, at.B]).T
-
-
-def with_factors(
-    target: Marginal, theta: Float[np.ndarray, "n Q"], known: Float[np.ndarray, "n columns"], rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "n P"], Float[np.ndarray, "n"]]:
-    """Draw the factors given the other unknowns; return all unknowns and the log density of the whole posterior.
-
-    Args:
-        target: without the factors.
-        theta: draws from it.
-        known: what `densities` says of them.
-        rng: source of randomness.
-    """
-    whole, log_density = np.empty((len(theta), len(target.integrated))), known[:, :1].sum(1)
-    whole[:, ~target.integrated] = theta
-    if target.integrated.any():
-        log_density, (A, B) = known[:, 1].copy(), np.split(known[:, 2:].T, 2)
-        for place, a, b, sd in zip(np.flatnonzero(target.integrated), A, B, target.widths, strict=True):
-            width = float(sd)
-            whole[:, place] = u = _draw(a, b, width, rng)
-            log_density += _log_integrand(u, a, b, width, np)
-    return whole, log_density
 
 
 def _log_integrand(u: AnyArray, A: AnyArray, B: AnyArray, width: Any, xp: Any) -> Any:

@@ -52,7 +52,9 @@ def other_solutions(problem: InverseProblem, here: End, *, starts: int = STARTS,
         starts: number of starts at least.
         seed: of the starts.
     """
-    exact = eqx.tree_at(lambda p: p.measured, without_priors(problem), jax.device_put(np.asarray(here.predicted)))
+    exact = eqx.tree_at(
+        lambda p: p.measured, without_priors(problem, but_nuisances=True), jax.device_put(np.asarray(here.predicted))
+    )
     start, width = np.asarray(here.theta), np.minimum(problem.parameters.normal_sd, SPREAD)
     noise = np.random.default_rng(seed).standard_normal((MOST, len(start))) * width
     reached: list[Ended] = []

@@ -26,6 +26,7 @@ class Parameter(eqx.Module):
         prior_sd: standard deviation in theta of the prior's normal flanks; infinite for no prior.
         scale: unit of theta for quantities of either sign.
         flat: half the length in theta of the prior's flat part.
+        nuisance: whether it is no unknown of interest, but one whose prior says how well it is known already.
     """
 
     paths: tuple[str, ...] = eqx.field(static=True)
@@ -35,6 +36,7 @@ class Parameter(eqx.Module):
     prior_sd: Float[AnyArray, ""]
     scale: Float[AnyArray, ""]
     flat: Float[AnyArray, ""]
+    nuisance: bool = eqx.field(static=True, default=False)
 
     def __init__(
         self,
@@ -45,8 +47,10 @@ class Parameter(eqx.Module):
         prior_sd: Any = math.inf,
         scale: Any = 1.0,
         flat: Any = 0.0,
+        *,
+        nuisance: bool = False,
     ):
-        self.paths, self.positive = paths, positive
+        self.paths, self.positive, self.nuisance = paths, positive, nuisance
         # arrays, so that other values need no new compilation
         self.start, self.centre, self.prior_sd, self.scale, self.flat = (
             np.asarray(x, float) for x in (start, centre, prior_sd, scale, flat)
@@ -123,6 +127,11 @@ class Parameters(eqx.Module):
     def normal_sd(self) -> np.ndarray:
         """Standard deviations in theta of normal priors of about the same width; infinite without a prior."""
         return np.hypot(np.asarray(self.column("prior_sd")), np.asarray(self.column("flat")) / math.sqrt(3))
+
+    @property
+    def nuisance(self) -> np.ndarray:
+        """Which are no unknowns of interest."""
+        return np.array([item.nuisance for item in self.items], bool)
 
     @property
     def proper(self) -> np.ndarray:

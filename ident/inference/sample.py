@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from ident.inference.diagnostics import Diagnosis, diagnose
 from ident.inference.ensembles import BLOCK, SPLITS, Ensembles, batch_size
 from ident.inference.fit import Fit
 from ident.inference.information import information
+from ident.inference.linear_marginal import MOVED, TRIED, LinearMarginal, linear_marginal, linear_nuisances, moved
 from ident.inference.marginal import Marginal
 from ident.inference.posterior import Posterior
 from ident.store import Store
@@ -27,6 +28,8 @@ EXCLUDED = 5.0
 """Standard deviations from a prior at which the data and it cannot both be right."""
 JOINED = 1.05
 """R-hat over the ensembles about two optima below which they have met."""
+ANEW = "explicit"
+"""Folder within the folder for the chains that begin anew, with more nuisances sampled."""
 RIVAL = 30.0
 """Optima whose cost is higher by more than this, a factor of 3e-7 in density, are left out."""
 
@@ -75,6 +78,8 @@ class Sample:
         started: (ensembles,) optimum about which each ensemble started.
         acceptance: (ensembles,) share of accepted moves.
         diagnosis: what the chains say of themselves, basin by basin.
+        marginalised: nuisances that were integrated out, each with how far its derivatives at draws of the posterior
+            would move the mean of an unknown [its sd].
     """
 
     posterior: Posterior
@@ -87,6 +92,7 @@ class Sample:
     started: tuple[int, ...]
     acceptance: Float[np.ndarray, "ensembles"]
     diagnosis: tuple[Diagnosis, ...]
+    marginalised: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def batch(self) -> int:
@@ -121,9 +127,10 @@ def sample(
     """Sample a posterior until its effective sample size is reached; go on where an earlier run was stopped.
 
     Each optimum of the fit that matters gets ensembles of its own, as an ensemble does not cross between separated
-    ones. Discrepancy factors are integrated out, and drawn given the rest. A chain depends on model, data, priors,
-    optima, walkers and seed alone: interrupted and resumed it is the same to the bit, and a higher target only makes it
-    longer.
+    ones. Discrepancy factors are integrated out, and drawn given the rest; so are nuisances that act linearly, as far
+    as their derivatives at draws of the posterior tell: with one that does not, the chains begin anew. A chain depends
+    on model, data, priors, optima, walkers and seed alone: interrupted and resumed it is the same to the bit, and a
+    higher target only makes it longer.
 
     Args:
         fit: of the posterior's problem; the ensembles start about its optima.
@@ -138,20 +145,32 @@ def sample(
             checkpoints of another run.
         ModelError: the model has no answer about an optimum.
     """
-    target = Marginal(posterior)
-    settings = replace(settings, walkers=_walkers(fit, target, settings))
     _check_bounded(fit, posterior)
     # with noise that is known up to a factor only, so are the costs
     reach = math.inf if posterior.noise.items else fit.best.score + RIVAL
     optima = [i for i, optimum in enumerate(fit.optima) if optimum.score < reach]
     started = [optimum for optimum in optima for _ in range(settings.ensembles)]
-    store = Store(folder, {**(provenance or {}), **identity(posterior, _chain_settings(settings, len(optima)))})
-    chains = Chains(store, settings.most_draws)
-    with ThreadPoolExecutor(settings.threads) as pool:
-        about = [fit.optima[optimum] for optimum in started]
-        ensembles = Ensembles(target, about, settings.walkers or 0, settings.seed, pool)
-        _draw(ensembles, chains, started, settings, progress)
-    return _sample(fit, posterior, settings, chains, started)
+    names = () if posterior.noise.items or len(optima) > 1 else linear_nuisances(fit, settings.seed)
+    while True:
+        target = linear_marginal(posterior, fit.best, names) if names else Marginal(posterior)
+        chosen = replace(settings, walkers=_walkers(fit, target, settings))
+        known = identity(posterior, _chain_settings(chosen, len(optima), names))
+        chains = Chains(Store(folder, {**(provenance or {}), **known}), chosen.most_draws)
+        with ThreadPoolExecutor(chosen.threads) as pool:
+            about = [fit.optima[optimum] for optimum in started]
+            ensembles = Ensembles(target, about, chosen.walkers or 0, chosen.seed, pool)
+            _draw(ensembles, chains, started, chosen, progress)
+        drawn = _sample(fit, posterior, chosen, chains, started)
+        shift = moved(fit.problem, fit.best, names, spread_draws(drawn.draws()))
+        if not (shift > MOVED).any():
+            return replace(drawn, marginalised=dict(zip(names, shift.tolist(), strict=True)))
+        names = tuple(name for name, far in zip(names, shift, strict=True) if far <= MOVED)
+        folder = folder and folder / ANEW
+
+
+def spread_draws(draws: Float[np.ndarray, "n P"]) -> Float[np.ndarray, "m P"]:
+    """Return a few draws, evenly spread over all."""
+    return draws[np.linspace(0, len(draws) - 1, TRIED).astype(int)]
 
 
 def _draw(
@@ -213,7 +232,7 @@ def _diagnose(chains: Chains, basins: Sequence[int], only: int | None = None) ->
     )
 
 
-def _walkers(fit: Fit, target: Marginal, settings: Settings) -> int:
+def _walkers(fit: Fit, target: Marginal | LinearMarginal, settings: Settings) -> int:
     """Return the number of walkers of settings that can work."""
     count = len(target.parameters.items)
     curved = any(direction.weak or direction.open for direction in fit.information.directions)
@@ -248,9 +267,10 @@ def _check_bounded(fit: Fit, posterior: Posterior) -> None:
         raise InputError(Problem("", got, "a prior that they may agree with", "widen it, or check units (`prior`)"))
 
 
-def _chain_settings(settings: Settings, optima: int) -> dict[str, int | None]:
+def _chain_settings(settings: Settings, optima: int, nuisances: tuple[str, ...]) -> dict[str, int | str | None]:
     """Return the settings that a chain depends on; the others only say when it ends."""
     return {
+        **({"set of nuisances integrated out": ", ".join(nuisances)} if nuisances else {}),
         "number of optima": optima,
         "number of ensembles": settings.ensembles,
         "number of walkers": settings.walkers,

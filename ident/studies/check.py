@@ -49,7 +49,7 @@ class CheckResult(Result):
     @property
     def verdicts(self) -> Mapping[str, str]:
         """Verdict by parameter: identifiable, weak, open, not seen or unknown."""
-        return dict(zip(self.check.problem.parameters.names, self.check.verdicts, strict=True))
+        return dict(zip((item.name for item in self.check.items), self.check.verdicts, strict=True))
 
     @property
     def others(self) -> tuple[Mapping[str, float], ...]:

@@ -171,7 +171,7 @@ def sample(
     from ident.files import claimed
     from ident.identify.sample import sample_campaign
     from ident.inference.ensembles import BLOCK
-    from ident.inference.sample import Settings
+    from ident.inference.sample import ANEW, Settings
     from ident.store import Store
 
     options, folder = SampleOptions.of(options), Path(folder) if folder is not None else None
@@ -179,6 +179,7 @@ def sample(
     with claimed(folder):
         fitted = fit(arm, campaign, options, progress=progress)
         if restart and folder is not None:
+            Store.discard(folder / ANEW)
             Store.empty(folder)
         sampled = sample_campaign(
             fitted.fit,
@@ -195,3 +196,16 @@ def sample(
             progress=progress("blocks of steps", options.steps // BLOCK),
         )
     return SampleResult(fitted.arm, sampled, options)
+
+
+def discard(folder: Path) -> None:
+    """Remove what a finished run has kept.
+
+    Raises:
+        InputError: another run is at work there.
+    """
+    from ident.inference.sample import ANEW
+    from ident.store import Store
+
+    Store.discard(folder / ANEW)
+    Store.discard(folder)

@@ -9,7 +9,7 @@ from scipy.stats import ks_2samp, kstest, norm
 
 from ident.inference.discrepancy import with_discrepancy
 from ident.inference.fit import fit
-from ident.inference.marginal import Marginal, densities, with_factors
+from ident.inference.marginal import Marginal
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.posterior import evaluate, posterior
 from ident.inference.problem import InverseProblem
@@ -42,7 +42,7 @@ def test_each_factor_is_integrated_as_scipy_does(sigma, width, noise):
     rng = np.random.default_rng(3)
     theta = 0.2 * rng.standard_normal((6, len(target.parameters.items)))
     theta[:, :2] += np.log([1.3, 0.8])
-    value, at_one, A, B = np.split(densities(target, theta, 6), [1, 2, 4], axis=1)
+    value, at_one, A, B = np.split(target.columns(evaluate(target.itself, theta, 6)), [1, 2, 4], axis=1)
     whole = np.zeros((6, len(names)))
     whole[:, ~target.integrated] = theta
     np.testing.assert_allclose(at_one[:, 0], evaluate(both, whole, 6).log_density, rtol=1e-12)
@@ -69,8 +69,8 @@ def test_draws_of_the_factors_are_those_of_their_density(sigma, width):
     """Uniform by SciPy's distribution function of each factor given the rest, and of the right log density."""
     target = Marginal(posterior(problem(sigma, width)))
     theta = np.repeat([[0.2, -0.1]], 20000, 0)
-    known = densities(target, theta[:1], 1)
-    whole, log_density = with_factors(target, theta, np.repeat(known, 20000, 0), np.random.default_rng(5))
+    known = target.columns(evaluate(target, theta[:1], 1))
+    whole, log_density = target.completed(theta, np.repeat(known, 20000, 0), np.random.default_rng(5))
     np.testing.assert_array_equal(whole[:, :2], theta)
     np.testing.assert_allclose(log_density[:50], evaluate(target.posterior, whole[:50], 50).log_density, rtol=1e-9)
     one = np.array([0.2, -0.1, 0.0, 0.0])
@@ -118,6 +118,7 @@ def test_the_model_may_have_no_answer_and_no_factor_is_drawn_there():
         return jnp.where(p["a"] > 0.5, compliant({k: p[k] for k in "ab"}), jnp.nan)
 
     nowhere = eqx.tree_at(lambda q: q.model.model, posed, model)
-    value = densities(Marginal(posterior(nowhere)), np.array([[0.0, 0.0], [-2.0, 0.0]]), 2)
+    target = Marginal(posterior(nowhere))
+    value = target.columns(evaluate(target, np.array([[0.0, 0.0], [-2.0, 0.0]]), 2))
     assert np.isfinite(value[0]).all()
     assert value[1, 0] == -np.inf

@@ -71,10 +71,11 @@ def fit_figure(fit: CampaignFit) -> Figure:
     Filled markers are what the data support, hollow ones what they leave open.
     """
     items = fit.problem.parameters.items
-    moved = [i for i, item in enumerate(items) if not item.positive and is_length(item.name)]
-    scaled = [i for i in range(len(items)) if i not in moved]
+    own = [i for i, item in enumerate(items) if not item.nuisance]
+    moved = [i for i in own if not items[i].positive and is_length(items[i].name)]
+    scaled = [i for i in own if i not in moved]
     notes = list(_notes(fit))
-    left = [len(group) for group in (scaled, moved, items) if group]
+    left = [len(group) for group in (scaled, moved, fit.information.directions) if group]
     right = [min(len(fit.campaign), DENSE), 0.8 * len(notes)]
     heights = [[PANEL + ROW * count for count in column] for column in (left, right)]
     total = max(map(sum, heights))

@@ -18,5 +18,5 @@ def check_rows(check: CampaignCheck) -> list[dict[str, Any]]:
             "data_sd": float(sd[0, i]) if len(sd) else float("nan"),
             "worst_data_sd": float(sd[:, i].max()) if len(sd) else float("nan"),
         }
-        for i, (name, verdict) in enumerate(zip(check.problem.parameters.names, check.verdicts, strict=True))
+        for i, (name, verdict) in enumerate(zip((item.name for item in check.items), check.verdicts, strict=True))
     ]

@@ -53,7 +53,8 @@ def in_words(item: Assumption) -> str:
 def _line(fit: CampaignFit, found: Assumptions, items: tuple[Assumption, ...]) -> str:
     """Write a kind: the joint and the value that it moves most, then what the data say of all joints."""
     known = fit.information
-    told = known.supported if known.supported.any() else np.ones(len(known.names), bool)
+    own = ~fit.problem.parameters.nuisance
+    told = known.supported & own if (known.supported & own).any() else own
     moves = [np.where(told, np.nan_to_num(np.abs(item.test.shift) / known.sd), 0.0) for item in items]
     worst = int(np.argmax([move.max() for move in moves]))
     item, which = items[worst], int(np.argmax(moves[worst]))

@@ -78,7 +78,7 @@ def _heading(check: CampaignCheck) -> Iterator[str]:
 
 def _verdicts(check: CampaignCheck) -> Iterator[str]:
     yield "Parameter            verdict         known by the data alone, within"
-    for i, (item, verdict) in enumerate(zip(check.problem.parameters.items, check.verdicts, strict=True)):
+    for i, (item, verdict) in enumerate(zip(check.items, check.verdicts, strict=True)):
         yield f"  {item.name:18s} {verdict:15s} {_reason(check, i)}"
         for other in item.paths[1:]:
             yield f"    = {other}"
@@ -145,7 +145,7 @@ def _directions(check: CampaignCheck) -> Iterator[str]:
     known = check.information
     if known is None:
         return
-    items, count = check.problem.parameters.items, len(known.names)
+    items, count = check.items, len(known.names)
     yield f"What the data see: {known.fixed} of {count} directions"
     trades = known.trade_offs()
     if trades:
@@ -169,7 +169,7 @@ def _directions(check: CampaignCheck) -> Iterator[str]:
 
 
 def _correlations(check: CampaignCheck, known: Information) -> Iterator[str]:
-    items = check.problem.parameters.items
+    items = check.items
     correlation = np.triu(np.nan_to_num(known.correlation), 1)
     pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(correlation) > CORRELATED)]
     for i, j in sorted(pairs, key=lambda pair: -abs(correlation[pair]))[:10]:
@@ -188,7 +188,7 @@ def _measurements(check: CampaignCheck) -> Iterator[str]:
     if part is None:
         return
     every = len(check.campaign) <= FEW
-    names, share = check.problem.parameters.names, part.share
+    names, share = [item.name for item in check.items], part.share
     yield f"{'Measurements, each with its row in the file':57s}  information  checked  depends most on"
     empty, dominant = part.empty, part.dominant
     rows = np.arange(len(check.campaign)) if every else np.flatnonzero(empty | dominant)

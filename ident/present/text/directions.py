@@ -14,7 +14,7 @@ from ident.present.text.words import kept, main_factors, percent, scatter
 def what_is_fixed(known: Information, items: tuple[Parameter, ...]) -> Iterator[str]:
     """Say which combinations the data fix, best known first."""
     fixed = [direction for direction in known.directions if not direction.open]
-    yield f"What the data fix: {known.fixed} of {len(known.names)} directions"
+    yield f"What the data fix: {known.fixed} of {len(known.directions)} directions"
     for direction in fixed:
         weak = "weakly known, to" if direction.weak else "known to"
         yield f"  {weak} {spread_in_words(direction.sd)}: {product(direction, items, known.sd)}"
@@ -25,7 +25,7 @@ def what_is_open(known: Information, items: tuple[Parameter, ...]) -> Iterator[s
     trades = known.trade_offs()
     if trades:
         filler = "filled by the prior alone" if np.isfinite(known.sd).all() else "left where the search stopped"
-        yield f"  The data leave open {len(trades)} of {len(known.names)} directions, {filler}:"
+        yield f"  The data leave open {len(trades)} of {len(known.directions)} directions, {filler}:"
     for trade in trades:
         yield f"    {in_words(trade, items)}: the data would not notice"
 

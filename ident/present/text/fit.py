@@ -13,7 +13,7 @@ from ident.inference.parameters import Parameter
 from ident.present.text.agreement import agreement, dependence_on_priors, what_may_be_wrong
 from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.directions import what_is_fixed, what_is_open
-from ident.present.text.fit_details import measurements, optima, origins
+from ident.present.text.fit_details import measurements, optima, origins, uncertain_numbers
 from ident.present.text.units import MM, is_length, unit_of
 from ident.present.text.words import correlated_errors, cut, drive_states, in_percent, odd_numbers, paragraphs
 
@@ -24,6 +24,7 @@ def fit_report(fit: CampaignFit) -> str:
         _heading(fit),
         _answer(fit),
         _limits(fit),
+        uncertain_numbers(fit),
         assumption_lines(fit),
         measurements(fit),
         what_is_fixed(fit.information, fit.problem.parameters.items),
@@ -37,8 +38,10 @@ def fit_report(fit: CampaignFit) -> str:
 def _heading(fit: CampaignFit) -> Iterator[str]:
     yield f"Fit of {fit.arm.name} to {fit.campaign.name}"
     p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ""
+    count, beside = len(fit.information.names), int(fit.problem.parameters.nuisance.sum())
+    uncertain = f", {beside} uncertain number{'s' * (beside > 1)}" if beside else ""
     yield (
-        f"  {len(fit.campaign)} measurements, {len(fit.information.names)} unknowns;"
+        f"  {len(fit.campaign)} measurements, {count - beside} unknowns{uncertain};"
         f" chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
     )
     yield from odd_numbers(fit.arm)
@@ -52,6 +55,8 @@ def _answer(fit: CampaignFit) -> Iterator[str]:
     items, words = fit.problem.parameters.items, [why_no_interval(fit, i) for i in range(len(fit.best.values))]
     width = max(16, *(len(cut(item.name, 40)) for item in items))
     for item, value, interval, word in zip(items, fit.best.values, fit.interval(), words, strict=True):
+        if item.nuisance:
+            continue
         shown = word or _either_side(item, float(value), interval)
         yield f"  {cut(item.name, 40):{width}s} {value:10.4g} {unit_of(item.name):7s}  {shown}"
         for other in item.paths[1:]:
@@ -67,7 +72,7 @@ def _answer(fit: CampaignFit) -> Iterator[str]:
 def why_no_interval(fit: Fit, i: int) -> str:
     """Return in one word why a parameter has no interval; nothing where it has one."""
     known = fit.information
-    if known.supported[i]:
+    if known.supported[i] or fit.problem.parameters.nuisance[i]:
         return "" if fit.supported[i] else "withheld"
     return "weak" if known.data_sd[i] < OPEN_ABOVE else "open"
 

@@ -9,7 +9,7 @@ from ident.inference.fit import Fit
 from ident.inference.information import Information
 from ident.inference.parameters import Parameter
 from ident.inference.verdicts import farthest
-from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg
+from ident.present.text.units import MM, in_read_unit, is_length, is_stiffness, nmm_per_deg, unit_of
 from ident.present.text.words import cut, describe, priors_in_words, shares
 
 LISTED = 12
@@ -18,6 +18,10 @@ EVERY = 200
 """Measurements up to which all are listed."""
 FARTHEST = 24
 """Those that are listed of more."""
+LEAST_COST = 0.01
+"""Share by which an interval is widened that is worth a word."""
+FAR_OFF, OWN = 2.5, 0.1
+"""Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
 ALL_ROWS = "Measurements, each with its row in the file"
 
 
@@ -52,18 +56,62 @@ def _by_kind(fit: CampaignFit) -> Iterator[str]:
     yield "  All are in the result file."
 
 
+def uncertain_numbers(fit: CampaignFit) -> Iterator[str]:
+    """Yield for each number that is not exactly known what the fit makes of it, and what knowing it would gain."""
+    parameters, known = fit.problem.parameters, fit.information
+    places = np.flatnonzero(parameters.nuisance).tolist()
+    if not places:
+        return
+    yield "Not exactly known           said   within     fitted    off by   known to   what it costs most"
+    for i in places:
+        item, off = parameters.items[i], float(parameters.prior_residuals(fit.best.theta)[0][i])
+        said, now = (_known_to(item, sd) for sd in (float(item.prior_sd), float(known.sd[i])))
+        number = f"{float(item.start):9.4g} {said:>8s} {fit.best.values[i]:10.4g} {off:+6.1f} sd {now:>10s}"
+        yield f"  {cut(item.name, 20):20s} {number}   {_cost(fit, i)}"
+        advice = _advice(known, i, off)
+        yield from [f"    <-- {advice}"] if advice else []
+    yield "  cost: how much wider an interval is than it would be were this number known exactly."
+
+
+def _known_to(item: Parameter, sd: float) -> str:
+    if item.positive:
+        return f"{100 * sd:.2g} %"
+    factor, unit = (MM, "mm") if is_length(item.name) else (1.0, unit_of(item.name))
+    return f"{factor * sd * float(item.scale):.2g} {unit}"
+
+
+def _cost(fit: CampaignFit, i: int) -> str:
+    """Name the unknown whose interval a number widens most."""
+    known, own = fit.information, ~fit.problem.parameters.nuisance
+    shared = np.where(own, np.nan_to_num(known.correlation[i]), 0.0)
+    worst = int(np.argmax(np.abs(shared)))
+    wider = (1 - shared[worst] ** 2) ** -0.5 - 1
+    return f"{known.names[worst]} {100 * wider:.2g} % wider" if wider >= LEAST_COST else "hardly anything"
+
+
+def _advice(known: Information, i: int, off: float) -> str:
+    """Say whether the data contradict what was said of a number, or know it better."""
+    if abs(off) > FAR_OFF:
+        return "far from what was said of it: either that is wrong, or something else is (masses, loads, labels)"
+    if known.prior_share[i] < OWN:
+        return f"the data alone tell it: it might as well be an unknown (`free` {known.names[i]})"
+    return ""
+
+
 def origins(fit: CampaignFit) -> Iterator[str]:
     """Yield for each parameter the arm file's value, the fitted one in the paper's unit, and what tells it."""
     known, items = fit.information, fit.problem.parameters.items
     head = "fitted   arm file  ratio   N mm/deg  (arm file)   told by data, prior, both"
     yield f"{'Parameters':17s}{head:>82s}"
     for i, (item, value) in enumerate(zip(items, fit.best.values.tolist(), strict=True)):
+        if item.nuisance:
+            continue
         start = float(item.start)
         ratio = f"{value / start:.3g}" if start else "-"
         paper = _in_paper_unit(item, value)
         yield f"  {cut(item.name, 22):18s} {value:10.5g} {start:10.4g} {ratio:>6s} {paper}   {shares(known, i)}"
     yield "  both: the data, together with the priors of others"
-    for prior in priors_in_words(items):
+    for prior in priors_in_words([item for item in items if not item.nuisance]):
         yield f"  prior: {prior}"
     if not any("tau" in item.name for item in items):
         times = sorted({f"{float(tau):.2g} s" for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors)})

@@ -7,8 +7,9 @@ import numpy as np
 
 from ident.identify.sample import CampaignSample
 from ident.inference.diagnostics import LONG_ENOUGH, MIXED, Diagnosis
+from ident.inference.linear_marginal import MOVED
 from ident.inference.posterior_summary import LEARNED, combinations, quantiles, share_of_prior
-from ident.inference.sample import RIVAL
+from ident.inference.sample import RIVAL, Sample
 from ident.present.text.directions import product
 from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
 from ident.present.text.words import cut, describe, drive_states, paragraphs, priors_in_words, scatter, span
@@ -124,6 +125,18 @@ def _trust(result: CampaignSample) -> Iterator[str]:
             f"{diagnosis.tail.min():.0f} (tail); R-hat at most {diagnosis.rhat.max():.4f}"
         )
         yield from _shortfall(diagnosis, sample.settings.target_ess)
+    yield from _nuisances(sample)
+
+
+def _nuisances(sample: Sample) -> Iterator[str]:
+    """Say which of the uncertain numbers were integrated out, and which were sampled."""
+    out = sample.marginalised
+    rest = [item.name for item in sample.posterior.parameters.items if item.nuisance and item.name not in out]
+    if out:
+        yield f"  integrated out, and drawn given the rest: {', '.join(out)}"
+        yield f"  What is not linear in them would move a mean by {max(out.values()):.2g} sd (at most {MOVED:g} is let pass)."
+    if rest:
+        yield f"  sampled like the unknowns: {', '.join(rest)}"
 
 
 def _shortfall(diagnosis: Diagnosis, target: float) -> Iterator[str]:
