@@ -76,6 +76,21 @@ COMMON: dict[str, tuple[float, str]] = {
 }
 """Common units, as pint has them to the last bit: asking it takes half a second of every command's start."""
 
+
+@dataclass(frozen=True)
+class Width:
+    """A standard deviation as people write it.
+
+    Attributes:
+        size: in SI, or as a share of the value.
+        share: whether it is a share.
+    """
+
+    size: float
+    share: bool
+
+
+_WIDTH = re.compile(r"([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)\s*(\S.*)")
 _FRACTIONS = {"": 1.0, "1": 1.0, "-": 1.0, "%": 0.01, "percent": 0.01}
 _SLOPES = {"mm/m": 1e-3, "um/m": 1e-6}
 """How levels show a rotation [rad]: as a slope, the same to a millionth up to 1.7 mm/m."""
@@ -176,3 +191,20 @@ def _wrong_unit(text: str, quantity: str) -> Problem:
         remedy = "write Hz for cycles or rad/s for radians per second"
         return Problem("", f"the ambiguous {quoted(text)}", QUANTITIES[quantity].expected, remedy)
     return Problem("", quoted(text), QUANTITIES[quantity].expected, "correct the unit")
+
+
+def width(text: str, unit: str = "") -> Width | None:
+    """Return a standard deviation, `5%` or `2mm`; None for what is none, is not above zero or of another dimension.
+
+    Args:
+        text: number and unit.
+        unit: of the dimension that one which is no share must have; empty where only a share will do.
+    """
+    found = _WIDTH.fullmatch(text.strip())
+    number = float(found[1]) if found else 0.0
+    if not found or not (math.isfinite(number) and number > 0):
+        return None
+    if found[2] == "%":
+        return Width(number / 100, share=True)
+    given, own = in_si(found[2]), in_si(unit.replace(" ", "*")) if unit else None
+    return Width(number * given[0], share=False) if given and own and given[1] == own[1] else None

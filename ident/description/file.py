@@ -34,6 +34,7 @@ class ArmFile:
         sha256: hexadecimal digest of the file's bytes.
         origins: origin of every number, by its path in the arm.
         extents: lowest and highest corner of each body that has a shape, (2, 3) [m] in its joint's axes, by name.
+        uncertain: numbers that are not exactly known, by path, with their standard deviation as `5%` or `2mm`.
     """
 
     arm: Arm
@@ -41,6 +42,7 @@ class ArmFile:
     sha256: str
     origins: Mapping[str, str]
     extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
+    uncertain: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -61,7 +63,7 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
     document = parse_document(text, where)
     digest = hashlib.sha256(data).hexdigest()
-    return ArmFile(document.arm(), str(path), digest, document.origins(), document.extents())
+    return ArmFile(document.arm(), str(path), digest, document.origins(), document.extents(), document.uncertain())
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from ident.arm.fields import LARGEST, field_named
 from ident.text import NAME, did_you_mean, quoted
-from ident.units import in_si
+from ident.units import in_si, width
 
 Origin = Literal["paper", "assumed", "calibrated", "measured", "derived", "datasheet", "designed"]
 
@@ -124,8 +124,27 @@ class Quantity(Sourced, Generic[Unit, Value]):
         return si(self.value, self.unit)
 
 
-Mass = Quantity[Annotated[str, _unit("mass", "g")], Annotated[float, _range("mass")]]
-Position = Quantity[Annotated[str, _unit("com")], Vector]
+def _width(text: str, unit: str, *, share: bool) -> str:
+    """Accept a standard deviation, `2mm` or, where shares mean something, `5%`."""
+    found = width(text, unit)
+    if found is None or (found.share and not share):
+        expected = f"a standard deviation such as {'5% or ' if share else ''}2{unit}"
+        raise complaint(quoted(text), expected, "correct it, or drop `uncertainty`")
+    return text
+
+
+class Mass(Quantity[Annotated[str, _unit("mass", "g")], Annotated[float, _range("mass")]]):
+    """A mass, and how well it is known: its standard deviation."""
+
+    uncertainty: Annotated[str, AfterValidator(lambda text: _width(text, "kg", share=True))] | None = None
+
+
+class Position(Quantity[Annotated[str, _unit("com")], Vector]):
+    """A position, and how well each of its components is known: their standard deviation."""
+
+    uncertainty: Annotated[str, AfterValidator(lambda text: _width(text, "mm", share=False))] | None = None
+
+
 Stiffness = Quantity[Annotated[str, _unit("k_bend")], Annotated[float, _range("k_bend")]]
 Time = Quantity[Annotated[str, _unit("tau_bend", "ms")], Annotated[float, _range("tau_bend")]]
 Acceleration = Quantity[Annotated[str, _checked_unit("m/s^2")], Vector]

@@ -1,7 +1,5 @@
 """Numbers of an arm, and a common scale of its loads, that are not exactly known: nuisance with a Gaussian prior."""
 
-import math
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,14 +14,12 @@ from ident.arm.fields import field_of
 from ident.arm.parts import Body
 from ident.errors import InputError, Problem
 from ident.inference.parameters import Parameter
-from ident.units import in_si
+from ident.units import width
 
 LOAD = "load"
 """Name of the common scale of all measured load cases: that of a load cell."""
 NARROWEST, WIDEST = 1e-6, 1.0
 """Relative widths: what is less sure than by its own size is no nuisance."""
-_WIDTH = re.compile(r"([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)\s*(\S.*)")
-AS = "as 5% or 2mm"
 
 
 def uncertain_parameters(arm: Arm, widths: Mapping[str, str]) -> tuple[Parameter, ...]:
@@ -59,35 +55,23 @@ def scaled_inertia(arm: Arm, parameters: Mapping[str, Any], bodies: tuple[str, .
 
 
 def _parameter(arm: Arm, path: str, text: str) -> Parameter:
-    value, width = 1.0 if path == LOAD else float(arm.get(path)), _width(path, text)
+    value = 1.0 if path == LOAD else float(arm.get(path))
     field = None if path == LOAD else field_of(path)
-    positive = path == LOAD or bool(field and field.logarithmic)
-    share = isinstance(width, str)
-    sd = float(width) * abs(value) if share else float(width)
-    if value == 0 and (share or positive):
-        raise InputError(Problem("uncertain", f"{path}:{text} of a value of zero", "a value", "give it one"))
+    positive, said = path == LOAD or bool(field and field.logarithmic), f"{path}:{text}"
+    unit = field.unit if field and field.unit != "-" else ""
+    found = width(text, unit)
+    if found is None:
+        expected = f"a width > 0, as a share (5%){f' or in a unit such as {unit}' if unit else ''}"
+        raise InputError(Problem("uncertain", said, expected, "correct it"))
+    if value == 0 and (found.share or positive):
+        raise InputError(Problem("uncertain", f"{said} of a value of zero", "a value", "give it one"))
+    sd = found.size * abs(value) if found.share else found.size
     if positive and not NARROWEST <= sd / abs(value) <= WIDEST:
         expected = f"a width from {NARROWEST:.0e} to {WIDEST:g} of its value"
-        raise InputError(Problem("uncertain", f"{path}:{text}", expected, "free it (`free`), or drop it"))
+        raise InputError(Problem("uncertain", said, expected, "free it (`free`), or drop it"))
     if positive and value > 0:
         return Parameter((path,), True, value, value, sd / value, nuisance=True)
     return Parameter((path,), False, value, value, 1.0, sd, nuisance=True)
-
-
-def _width(path: str, text: str) -> float | str:
-    """Return a width in SI, or as a text the share of the value."""
-    found = _WIDTH.fullmatch(text.strip())
-    number = float(found[1]) if found else 0.0
-    if not found or not (math.isfinite(number) and number > 0):
-        raise InputError(Problem("uncertain", f"{path}:{text}", f"a width > 0 with its unit, {AS}", "correct it"))
-    if found[2] == "%":
-        return str(number / 100)
-    field, unit = (None if path == LOAD else field_of(path)), in_si(found[2])
-    own = in_si(field.unit.replace(" ", "*")) if field and field.unit != "-" else None
-    if unit is None or own is None or unit[1] != own[1]:
-        expected = f"a share (%) or a unit such as {field.unit}" if field and own else "a share (%)"
-        raise InputError(Problem("uncertain", f"{path}:{text}", expected, f"{AS}"))
-    return number * unit[0]
 
 
 def scaled_loads(loads: Loads, scale: Any) -> Loads:

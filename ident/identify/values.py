@@ -12,6 +12,8 @@ from ident.arm.base import BASE
 from ident.arm.fields import EXPECTED, field_of
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
+from ident.identify.predict import ArmModel
+from ident.inference.problem import InverseProblem
 
 if TYPE_CHECKING:
     from ident.inference.sample import Sample
@@ -50,19 +52,29 @@ class Values:
         """
         items = fit.problem.parameters.items
         best = {item.paths: np.asarray(value) for item, value in zip(items, fit.best.values, strict=True)}
-        return cls.of_arm(best, arm, remark=doubtful(fit.doubts))
+        return cls.of_arm(best, arm, remark=doubtful(fit.doubts), scaled=scaled_by(fit.problem))
 
     @classmethod
     def of_arm(
-        cls, by_paths: Mapping[tuple[str, ...], Any], arm: Arm, path: str = "", sha256: str = "", remark: str = ""
+        cls,
+        by_paths: Mapping[tuple[str, ...], Any],
+        arm: Arm,
+        path: str = "",
+        sha256: str = "",
+        remark: str = "",
+        scaled: Sequence[str] = (),
     ) -> "Values":
         """Return those of some numbers that an arm has; each may stand for several paths, where tied.
+
+        The inertia of bodies in `scaled` goes with their mass.
 
         Raises:
             InputError: there are none, some are not finite, or the arm has not the base that was fitted.
         """
         own = set(arm.paths())
         values = {name: np.asarray(value) for names, value in by_paths.items() for name in names if name in own}
+        for body in scaled:
+            values |= _inertia(arm, body, values)
         left_out = tuple(name for names in by_paths for name in names if name not in own)
         if not values:
             got = f"only {', '.join(left_out[:3])}" if left_out else "no variable"
@@ -113,6 +125,21 @@ def _impossible(path: str, name: str, value: np.ndarray, arm: Arm) -> Iterator[P
             yield Problem(path, f"{middle:.4g} {field.unit}", expected, remedy, name)
 
 
+def _inertia(arm: Arm, body: str, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return a body's inertia in proportion to its mass, by path; nothing where there is no mass of it."""
+    mass = values.get(f"{body}.mass")
+    if mass is None:
+        return {}
+    own = {path: float(arm.get(path)) for path in arm.paths() if path.startswith(f"{body}.inertia.")}
+    return {path: value * mass / float(arm.get(f"{body}.mass")) for path, value in own.items() if value}
+
+
+def scaled_by(problem: InverseProblem) -> tuple[str, ...]:
+    """Return the bodies whose inertia goes with their mass in a problem."""
+    model = problem.model
+    return model.scaled if isinstance(model, ArmModel) else ()
+
+
 def doubtful(doubts: Sequence[str]) -> str:
     """Say that a fit is in doubt; nothing if it is not."""
     reasons = "; ".join(doubt.removesuffix(" (see below)") for doubt in doubts)
@@ -129,6 +156,7 @@ class Draws:
         sha256: hash of its bytes.
         remark: what else a reader must know; mostly empty.
         arm_sha256: hash of the file of the arm that was fitted; empty where it is not known.
+        scaled: bodies whose inertia goes with their mass.
     """
 
     by_paths: Mapping[tuple[str, ...], Float[np.ndarray, "n"]]
@@ -136,6 +164,7 @@ class Draws:
     sha256: str = ""
     remark: str = ""
     arm_sha256: str = ""
+    scaled: tuple[str, ...] = ()
 
     @classmethod
     def of_sample(cls, sample: "Sample") -> "Draws":
@@ -145,7 +174,8 @@ class Draws:
         by_chain, items = chains(sample), sample.posterior.parameters.items
         best = by_chain.optimum == by_chain.optimum.min()
         by_paths = {item.paths: own[best].ravel() for item, own in zip(items, by_chain.values, strict=True)}
-        return cls(by_paths, remark="" if best.all() else BEST_ONLY)
+        scaled = scaled_by(sample.posterior.problem)
+        return cls(by_paths, remark="" if best.all() else BEST_ONLY, scaled=scaled)
 
     def of(self, sha256: str) -> "Draws":
         """Return the same for an arm whose file has this hash, with a remark where another one was fitted."""
@@ -192,7 +222,7 @@ class Draws:
 
     def _at(self, chosen: np.ndarray, arm: Arm) -> Values:
         drawn = {paths: values[chosen] for paths, values in self.by_paths.items()}
-        return Values.of_arm(drawn, arm, self.path, self.sha256, self.remark)
+        return Values.of_arm(drawn, arm, self.path, self.sha256, self.remark, self.scaled)
 
 
 def _choice(total: int, count: int, seed: int | None) -> np.ndarray:

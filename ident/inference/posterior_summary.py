@@ -67,14 +67,17 @@ def share_of_prior(sample: Sample, basin: int = 0) -> Float[np.ndarray, "P"]:
 
 
 def combinations(sample: Sample) -> tuple[Direction, ...]:
-    """Return the combinations of the problem's parameters, best known first, each with its spread over the draws.
+    """Return the combinations of the unknowns of interest, best known first, each with its spread over the draws.
 
     They are the principal directions of the covariance in theta of the draws about the best optimum.
     """
-    theta = sample.draws()[:, : len(sample.fit.problem.parameters.items)]
-    variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(theta.T)))
+    parameters = sample.fit.problem.parameters
+    own = np.flatnonzero(~parameters.nuisance)
+    variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(sample.draws()[:, own].T)))
+    weights = np.zeros((len(own), len(parameters.items)))
+    weights[:, own] = vectors.T
     return tuple(
-        Direction(v * np.sign(v[np.argmax(np.abs(v))]), math.sqrt(s)) for s, v in zip(variance, vectors.T, strict=True)
+        Direction(v * np.sign(v[np.argmax(np.abs(v))]), math.sqrt(s)) for s, v in zip(variance, weights, strict=True)
     )
 
 

@@ -97,6 +97,10 @@ def check(
     options = CheckOptions.of(options)
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
     checked = check_campaign(
-        arm_file.arm, campaign, options.unknowns, seed=options.seed, trusted=tuple(map(str, options.trust_values))
+        arm_file.arm,
+        campaign,
+        options.unknowns_of(arm_file),
+        seed=options.seed,
+        trusted=tuple(map(str, options.trust_values)),
     )
     return CheckResult(arm_file, checked, options)

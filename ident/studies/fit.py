@@ -44,12 +44,13 @@ class FitResult(Result):
     fit: "CampaignFit"
     options: FitOptions = field(default_factory=FitOptions)
 
-    form = "ident-fit/3"
+    form = "ident-fit/4"
     subject = "fit.campaign.name"
     shown = ("fit",)
     numbers = ("parameters", "fit.predicted", "fit.chi_squared")
     summary = (
         "parameters",
+        "scaled",
         "doubts",
         "fit.chi_squared",
         "fit.degrees_of_freedom",
@@ -61,6 +62,13 @@ class FitResult(Result):
     def parameters(self) -> Mapping[str, float]:
         """Fitted values by path [SI: N m/rad for a stiffness]; tied numbers each by its own path."""
         return self.fit.parameters
+
+    @property
+    def scaled(self) -> tuple[str, ...]:
+        """Bodies whose mass is uncertain, and whose inertia goes with it."""
+        from ident.identify.values import scaled_by
+
+        return scaled_by(self.fit.problem)
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
@@ -145,7 +153,7 @@ def fit(
     fitted = fit_campaign(
         arm_file.arm,
         campaign,
-        options.unknowns,
+        options.unknowns_of(arm_file),
         starts=options.starts,
         seed=options.seed,
         trusted=tuple(map(str, options.trust_values)),

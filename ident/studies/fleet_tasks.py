@@ -205,7 +205,9 @@ def _given(member: One, arms: "dict[str, Arm]") -> "Given | None":
     campaign_file, arm_file = member.sources
     try:
         if arm_file.sha256 not in arms:
-            arms[arm_file.sha256] = as_file(member.arm, member.options.soft_base).arm
+            described = as_file(member.arm, member.options.soft_base)
+            member.options.unknowns_of(described)  # refuses uncertain numbers
+            arms[arm_file.sha256] = described.arm
         campaign = read_campaign(member.campaign)
         return Given(member.name, campaign, arms[arm_file.sha256], campaign_file, arm_file)
     except IdentError:

@@ -164,4 +164,4 @@ def plan(
     arm_file = as_file(arm, options.soft_base)
     settings = options.settings
     fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign is not None else None
-    return PlanResult(arm_file, plan_campaign(arm_file.arm, fitted, options.unknowns, settings), options)
+    return PlanResult(arm_file, plan_campaign(arm_file.arm, fitted, options.unknowns_of(arm_file), settings), options)

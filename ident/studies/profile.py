@@ -108,7 +108,7 @@ def profile(
 
     options = ProfileOptions.of(options)
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
-    likelihood.check(build_problem(arm_file.arm, campaign, options.unknowns).parameters, options.parameter)
+    likelihood.check(build_problem(arm_file.arm, campaign, options.unknowns_of(arm_file)).parameters, options.parameter)
     fit = fit_study(arm_file, campaign, options, progress=progress).fit
     profiles = likelihood.profile(fit, options.parameter, reach=options.reach, progress=progress("profiles"))
     return ProfileResult(arm_file, fit, profiles, options)

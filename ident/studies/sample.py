@@ -69,7 +69,7 @@ class SampleResult(Result):
     sample: "CampaignSample"
     options: SampleOptions = field(default_factory=SampleOptions)
 
-    form, suffix = "ident-sample/3", ".nc"
+    form, suffix = "ident-sample/4", ".nc"
     subject = "sample.fitted.campaign.name"
     shown = ("sample",)
     numbers = ("sample.sample.theta",)

@@ -67,6 +67,7 @@ class ProblemOptions(BaseOptions):
         repeated=True,
         read=reading.uncertain,
     )
+    no_uncertain: bool = option(False, "take the numbers of the arm file as exact, whatever uncertainty it gives them")
     prior_sd: float = option(1.0, "width of the prior: standard deviation of ln(stiffness)", above=0.0, high=100.0)
     no_prior: bool = option(False, "no prior on stiffness and damping")
     prior: dict[str, Prior] = option(
@@ -101,9 +102,24 @@ class ProblemOptions(BaseOptions):
         here = Problem("uncertain", ", ".join(self.uncertain), "no uncertain number in this study", remedy)
         return [*super().problems(), *([here] if refused else [])]
 
+    def unknowns_of(self, arm: "ArmFile") -> "Unknowns":
+        """Return what is unknown of an arm, as identification takes it, with what its file says is not exactly known.
+
+        Raises:
+            InputError: it says so, and this study does not know of such numbers.
+        """
+        tied = {path for group in self.tie for path in group}
+        own = {path: width for path, width in arm.uncertain.items() if path not in {*self.fix, *self.free, *tied}}
+        if self.no_uncertain or not own:
+            return self.unknowns
+        if not self.takes_uncertain:
+            got, remedy = f"uncertain numbers, {next(iter(own))} first", "take them as exact (`no_uncertain`)"
+            raise InputError(Problem(one_line(arm.path), got, "none in this study", remedy))
+        return replace(self.unknowns, uncertain={**own, **self.uncertain})
+
     @property
     def unknowns(self) -> "Unknowns":
-        """What is unknown, as identification takes it."""
+        """What is unknown, as identification takes it, whatever the arm's file says of its numbers."""
         from ident.identify.unknowns import Unknowns
 
         width = math.inf if self.no_prior else self.prior_sd

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 class ValidateOptions(FitOptions):
     """Options of `ident.validate`: those of the fit, and what is left out at a time."""
 
-    takes_uncertain = False
-
     leave: str = option(
         "posture",
         "what is left out at a time, and predicted by the rest: posture, kind, row or fraction (a fifth at random)",

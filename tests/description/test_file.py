@@ -466,3 +466,45 @@ def test_a_stroke_beyond_the_joint_limits_is_told_with_its_line():
     low, high = np.rad2deg(parse_arm(PAPER_ARM.read_text()).joints[1].limits)
     expected = f"{low:.4g} to {high:.4g} deg, its limits"
     assert (caught.value.problems[1].got, caught.value.problems[1].expected) == ("joint2 at -358 deg", expected)
+
+
+def uncertain(mass: str = "", com: str = "", more: str = "") -> str:
+    """The two joints, with what is said of a mass, a mass centre and a stiffness."""
+    said = {
+        'unit = "kg", origin = "measured"': mass,
+        'value = [500, 0, 0], unit = "mm", origin = "assumed"': com,
+        'value = 1.0, unit = "N*mm/deg", origin = "paper"': more,
+    }
+    text = TEXT
+    for number, added in said.items():
+        text = text.replace(number, number + added)
+    return text
+
+
+def test_a_number_may_say_how_well_it_is_known(tmp_path):
+    """A mass, and each component of a position; nothing else is uncertain."""
+    path = tmp_path / "arm.toml"
+    path.write_text(uncertain(', uncertainty = "5%"', ', uncertainty = "2 mm"'))
+    widths = {"link1.mass": "5%", **{f"link1.com.{axis}": "2 mm" for axis in "xyz"}}
+    assert read_arm(path).uncertain == widths
+    path.write_text(TEXT)
+    assert read_arm(path).uncertain == {}
+
+
+BAD_WIDTHS = [
+    ({"mass": ', uncertainty = "2mm"'}, "a standard deviation such as 5% or 2kg"),
+    ({"mass": ', uncertainty = "-5%"'}, "a standard deviation such as 5% or 2kg"),
+    ({"mass": ", uncertainty = 0.05"}, "text"),
+    ({"com": ', uncertainty = "5%"'}, "a standard deviation such as 2mm"),
+    ({"com": ', uncertainty = "0mm"'}, "a standard deviation such as 2mm"),
+    ({"more": ', uncertainty = "5%"'}, "uncertainty"),
+]
+
+
+@pytest.mark.parametrize(("said", "expected"), BAD_WIDTHS)
+def test_a_bad_uncertainty_is_refused_in_its_line(said, expected):
+    with pytest.raises(InputError) as refused:
+        parse_arm(uncertain(**said))
+    assert len(refused.value.problems) == 1
+    assert expected in str(refused.value)
+    assert re.match(r"arm.toml:\d+", str(refused.value))

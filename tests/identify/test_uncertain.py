@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 
+from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
+from ident.identify.check import check_campaign
 from ident.identify.fit import fit_campaign
 from ident.identify.unknowns import Unknowns
+from ident.inference.least_squares import evaluate
 from ident.measure import Campaign, Load, Measurement, read_campaign
+from ident.studies.fit import FitOptions
+from ident.studies.plan import PlanOptions
 
 MASS, OFFSET = "link2.mass", "joint2.offset.x"
 WIDTHS = {MASS: "5%", OFFSET: "2mm", "load": "1%"}
@@ -81,7 +86,7 @@ def test_nothing_uncertain_is_the_same_problem():
 
 BAD = [
     ({"link2.mas": "5%"}, {}, "link2.mass"),
-    ({MASS: "5"}, {}, "with its unit"),
+    ({MASS: "5"}, {}, "as a share (5%)"),
     ({MASS: "5mm"}, {}, "kg"),
     ({MASS: "0%"}, {}, "width > 0"),
     ({MASS: "300%"}, {}, "of its value"),
@@ -102,5 +107,55 @@ def test_bad_widths_are_refused_in_one_line(widths, others, said):
 
 def test_a_scale_of_loads_needs_a_load():
     """The shipped campaign has none."""
-    with pytest.raises(InputError, match="no row with a mass or force"):
+    with pytest.raises(InputError, match="no row with a mass, force or moment"):
         build_problem(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), Unknowns(uncertain={"load": "1%"}))
+
+
+@cache
+def said_in_file(folder):
+    """The shipped arm, whose file says that a mass and an offset are not exactly known."""
+    text = (DATA / "lcd_arm" / "arm.toml").read_text()
+    text = text.replace('value = 36.395, unit = "kg"', 'value = 36.395, uncertainty = "5%", unit = "kg"')
+    path = folder / "arm.toml"
+    path.write_text(text)
+    return read_arm(path)
+
+
+def test_what_the_file_says_acts_by_default(tmp_path):
+    """As if it were asked for; what is fixed or asked for otherwise goes first, and it can be switched off."""
+    arm = said_in_file(tmp_path)
+    assert FitOptions().unknowns_of(arm).uncertain == {MASS: "5%"}
+    assert FitOptions(uncertain={MASS: "1%"}).unknowns_of(arm).uncertain == {MASS: "1%"}
+    assert FitOptions(free={MASS: 0.1}).unknowns_of(arm).uncertain == {}
+    assert FitOptions(no_uncertain=True).unknowns_of(arm).uncertain == {}
+    with pytest.raises(InputError, match="none in this study; take them as exact"):
+        PlanOptions().unknowns_of(arm)
+
+
+def test_the_check_counts_them_as_noise():
+    """What each stiffness is known within: inv(J' inv(C + G P G') J), by dense matrices."""
+    checked = check_campaign(lcd_arm(), campaign(), Unknowns(uncertain=WIDTHS))
+    bare = check_campaign(lcd_arm(), campaign(), Unknowns())
+    assert [item.name for item in checked.items] == list(bare.problem.parameters.names)
+    problem = checked.problem
+    nuisance, sigma = problem.parameters.nuisance, np.asarray(problem.sigma)
+    J = np.asarray(evaluate(problem).jacobian)
+    G, P = J[:, nuisance], np.diag([BY_HAND[name] ** 2 for name in problem.parameters.names if name in WIDTHS])
+    whole = np.diag(sigma**2) + G @ P @ G.T
+    sd = np.sqrt(np.diag(np.linalg.inv(J[:, ~nuisance].T @ np.linalg.solve(whole, J[:, ~nuisance]))))
+    np.testing.assert_allclose(checked.data_sd[0], sd, rtol=1e-6)
+    assert (sd > bare.data_sd[0]).all()
+    assert set(checked.verdicts) == {"identifiable"}
+
+
+def test_chi_squared_is_that_of_the_whole_covariance():
+    """(y - f)' inv(C + G P G') (y - f) at the optimum, where the nuisances' prior costs are in it: linear in them."""
+    fit = fit_campaign(lcd_arm(), campaign(), Unknowns(uncertain=WIDTHS), starts=2)
+    problem, nuisance = fit.problem, fit.problem.parameters.nuisance
+    theta = fit.best.theta
+    z = problem.parameters.prior_residuals(theta)[0][nuisance]
+    J, sigma = np.asarray(fit.jacobian), np.asarray(problem.sigma)
+    G = J[:, nuisance] * [BY_HAND[name] for name in problem.parameters.names if name in WIDTHS]
+    off = fit.predicted - np.asarray(problem.measured) - G @ z
+    assert fit.chi_squared == pytest.approx(off @ np.linalg.solve(np.diag(sigma**2) + G @ G.T, off), rel=1e-6)
+    assert fit.degrees_of_freedom == len(problem.kinds) - 6

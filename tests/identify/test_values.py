@@ -25,6 +25,17 @@ def test_ties_are_spelled_out_and_what_the_arm_has_not_is_left_out(draws):
     assert values.without({K: 1.0}).keys() == {"joint2.k_tors"}
 
 
+def test_the_inertia_of_an_uncertain_mass_goes_with_it():
+    """That of a mass that was freed does not."""
+    arm, drawn = lcd_arm(), np.array([30.0, 40.0])
+    factor = drawn / float(arm.get("link2.mass"))
+    scaled = Draws({("link2.mass",): drawn}, scaled=("link2",)).some(arm, 2).values
+    for end in ("xx", "yy", "zz"):
+        path = f"link2.inertia.{end}"
+        np.testing.assert_allclose(scaled[path], factor * float(arm.get(path)), rtol=1e-14)
+    assert set(Draws({("link2.mass",): drawn}).some(arm, 2).values) == {"link2.mass"}
+
+
 def test_draws_are_spread_evenly_or_chosen_at_random(draws):
     every = draws.by_paths[K, "joint2.k_tors"]
     np.testing.assert_array_equal(draws.some(lcd_arm(), 10).values[K], every[5::10])

@@ -49,11 +49,13 @@ def read_fit(form: str, path: str | Path, arm: Arm, sha256: str = "") -> tuple[V
         parameters: dict[str, Any] = document["summary"]["parameters"]
         best: dict[tuple[str, ...], float] = {(name,): _number(value) for name, value in parameters.items()}
         doubts, fitted = document["summary"]["doubts"], document["inputs"]["arm"]["sha256"]
+        scaled = tuple(map(str, document["summary"]["scaled"]))
         remark, base = doubtful(doubts), document["options"]["soft_base"]
         soft_base = None if base is None else _number(base)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident fit wrote")) from None
-    values = Values.of_arm(best, arm, where, hashlib.sha256(read_bytes(path, EXPECTED)).hexdigest(), remark)
+    sha256_of_fit = hashlib.sha256(read_bytes(path, EXPECTED)).hexdigest()
+    values = Values.of_arm(best, arm, where, sha256_of_fit, remark, scaled)
     return (values.remarked(OTHER_ARM) if sha256 and fitted and sha256 != fitted else values), soft_base
 
 

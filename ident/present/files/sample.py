@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.identify.sample import CampaignSample
-from ident.identify.values import BEST_ONLY, Draws
+from ident.identify.values import BEST_ONLY, Draws, scaled_by
 from ident.inference.posterior_summary import LEVELS, chains, quantiles
 from ident.present.files.document import check_format
 from ident.present.files.fit import rows
@@ -50,6 +50,7 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
             dims={"data": ["measurement"], "predicted": ["measurement"]},
             attrs={name: json.dumps(part) for name, part in head.items()},
         )
+    data.posterior.attrs["scaled"] = json.dumps(scaled_by(posterior.problem))
     for item in posterior.parameters.items:
         data.posterior[item.name].attrs["paths"] = json.dumps(item.paths)
     data.sample_stats["ensemble"] = ("chain", by_chain.ensemble)
@@ -118,10 +119,11 @@ def read_posterior(form: str, path: str | Path) -> Draws:
         ours = own.startswith("ident-sample/")
         arm_sha256 = str(json.loads(root.attrs["inputs"])["arm"]["sha256"]) if ours else ""
         chains, remark = _best(path)
-        by_paths = dict(_variables(read_group(path, "posterior"), chains))
+        group = read_group(path, "posterior")
+        by_paths, scaled = dict(_variables(group, chains)), json.loads(group.attrs.get("scaled", "[]"))
     if ours:
         check_format(own, form, where, EXPECTED)
-    return Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark, arm_sha256)
+    return Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark, arm_sha256, tuple(map(str, scaled)))
 
 
 def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:

@@ -134,7 +134,7 @@ def _nuisances(sample: Sample) -> Iterator[str]:
     rest = [item.name for item in sample.posterior.parameters.items if item.nuisance and item.name not in out]
     if out:
         yield f"  integrated out, and drawn given the rest: {', '.join(out)}"
-        yield f"  What is not linear in them would move a mean by {max(out.values()):.2g} sd (at most {MOVED:g} is let pass)."
+        yield f"  What is not linear in them would move a mean by {max(out.values()):.2g} sd ({MOVED:g} is let pass)."
     if rest:
         yield f"  sampled like the unknowns: {', '.join(rest)}"
 
