@@ -11,6 +11,7 @@ from ident.arm.arm import Arm
 from ident.arm.hinges import CutArm, cut
 from ident.identify.conditions import Conditions, bind
 from ident.identify.predict import ArmModel, Held
+from ident.identify.setups import in_base_frame
 from ident.identify.slopes import Slopes, slopes, slopes_once
 from ident.identify.uncertain import scaled_inertia
 from ident.inference.fit import Fit
@@ -103,7 +104,7 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     )
     pieces = cut(fitted)
     held = replace(fitted, servos=())
-    found = _slopes(fit, held, pieces, bind(held, campaign))
+    found = _slopes(fit, held, pieces, _conditions(fit, held, campaign))
     names, changes = zip(*_each(fitted, pieces, found), strict=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where(found.predicted != 0, fit.predicted / found.predicted, 1.0)
@@ -117,6 +118,12 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     )
     items = tuple(Assumption(kind, joint, test) for (kind, joint), test in zip(names, tests, strict=True))
     return Assumptions(items, pieces.height)
+
+
+def _conditions(fit: Fit, arm: Arm, campaign: Campaign) -> Conditions:
+    """Return the conditions of a campaign, all readings in the base frame as it was fitted."""
+    frames = fit.problem.model.frames if isinstance(fit.problem.model, ArmModel) else None
+    return jax.device_get(in_base_frame(bind(arm, campaign), frames, fit.parameters))
 
 
 def _left_out(arm: Arm, m: Measurement) -> bool:

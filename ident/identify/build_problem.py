@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -9,8 +10,9 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.errors import InputError
 from ident.identify.conditions import bind
-from ident.identify.predict import ArmModel
+from ident.identify.predict import ArmModel, predict
 from ident.identify.repeats import shared_error
+from ident.identify.setups import frames_of, setup_parameters
 from ident.identify.uncertain import check_measurable, scaled_bodies, uncertain_parameters
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.correlation import Correlation, correlation
@@ -18,6 +20,7 @@ from ident.inference.discrepancy import with_discrepancy
 from ident.inference.parameters import Parameters
 from ident.inference.problem import InverseProblem
 from ident.measure import Campaign
+from ident.measure.load import AXES
 from ident.text import one_line
 
 
@@ -31,15 +34,36 @@ def arm_problem(
     """
     conditions, widths = bind(arm, campaign), uncertain or {}
     check_measurable(widths, conditions.loads)
+    frames = frames_of(campaign, _expected(arm, campaign))
+    setups = setup_parameters(campaign, frames) if frames else ()
     value, sigma, step = np.array([(m.value, m.sigma, m.resolution) for m in campaign], float).T
     return InverseProblem(
-        ArmModel(arm, conditions, scaled_bodies(arm, widths)),
+        ArmModel(arm, conditions, scaled_bodies(arm, widths), frames),
         jax.device_put(value),
         jax.device_put(shared_error(np.asarray(conditions.order), sigma, step)),
-        Parameters((*parameters.items, *uncertain_parameters(arm, widths))),
+        Parameters((*parameters.items, *uncertain_parameters(arm, widths), *setups)),
         tuple(m.kind for m in campaign),
         _correlation(campaign),
     )
+
+
+def _expected(arm: Arm, campaign: Campaign) -> list[np.ndarray]:
+    """Return what the arm file expects of each row with a setup, as a vector in the base frame; of others nothing."""
+    rows = [m for m in campaign if m.setup]
+    if not rows:
+        return [np.zeros(3) for _ in campaign]
+    blank: dict[str, Any] = {
+        "setup": "",
+        "group": "",
+        "member": 0,
+        "repeat": "",
+        "value": 0.0,
+        "sigma": 1.0,
+        "resolution": 0.0,
+    }
+    along = tuple(replace(m, direction=axis, **blank) for m in rows for axis in (AXES["x"], AXES["y"], AXES["z"]))
+    vectors = iter(np.asarray(predict(arm, {}, bind(arm, Campaign(measurements=along)))).reshape(-1, 3))
+    return [next(vectors) if m.setup else np.zeros(3) for m in campaign]
 
 
 def _correlation(campaign: Campaign) -> Correlation | None:

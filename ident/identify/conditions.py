@@ -1,6 +1,7 @@
 """A campaign bound to an arm: under which conditions each value was measured, as arrays."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -18,7 +19,7 @@ from ident.identify.mode_assignment import Named, name_modes
 from ident.identify.repeats import Repeats, repeats, room
 from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
-from ident.measure.kinds import DIFFERENCES, ROTATIONS, TWISTS
+from ident.measure.kinds import DIFFERENCES, POSITIONS, ROTATIONS, TWISTS
 
 BY_MODE = ("frequency", "damping_ratio")
 State = tuple[tuple[float, ...], Load, str]
@@ -54,26 +55,34 @@ class Readings(eqx.Module):
             the shaft's frame.
         turning: (n,) whether it is a rotation; None where none is.
         twisting: (n,) whether it is a twist; None where none is.
+        placing: (n,) whether it is a position, where the point is; None where none is.
+        setup: (n,) place of the setup in whose frame it was read, -1 for the base's; None where all are in that, or
+            have been turned into it (`setups.in_base_frame`). Directions may have batch axes then.
+        datum: (n, *batch) [m] what a position is counted from, along its direction; None likewise.
     """
 
     states: Int[AnyArray, "n"]
     references: Int[AnyArray, "n"]
     points: Int[AnyArray, "n"]
-    direction: Float[AnyArray, "3 n"]
+    direction: Float[AnyArray, "3 n *batch"]
     turning: Bool[AnyArray, "n"] | None = None
     twisting: Bool[AnyArray, "n"] | None = None
+    placing: Bool[AnyArray, "n"] | None = None
+    setup: Int[AnyArray, "n"] | None = None
+    datum: Float[AnyArray, "n *batch"] | None = None
 
     def by_kind(self) -> list[Int[np.ndarray, "_"]]:
-        """Return the places of deflections, of rotations and of twists, each by itself and as differences."""
+        """Return the places of deflections, rotations, twists and positions, each by itself and as differences."""
         difference = np.asarray(self.references) >= 0
         what = np.zeros(len(difference), int)
-        for code, those in ((1, self.turning), (2, self.twisting)):
+        for code, those in ((1, self.turning), (2, self.twisting), (3, self.placing)):
             what = what if those is None else np.where(those, code, what)
-        return [np.flatnonzero((what == code) & (difference == differs)) for code in range(3) for differs in (0, 1)]
+        return [np.flatnonzero((what == code) & (difference == differs)) for code in range(4) for differs in (0, 1)]
 
     def of(self, places: Int[np.ndarray, "_"]) -> "Readings":
         """Return some of them."""
-        return jax.tree.map(lambda x: x[..., places], self)
+        own = {name: x[places] for name, x in vars(self).items() if name != "direction" and x is not None}
+        return replace(self, direction=self.direction[:, places], **own)
 
 
 class Conditions(eqx.Module):
@@ -194,12 +203,13 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     order = np.array([place[key] for key in keys])
     named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1), (2,), (3,)))
     posture = np.array([posture for posture, *_ in states], float).T
+    setups = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
     bound = Conditions(
         posture,
         _columns(arm, [load for _, load, _ in states]),
         _named(named, len(states)),
         _unnamed(unnamed),
-        _readings(readings),
+        _readings(readings, setups),
         order,
         repeats(order, np.array([first[key] for key in values])),
         definitions_of([campaign.measurements[first[key]] for key in values]),
@@ -225,9 +235,10 @@ def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple
     against = states[m.posture, m.reference_load, m.drives] if m.kind in DIFFERENCES else -1
     if m.kind in TWISTS:
         joint = [joint.name for joint in arm.joints].index(m.joint or "")
-        return 3, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), False, True
+        return 3, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), "twist", ""
     point = [point.name for point in arm.points].index(m.point or "")
-    return 3, state, against, point, m.direction, m.kind in ROTATIONS, False
+    what = "turn" if m.kind in ROTATIONS else "place" if m.kind in POSITIONS else "move"
+    return 3, state, against, point, m.direction, what, m.setup
 
 
 def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
@@ -265,11 +276,18 @@ def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:
     return Unnamed(own, ordinals, last, int(ordinals.max(initial=0)))
 
 
-def _readings(values: Sequence[tuple[Any, ...]]) -> Readings:
-    _, state, against, point, direction, turning, twisting = zip(*values, strict=True) if values else ((),) * 7
+def _readings(values: Sequence[tuple[Any, ...]], setups: Sequence[str]) -> Readings:
+    _, state, against, point, direction, what, setup = zip(*values, strict=True) if values else ((),) * 7
     states, references, points = (np.array(each, int) for each in (state, against, point))
-    turns, twists = (np.array(each, bool) if any(each) else None for each in (turning, twisting))
-    return Readings(states, references, points, np.array(direction, float).reshape(-1, 3).T, turns, twists)
+    turns, twists, places = (_where(what, word) for word in ("turn", "twist", "place"))
+    frames = np.array([setups.index(name) if name else -1 for name in setup], int) if setups else None
+    directions = np.array(direction, float).reshape(-1, 3).T
+    return Readings(states, references, points, directions, turns, twists, places, frames)
+
+
+def _where(words: Sequence[str], word: str) -> Bool[np.ndarray, "n"] | None:
+    """Return where a word stands; None where it stands nowhere."""
+    return np.array([each == word for each in words], bool) if word in words else None
 
 
 def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:

@@ -20,7 +20,7 @@ from ident.identify.mode_assignment import FAR
 from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import SUSPICIOUS, farthest
 from ident.measure import Campaign, Measurement
-from ident.measure.kinds import KINDS
+from ident.measure.kinds import KINDS, POSITIONS
 from ident.text import quoted
 from ident.units import QUANTITIES, si_factor
 
@@ -35,6 +35,9 @@ PLAUSIBLE = {
     "twist_difference": 5.0,
 }
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
+
+AWAY = 0.1
+"""Distance [m] by which a position may differ from the arm file's before it is refused."""
 
 ALL = "all"
 """What trusts the values of all rows."""
@@ -123,6 +126,9 @@ def row_names(campaign: Campaign) -> list[str]:
 
 def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     """Refuse a value that differs from the prediction by more than a factor, even if its sigma is considered."""
+    if m.kind in POSITIONS:
+        yield from _far_away(m, expected, row)
+        return
     limit = PLAUSIBLE[m.kind]
     low, high = sorted((expected / limit, expected * limit))
     if not expected or not (m.value + SUSPICIOUS * m.spread < low or m.value - SUSPICIOUS * m.spread > high):
@@ -134,6 +140,13 @@ def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     yield Problem(
         m.where, got, f"about {_written(m, expected)}", f"{hint}check value and unit, or {_right(row)}", "value"
     )
+
+
+def _far_away(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
+    """Refuse a position that no error of measurement or geometry explains."""
+    if abs(m.value - expected) > AWAY + SUSPICIOUS * m.spread:
+        got, about = f"{_written(m, m.value)}", f"about {_written(m, expected)}, where the arm file has it"
+        yield Problem(m.where, got, about, f"check value, unit, posture and setup, or {_right(row)}", "value")
 
 
 def _written(m: Measurement, value: float) -> str:

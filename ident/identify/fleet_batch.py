@@ -57,7 +57,20 @@ def robots_together(
 def _way(campaign: Campaign) -> Hashable:
     """Return how a campaign was measured: all but its values."""
     return tuple(
-        (m.kind, m.posture, m.mode, m.of, m.point, m.direction, m.joint, m.repeat, m.load, m.reference_load, m.drives)
+        (
+            m.kind,
+            m.posture,
+            m.mode,
+            m.of,
+            m.point,
+            m.direction,
+            m.joint,
+            m.setup,
+            m.repeat,
+            m.load,
+            m.reference_load,
+            m.drives,
+        )
         for m in campaign
     )
 

@@ -1,13 +1,13 @@
 """A campaign of many states in parts of one size: one program serves them all, and memory stays that of one part."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
 from jaxtyping import Int
 
-from ident.identify.conditions import Conditions, Readings, Unnamed
+from ident.identify.conditions import Conditions, Unnamed
 from ident.identify.mode_assignment import Named
 from ident.identify.repeats import repeats
 
@@ -144,14 +144,7 @@ def _part(conditions: Conditions, groups: Sequence[Int[np.ndarray, "_"]], states
             named.top,
         ),
         Unnamed(place[unnamed.states[other]], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
-        Readings(
-            place[own.states],
-            np.where(references >= 0, place[references], -1),
-            own.points,
-            own.direction,
-            own.turning,
-            own.twisting,
-        ),
+        replace(own, states=place[own.states], references=np.where(references >= 0, place[references], -1)),
         rows,
         repeats(rows, rows),
         None

@@ -29,6 +29,7 @@ from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable,
 from ident.identify.parts import Parts as ConditionsInParts
 from ident.identify.parts import in_parts
 from ident.identify.readings import read
+from ident.identify.setups import Frames, in_base_frame, without_frames
 from ident.identify.uncertain import LOAD, scaled_inertia, scaled_loads
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
@@ -71,15 +72,22 @@ class ArmModel(eqx.Module, Choosing, Growing):
     conditions: Conditions
     scaled: tuple[str, ...] = eqx.field(static=True, default=())
     """Bodies whose inertia goes with their mass."""
+    frames: Frames | None = None
+    """Where the frames of setups are first; None without."""
+
+    def at(self, parameters: Mapping[str, Any]) -> tuple[Arm, dict[str, Any], Conditions]:
+        """Return the arm, its numbers, and the conditions in the base frame."""
+        arm = scaled_inertia(self.arm, parameters, self.scaled)
+        return arm, without_frames(parameters), in_base_frame(self.conditions, self.frames, parameters)
 
     def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
         """Predict the campaign's values [SI] for these numbers of the arm."""
-        return predict(scaled_inertia(self.arm, parameters, self.scaled), parameters, self.conditions, data)
+        return predict(*self.at(parameters), data)
 
     def padded(self) -> tuple["ArmModel", np.ndarray, np.ndarray]:
         """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
         conditions, source, places = self.conditions.padded()
-        return ArmModel(self.arm, conditions, self.scaled), source, places
+        return replace(self, conditions=conditions), source, places
 
     def in_parts(self) -> Parts | None:
         """Return a model of many states in parts of one size, None for one that stays whole."""
@@ -88,7 +96,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
             return None
         source = np.asarray(self.conditions.repeats.first)[parts.values]
         places = parts.places[np.asarray(self.conditions.order)]
-        models = tuple(ArmModel(self.arm, each, self.scaled) for each in parts.conditions)
+        models = tuple(replace(self, conditions=each) for each in parts.conditions)
         return Parts(models, source, places, partial(_split, parts), partial(_joined, parts))
 
     def unheld(self) -> Held | None:
@@ -100,12 +108,12 @@ class ArmModel(eqx.Module, Choosing, Growing):
 
     def holding(self, parameters: Mapping[str, Any], data: Data, held: Held) -> tuple[Float[Array, "D"], Choice]:
         """Predict the campaign's values, each label at the mode whose shape it holds."""
-        arm = scaled_inertia(self.arm, parameters, self.scaled)
-        values, chain = self.conditions.named, chains(arm, parameters, self.conditions)
+        arm, parameters, conditions = self.at(parameters)
+        values, chain = conditions.named, chains(arm, parameters, conditions)
         data = self.conditions.repeats.pooled(data)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at)
-        table = by_definition(modes.frequency, chain, at, self.conditions.definitions)
+        table = by_definition(modes.frequency, chain, at, conditions.definitions)
         hertz = defined(table, values.states, self.conditions.labelled)
         wanted = most_probable(values, modes, data, held.off, hertz=hertz)
         shapes, M = modes.shape[:, :, values.states], modal_mass(chain, at.phi)[:, :, values.states]
@@ -117,7 +125,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
         off, no = how_far_off(values, hertz, data, chosen), jnp.array(False)
         now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
-        return _values(chain, at, self.conditions, table, chosen, data), jax.lax.stop_gradient(choice)
+        return _values(chain, at, conditions, table, chosen, data), jax.lax.stop_gradient(choice)
 
 
 def _split(parts: ConditionsInParts, held: Held | None) -> list[Held | None]:

@@ -87,8 +87,8 @@ class Fit:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of fitted values less the number of directions that they see."""
-        return int(np.isfinite(self.problem.sigma).sum()) - self.information.rank
+        """Number of fitted values less the number of directions that they see, or are spent on."""
+        return int(np.isfinite(self.problem.sigma).sum()) - self.information.rank - self.information.spent
 
     @property
     def p_value(self) -> float:

@@ -51,6 +51,7 @@ class Information:
         names: (P,) parameters.
         directions: (Q,) of the Q unknowns of interest, from the best known to the least known, orthogonal in theta;
             what is not exactly known beside them counts as noise.
+        spent: number of directions of nuisances without a prior that the data see, and are spent on.
         data_sd: (P,) standard deviation in theta by the data alone; infinite where they leave the parameter open.
             What is known of nuisances counts with the data, but for each nuisance's own.
         covariance: (P, P) of theta by data and prior; infinite variances where neither says anything.
@@ -62,6 +63,7 @@ class Information:
     data_sd: Float[np.ndarray, "P"]
     covariance: Float[np.ndarray, "P P"]
     prior_share: Float[np.ndarray, "P"]
+    spent: int = 0
 
     @property
     def rank(self) -> int:
@@ -157,7 +159,7 @@ def information(
     with np.errstate(divide="ignore", invalid="ignore"):
         data = np.sqrt(variance / np.maximum(1 - share, 0.0))
     data[own] = np.sqrt(np.diag(_covariance(s * seen, Vt)))
-    return Information(names, directions, data, covariance, share)
+    return Information(names, directions, data, covariance, share, _rank(jacobian[:, ~own & np.isinf(prior_sd)]))
 
 
 def clear_of(
@@ -166,11 +168,21 @@ def clear_of(
     """Return the Jacobian of the unknowns of interest as independent data see it that the nuisances scatter as well.
 
     With B the nuisances' columns times their priors' sds, the data scatter by 1 + B B' = U diag(1 + s^2) U' + rest; so
-    the others' columns are multiplied by its inverse square root, 1 - U diag(1 - (1 + s^2)^-1/2) U'.
+    the others' columns are multiplied by its inverse square root, 1 - U diag(1 - (1 + s^2)^-1/2) U'. What nuisances
+    without a prior may do is projected out before.
     """
-    U, s, _ = np.linalg.svd(jacobian[:, nuisance] * np.asarray(prior_sd)[nuisance], full_matrices=False)
-    others = jacobian[:, ~nuisance]
+    sd, others = np.asarray(prior_sd), jacobian[:, ~nuisance]
+    free, B = (jacobian[:, nuisance & known] for known in (np.isinf(sd), np.isfinite(sd)))
+    U, s, _ = np.linalg.svd(free, full_matrices=False)
+    U = U[:, s > RANK_TOLERANCE * max(s[:1].max(initial=0.0), 1e-300)]
+    B, others = (x - U @ (U.T @ x) for x in (B * sd[nuisance & np.isfinite(sd)], others))
+    U, s, _ = np.linalg.svd(B, full_matrices=False)
     return others - (U * (1 - (1 + s**2) ** -0.5)) @ (U.T @ others)
+
+
+def _rank(jacobian: Float[np.ndarray, "D n"]) -> int:
+    s = np.linalg.svd(jacobian, compute_uv=False) if jacobian.size else np.zeros(1)
+    return int((s > RANK_TOLERANCE * max(s[0], 1e-300)).sum())
 
 
 def _among(own: np.ndarray, weights: np.ndarray) -> np.ndarray:

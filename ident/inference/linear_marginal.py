@@ -26,25 +26,27 @@ MOVED = 0.1
 class LinearMarginal(eqx.Module):
     """A posterior without some of its nuisances: as if they scattered the data, with covariance C + G P G'.
 
-    With z the nuisances in standard deviations of their priors, G the derivative of the data by them at the optimum,
-    where they are z0, and B = C^-1/2 G P^1/2, the scaled residuals at given other unknowns are u + B (z - z0), u those
-    at z0. With v = u - B z0, m = B' v and A = 1 + B' B, the integral over z of the likelihood times the prior is
-    det(A)^-1/2 exp(-(v'v - m' A^-1 m) / 2) (Woodbury), and z given the rest is normal, of mean -A^-1 m and covariance
-    A^-1.
+    About the optimum the scaled residuals are u + B d, with d the nuisances' distance from where they are there, and u
+    the residuals at d = 0 and given other unknowns; their priors cost (d + a)' L (d + a) / 2, L diagonal, zero for one
+    without a prior. With A = B' B + L and g = B' u + L a, the integral over d of likelihood times priors is, but for
+    constants, exp(-(u'u + a'L a - g' A^-1 g) / 2) (Woodbury), and d given the rest is normal, of mean -A^-1 g and
+    covariance A^-1.
 
     Attributes:
         posterior: the whole posterior.
         names: of the nuisances that are integrated out.
         at: (p,) their theta at the optimum.
-        z: (p,) the same in standard deviations of their priors.
-        B: (D, p) derivative of the scaled residuals by z.
+        a: (p,) by how much that is off the centres of their priors.
+        L: (p,) precision of their priors.
+        B: (D, p) derivative of the scaled residuals by them.
         R: (p, p) inverse of the Cholesky factor of A, so that A^-1 = R' R.
     """
 
     posterior: Posterior
     names: tuple[str, ...] = eqx.field(static=True)
     at: Float[AnyArray, "p"]
-    z: Float[AnyArray, "p"]
+    a: Float[AnyArray, "p"]
+    L: Float[AnyArray, "p"]
     B: Float[AnyArray, "D p"]
     R: Float[AnyArray, "p p"]
 
@@ -69,15 +71,21 @@ class LinearMarginal(eqx.Module):
         whole = jnp.zeros((len(out), theta.shape[1])).at[np.flatnonzero(~out)].set(theta)
         at = self.posterior.evaluate(whole.at[np.flatnonzero(out)].set(jnp.asarray(self.at)[:, None]))
         u = problem.scaled(at.predicted - problem.measured[:, None])
-        v = u - (self.B @ self.z)[:, None]
-        m = self.B.T @ v
-        gain = ((u**2).sum(0) - (v**2).sum(0) + ((self.R @ m) ** 2).sum(0)) / 2 + jnp.log(jnp.diag(self.R)).sum()
+        g = self.B.T @ u + (self.L * self.a)[:, None]
+        gain = ((self.R @ g) ** 2).sum(0) / 2 + self.constant
         value = jnp.where(jnp.isfinite(at.log_likelihood), at.log_likelihood + gain, -jnp.inf)
-        return GivenOthers(value + self.parameters.log_prior(theta), value, m)
+        return GivenOthers(value + self.parameters.log_prior(theta), value, g)
+
+    @property
+    def constant(self) -> Any:
+        """Logarithm of the part of the integral that no other unknown changes."""
+        proper = self.L > 0
+        width = jnp.where(proper, jnp.log(jnp.where(proper, self.L, 1.0)), math.log(2 * math.pi))
+        return (width - self.L * self.a**2).sum() / 2 + jnp.log(jnp.diag(self.R)).sum()
 
     def columns(self, at: "GivenOthers") -> Float[np.ndarray, "n columns"]:
         """Return the log density, and what `completed` needs, a row for each point."""
-        return np.concatenate([at.log_density[None], at.log_likelihood[None], at.m]).T
+        return np.concatenate([at.log_density[None], at.log_likelihood[None], at.g]).T
 
     def completed(
         self, theta: Float[np.ndarray, "n Q"], known: Float[np.ndarray, "n columns"], rng: np.random.Generator
@@ -88,13 +96,9 @@ class LinearMarginal(eqx.Module):
         """
         out, noise = self.integrated, rng.standard_normal((len(theta), len(self.names)))
         R = np.asarray(self.R)
-        z = (noise - known[:, 2:] @ R.T) @ R
-        items = [item for item in self.posterior.parameters.items if item.name in self.names]
-        centre, sd = _priors(Parameters(tuple(items)))
         whole = np.empty((len(theta), len(out)))
-        whole[:, ~out], whole[:, out] = theta, centre + sd * z
-        width = math.log(2 * math.pi) / 2 + np.log(sd)
-        given = -np.log(np.diag(R)).sum() - width.sum() - (noise**2).sum(1) / 2
+        whole[:, ~out], whole[:, out] = theta, np.asarray(self.at) + (noise - known[:, 2:] @ R.T) @ R
+        given = -np.log(np.diag(R)).sum() - len(R) * math.log(2 * math.pi) / 2 - (noise**2).sum(1) / 2
         return whole, known[:, 0] + given
 
 
@@ -104,22 +108,23 @@ class GivenOthers(NamedTuple):
     Attributes:
         log_density: (n,) the nuisances integrated out; -inf where the model has no answer.
         log_likelihood: (n,) the same without the priors of the other unknowns.
-        m: (p, n) B' v, of which the nuisances' means are made.
+        g: (p, n) of which the nuisances' means are made.
     """
 
     log_density: Any
     log_likelihood: Any
-    m: Any
+    g: Any
 
 
 def linear_marginal(posterior: Posterior, optimum: Optimum, names: tuple[str, ...]) -> LinearMarginal:
     """Return the posterior without these nuisances, with their derivatives at an optimum of its problem."""
     problem, out = posterior.problem, np.isin(posterior.problem.parameters.names, names)
-    centre, sd = _priors(problem.parameters)
-    B = _scaled(problem, optimum.theta)[:, out] * sd[out]
-    R = np.linalg.inv(np.linalg.cholesky(np.eye(B.shape[1]) + B.T @ B))
-    z = (optimum.theta - centre)[out] / sd[out]
-    return LinearMarginal(posterior, names, *jax.device_put((optimum.theta[out], z, B, R)))
+    parameters = problem.parameters
+    centre = np.asarray(parameters.theta(parameters.column("centre")))[out]
+    L = np.asarray(parameters.column("prior_sd"))[out] ** -2.0
+    B = _scaled(problem, optimum.theta)[:, out]
+    R = np.linalg.inv(np.linalg.cholesky(B.T @ B + np.diag(L)))
+    return LinearMarginal(posterior, names, *jax.device_put((optimum.theta[out], optimum.theta[out] - centre, L, B, R)))
 
 
 def linear_nuisances(fit: Fit, seed: int) -> tuple[str, ...]:
@@ -163,8 +168,3 @@ def moved(
 
 def _scaled(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> Float[np.ndarray, "D P"]:
     return problem.scaled(np.asarray(fit_at(problem, theta).jacobian))
-
-
-def _priors(parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
-    """Return centre and standard deviation of each prior, in theta."""
-    return np.asarray(parameters.theta(parameters.column("centre"))), np.asarray(parameters.column("prior_sd"))

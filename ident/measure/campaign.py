@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 
 from ident.errors import InputError, Problem
 from ident.measure.covariance import Correlated, Covariance, correlated
-from ident.measure.kinds import DIFFERENCES, KINDS, ROLES, ROTATIONS, TWISTS
+from ident.measure.kinds import DIFFERENCES, KINDS, POSITIONS, ROLES, ROTATIONS, TWISTS
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
+from ident.measure.setups import NO_SETUPS, Setups, check_name
 from ident.text import nearest, quoted
 from ident.units import QUANTITIES
 
@@ -38,8 +39,8 @@ class Measurement:
 
     Attributes:
         kind: `frequency` (natural frequency [Hz], see `of`), `deflection` [m], `deflection_difference` (under
-            `load` minus under `reference_load` [m]), `rotation` [rad], `rotation_difference` [rad], `twist` [rad],
-            `twist_difference` [rad] or `damping_ratio` [-].
+            `load` minus under `reference_load` [m]), `position` [m], `rotation` [rad], `rotation_difference` [rad],
+            `twist` [rad], `twist_difference` [rad] or `damping_ratio` [-].
         posture: (joints,) [rad] joint angles at which the arm was held.
         value: () [Hz, m, rad or -] the measured number.
         sigma: () [as value] its standard deviation.
@@ -49,6 +50,7 @@ class Measurement:
         direction: (3,) [-] unit vector in the base frame, along which a deflection counts, -z when not given, or about
             which a rotation counts, right-handed.
         joint: joint whose twist was read.
+        setup: what it was measured with, in whose frame the direction counts; empty for the base frame.
         resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
         repeat: what tells this reading from others of the same, such as its number.
         group: name of the rows with whose errors its own is correlated; empty for none. See `Campaign.covariance`.
@@ -70,6 +72,7 @@ class Measurement:
     point: str | None = None
     direction: Vector | None = None
     joint: str | None = None
+    setup: str = ""
     resolution: float = 0.0
     repeat: str = ""
     group: str = ""
@@ -116,6 +119,7 @@ class Campaign:
         decimal: the file's decimal mark.
         measurements: in the file's order, all with the same number of joints.
         covariance: how the errors of the groups' rows are correlated; None where no row is in a group.
+        setups: the frames of the setups that rows name.
     """
 
     name: str = field(default="", compare=False)
@@ -125,6 +129,7 @@ class Campaign:
     decimal: str = field(default=".", compare=False)
     measurements: tuple[Measurement, ...] = ()
     covariance: Covariance | None = None
+    setups: Setups = NO_SETUPS
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "measurements", tuple(self.measurements))
@@ -190,9 +195,10 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
         yield Problem("", "nothing", f"the point {read}", "name a point of the arm", "point")
     if kind in TWISTS and "joint" not in given:
         yield Problem("", "nothing", "the joint whose twist was read", "name a driven joint of the arm", "joint")
-    if kind in ROTATIONS and "direction" not in given:
+    if kind in (*ROTATIONS, *POSITIONS) and "direction" not in given:
         remedy = "give one of x, -z, ... or three numbers"
-        yield Problem("", "nothing", "the axis that the rotation is about, right-handed", remedy, "direction")
+        axis = "the axis that the rotation is about, right-handed" if kind in ROTATIONS else "the axis that it is along"
+        yield Problem("", "nothing", axis, remedy, "direction")
 
 
 def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Problem]:
@@ -241,17 +247,22 @@ def resolution_problems(resolution: float) -> Iterator[Problem]:
         yield Problem("", f"{resolution:g}", "a resolution above 0", remedy, "resolution")
 
 
-_ROLE_FIELDS = ("mode", "of", "point", "direction", "joint", "reference_load")
+_ROLE_FIELDS = ("mode", "of", "point", "direction", "joint", "setup", "reference_load")
 _RANGES = {"frequency": (0.0, math.inf), "damping_ratio": (0.0, 1.0)}
 
 
 def _check_kind(m: Measurement) -> None:
+    try:
+        check_name(m.setup)
+    except InputError as error:
+        raise InputError(replace(problem, where=m.where) for problem in error.problems) from None
     if m.kind not in KINDS:
         raise InputError(Problem(m.where, quoted(m.kind), f"one of {', '.join(KINDS)}", "correct the kind", "kind"))
 
 
 def _normalised(m: Measurement) -> dict[str, object]:
-    direction = m.direction or (GRAVITY_DIRECTION if KINDS[m.kind] == "length" else None)
+    downwards = KINDS[m.kind] == "length" and m.kind not in POSITIONS
+    direction = m.direction or (GRAVITY_DIRECTION if downwards else None)
     return {
         "posture": tuple(float(angle) for angle in m.posture),
         "value": float(m.value),
@@ -264,6 +275,7 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "drives": m.drives.strip().lower() or DRIVE_STATES[0],
         "point": (m.point or "").strip() or None,
         "joint": (m.joint or "").strip() or None,
+        "setup": m.setup.strip(),
         "direction": unit_vector(direction) if direction else None,
         "unit": m.unit.strip() or QUANTITIES[KINDS[m.kind]].si,
         "note": "\n".join(m.note.splitlines()).strip(),

@@ -17,6 +17,7 @@ COLUMNS = (
     "point",
     "direction",
     "joint",
+    "setup",
     "load",
     "reference_load",
     "drives",

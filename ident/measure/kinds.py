@@ -4,6 +4,7 @@ KINDS = {
     "frequency": "frequency",
     "deflection": "length",
     "deflection_difference": "length",
+    "position": "length",
     "rotation": "rotation",
     "rotation_difference": "rotation",
     "twist": "rotation",
@@ -14,10 +15,11 @@ KINDS = {
 
 ROLES = {
     "frequency": ("mode", "of"),
-    "deflection": ("point", "direction"),
-    "deflection_difference": ("point", "direction", "reference_load"),
-    "rotation": ("point", "direction"),
-    "rotation_difference": ("point", "direction", "reference_load"),
+    "deflection": ("point", "direction", "setup"),
+    "deflection_difference": ("point", "direction", "reference_load", "setup"),
+    "position": ("point", "direction", "setup"),
+    "rotation": ("point", "direction", "setup"),
+    "rotation_difference": ("point", "direction", "reference_load", "setup"),
     "twist": ("joint",),
     "twist_difference": ("joint", "reference_load"),
     "damping_ratio": ("mode",),
@@ -29,6 +31,9 @@ DIFFERENCES = ("deflection_difference", "rotation_difference", "twist_difference
 
 ROTATIONS = ("rotation", "rotation_difference")
 """Kinds that turn about their direction; no direction is usual, so it must be given."""
+
+POSITIONS = ("position",)
+"""Kinds that say where a point is, not how far it was moved; their direction must be given as well."""
 
 TWISTS = ("twist", "twist_difference")
 """Kinds that encoders on both sides of a joint read: angle of the link less that of the motor over the ratio."""

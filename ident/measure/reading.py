@@ -19,6 +19,7 @@ from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_heade
 from ident.measure.covariance import Covariance, covariance_path, parse_covariance
 from ident.measure.kinds import KINDS
 from ident.measure.load import Load, parse_direction
+from ident.measure.setups import NO_SETUPS, Setups, parse_setups, setups_path
 from ident.measure.table import (
     Findings,
     Record,
@@ -33,6 +34,8 @@ from ident.measure.text import parse_fraction, parse_number
 from ident.text import nearest, one_line, quoted
 from ident.units import si_factor
 
+AS_TEXT = ("mode", "of", "point", "joint", "setup", "drives", "unit", "repeat", "group", "note")
+"""Columns whose text is taken as it is."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -45,17 +48,20 @@ def read_campaign(path: str | Path) -> Campaign:
 
     Returns:
         The measurements in SI units, with the file's hash, delimiter and decimal mark; where rows name a group, also
-        the correlations of `CAMPAIGN.covariance.csv` beside it.
+        the correlations of `CAMPAIGN.covariance.csv` beside it, and where they name a setup, the frames of
+        `CAMPAIGN.setups.csv`.
 
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    beside = covariance_path(path)
-    return parse_campaign(read_table(path), path, read_table(beside) if beside.is_file() else None)
+    beside = (read_table(file) if file.is_file() else None for file in (covariance_path(path), setups_path(path)))
+    return parse_campaign(read_table(path), path, *beside)
 
 
-def parse_campaign(data: bytes, path: str | Path, covariance: bytes | None = None) -> Campaign:
-    """Read a campaign from the bytes of a CSV file, and of that with its correlations; `path` names it in messages."""
+def parse_campaign(
+    data: bytes, path: str | Path, covariance: bytes | None = None, setups: bytes | None = None
+) -> Campaign:
+    """Read a campaign from the bytes of a CSV file, and of those beside it; `path` names it in messages."""
     file, findings = one_line(str(path)), Findings()
     text = table_text(data, file)
     delimiter = sniff_delimiter(text, is_column)
@@ -71,8 +77,8 @@ def parse_campaign(data: bytes, path: str | Path, covariance: bytes | None = Non
     if wrong:
         raise InputError(wrong)
     sha256 = hashlib.sha256(data).hexdigest()
-    correlated = _covariance(measurements, path, covariance)
-    return Campaign(Path(path).stem, str(path), sha256, delimiter, decimal, measurements, correlated)
+    correlated, frames = _covariance(measurements, path, covariance), _setups(measurements, path, setups)
+    return Campaign(Path(path).stem, str(path), sha256, delimiter, decimal, measurements, correlated, frames)
 
 
 def _numbered(measurements: Iterable[Measurement]) -> tuple[Measurement, ...]:
@@ -100,6 +106,21 @@ def _covariance(measurements: Iterable[Measurement], path: str | Path, data: byt
         remedy = "write it (group,i,j,correlation), or empty the column group"
         raise InputError(Problem(where, "no such file", "the correlations of the rows in groups", remedy))
     return None if data is None else parse_covariance(data, beside, sizes)
+
+
+def _setups(measurements: Iterable[Measurement], path: str | Path, data: bytes | None) -> Setups:
+    """Return the frames of the setups that rows name.
+
+    Raises:
+        InputError: a file of frames without such rows, or something in it is wrong.
+    """
+    names, beside = {m.setup for m in measurements if m.setup}, setups_path(path)
+    if data is None:
+        return NO_SETUPS
+    if not names:
+        got, remedy = "frames of no row", "name each row's setup in a column setup, or remove this file"
+        raise InputError(Problem(one_line(str(beside)), got, f"rows of {one_line(Path(path).name)} in them", remedy))
+    return parse_setups(data, beside, names)
 
 
 def _nothing_to_read(file: str, records: list[Record]) -> Problem:
@@ -160,7 +181,10 @@ def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
         "direction": row.attempt("direction", parse_direction, axis, row.decimal) if axis else None,
         "load": _read_load(row, "load"),
         "reference_load": _read_load(row, "reference_load"),
-        **{name: row[name] for name in ("mode", "of", "point", "joint", "drives", "unit", "repeat", "group", "note")},
+        **{
+            name: row[name]
+            for name in ("mode", "of", "point", "joint", "setup", "drives", "unit", "repeat", "group", "note")
+        },
     }
 
 

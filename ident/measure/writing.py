@@ -12,6 +12,7 @@ from ident.measure.covariance import Group, covariance_path, covariance_text
 from ident.measure.kinds import KINDS
 from ident.measure.load import format_direction
 from ident.measure.reading import parse_campaign
+from ident.measure.setups import setups_path, setups_text
 from ident.measure.text import format_number
 from ident.units import si_factor
 
@@ -29,8 +30,8 @@ def write_campaign(
     """Write a campaign as CSV: postures in deg, frequencies in Hz, deflections in mm, every digit kept.
 
     The text is read back before it is written, so that no file is made that `read_campaign` would refuse. The
-    file appears whole or not at all. Correlations go into `CAMPAIGN.covariance.csv` beside it; without any, such a file
-    of an earlier campaign there is removed.
+    file appears whole or not at all. Correlations go into `CAMPAIGN.covariance.csv` beside it, frames of setups into
+    `CAMPAIGN.setups.csv`; without any, such a file of an earlier campaign there is removed.
 
     Args:
         campaign: what to write.
@@ -42,12 +43,19 @@ def write_campaign(
     data, beside = text.encode("utf-8", errors="backslashreplace"), covariance_path(path)
     groups = _groups(campaign)
     correlations = covariance_text(groups, Path(path).name).encode() if groups else None
-    parse_campaign(data, path, correlations)
-    if correlations is not None:
-        replace_file(beside, lambda file: file.write(correlations))
-    else:
-        beside.unlink(missing_ok=True)
+    frames = setups_text(campaign.setups.each, Path(path).name).encode() if campaign.setups.each else None
+    parse_campaign(data, path, correlations, frames)
+    _write_beside(beside, correlations)
+    _write_beside(setups_path(path), frames)
     replace_file(Path(path), lambda file: file.write(data))
+
+
+def _write_beside(path: Path, content: bytes | None) -> None:
+    """Write a file that belongs to the campaign, or remove an earlier campaign's."""
+    if content is None:
+        path.unlink(missing_ok=True)
+    else:
+        replace_file(path, lambda file: file.write(content))
 
 
 def _groups(campaign: Campaign) -> list[Group]:
@@ -92,6 +100,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
         ("of", m.of or ""),
         ("point", m.point or ""),
         ("joint", m.joint or ""),
+        ("setup", m.setup),
         ("note", m.note),
     )
     yield "direction", format_direction(m.direction) if m.direction else ""

@@ -1,0 +1,165 @@
+"""Frames of setups: what a tracker reads of an arm whose frame is not known, against frames made by SciPy."""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arms import lcd_arm
+from scipy.spatial.transform import Rotation
+
+from ident.arm.chain import at_posture
+from ident.arm.equilibrium import static_equilibrium
+from ident.arm.mechanics import point_positions
+from ident.errors import InputError
+from ident.identify.build_problem import build_problem
+from ident.identify.conditions import loads_of
+from ident.identify.fit import fit_campaign
+from ident.measure import Campaign, Load, Measurement, parse_campaign, read_campaign, write_campaign
+from ident.measure.setups import Setup, Setups
+
+TURN, ORIGIN = np.array([0.4, -2.0, 1.1]), np.array([2.3, -1.7, 0.6])
+"""Rotation vector [rad] and place [m] of a tracker."""
+AXES = np.eye(3)
+POSTURES = [(0.0, 0.0, 0.0), (0.5, -1.0, 0.6), (1.0, -2.0, 1.1), (-0.6, 0.4, 1.2)]
+LOADS = [Load(masses=((20.0, "tip"),)), Load(forces=(((0.0, 300.0, 0.0), "tip"),))]
+
+
+def at_rest(posture, load) -> np.ndarray:
+    """Return where the tip is in the base frame, by kinematics at the static equilibrium."""
+    arm = lcd_arm()
+    chain = at_posture(arm, jnp.asarray(posture), loads_of(arm, load))
+    return np.asarray(point_positions(chain, static_equilibrium(chain).phi))[
+        :, [p.name for p in arm.points].index("tip")
+    ]
+
+
+@cache
+def tracked(kind: str, noise: float = 0.0, seed: int = 0) -> Campaign:
+    """Return what a tracker reads of the paper's arm, along its own axes."""
+    R, rng = Rotation.from_rotvec(TURN).as_matrix(), np.random.default_rng(seed)
+    rows = []
+    for posture in POSTURES:
+        for load in LOADS:
+            vector = at_rest(posture, load)
+            vector = vector - (ORIGIN if kind == "position" else at_rest(posture, Load()))
+            for axis, value in zip(AXES, R.T @ vector + noise * rng.standard_normal(3), strict=True):
+                rows.append(
+                    Measurement(
+                        kind=kind,
+                        posture=posture,
+                        value=value,
+                        sigma=noise or 3e-5,
+                        point="tip",
+                        direction=tuple(axis),
+                        load=load,
+                        setup="tracker",
+                    )
+                )
+    return Campaign(measurements=tuple(rows))
+
+
+def parameters_of(problem):
+    return dict(zip(problem.parameters.names, np.asarray(problem.parameters.column("start")), strict=True))
+
+
+@pytest.mark.parametrize("kind", ["position", "deflection_difference"])
+def test_the_frame_is_found_and_exact_data_are_predicted(kind):
+    """Started by triads; at the truth, what SciPy's frame gives, to rounding."""
+    problem = build_problem(lcd_arm(), tracked(kind))
+    names = [name for name in problem.parameters.names if name.startswith("setup.")]
+    assert len(names) == (6 if kind == "position" else 3)
+    start = parameters_of(problem)
+    axes = np.asarray(problem.model.frames.axes)[:, :, 0]
+    np.testing.assert_allclose(axes, Rotation.from_rotvec(TURN).as_matrix(), atol=1e-9)
+    if kind == "position":
+        np.testing.assert_allclose([start[f"setup.tracker.{a}"] for a in "xyz"], ORIGIN, atol=1e-9)
+    theta = problem.parameters.theta(problem.parameters.column("start"))
+    np.testing.assert_allclose(problem.predict(jnp.asarray(theta)), problem.measured, rtol=1e-9, atol=1e-12)
+
+
+def test_the_derivatives_are_those_of_finite_differences():
+    """By the frame's place and turns and by the stiffnesses, of positions and differences alike."""
+    rows = (*tracked("position"), *tracked("deflection_difference"))
+    problem = build_problem(lcd_arm(), Campaign(measurements=rows))
+    theta = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
+    theta = theta + 0.1 * np.random.default_rng(1).standard_normal(len(theta))
+    exact = jax.jacfwd(problem.predict)(jnp.asarray(theta))
+    step = 1e-4
+    for i in range(len(theta)):
+        ends = [problem.predict(jnp.asarray(theta + way * step * np.eye(len(theta))[i])) for way in (-1, 1)]
+        np.testing.assert_allclose(exact[:, i], (ends[1] - ends[0]) / (2 * step), rtol=1e-5, atol=1e-9)
+
+
+def test_a_free_frame_costs_what_projecting_it_out_costs():
+    """Covariance of the stiffnesses: the Schur complement of the frame's part, by dense matrices."""
+    fit = fit_campaign(lcd_arm(), tracked("deflection_difference", 3e-5), starts=2)
+    parameters = fit.problem.parameters
+    J = np.asarray(fit.jacobian) / np.asarray(fit.problem.sigma)[:, None]
+    own, F = J[:, ~parameters.nuisance], J[:, parameters.nuisance]
+    left = own - F @ np.linalg.lstsq(F, own, rcond=None)[0]
+    known = left.T @ left + np.eye(own.shape[1])
+    sd = np.sqrt(np.diag(np.linalg.inv(known)))
+    np.testing.assert_allclose(fit.information.sd[~parameters.nuisance], sd, rtol=1e-6)
+    assert fit.degrees_of_freedom == len(J) - 6 - 3
+    assert fit.information.rank == 6
+    assert not fit.doubts
+
+
+def test_a_known_frame_is_no_unknown_and_one_with_a_prior_is_one_of_six():
+    """And the data find the truth within that prior."""
+    rows = tracked("position").measurements
+    known = Setups((Setup("tracker", tuple(ORIGIN), tuple(TURN), 0.0, 0.0),))
+    problem = build_problem(lcd_arm(), Campaign(measurements=rows, setups=known))
+    assert not any(name.startswith("setup.") for name in problem.parameters.names)
+    theta = problem.parameters.theta(problem.parameters.column("start"))
+    np.testing.assert_allclose(problem.predict(jnp.asarray(theta)), problem.measured, atol=1e-12)
+    near = Setups((Setup("tracker", tuple(ORIGIN + 1e-3), tuple(TURN), 2e-3, 1e-3),))
+    fit = fit_campaign(lcd_arm(), Campaign(measurements=rows, setups=near), starts=1)
+    found = [fit.parameters[f"setup.tracker.{a}"] for a in "xyz"]
+    np.testing.assert_allclose(found, ORIGIN, atol=1e-4)
+
+
+def test_rows_that_do_not_tell_how_a_frame_is_turned_are_refused():
+    """One vector leaves the turn about itself; the remedy is to say it."""
+    rows = tuple(replace(m, posture=POSTURES[0]) for m in tracked("deflection_difference").measurements[:3])
+    with pytest.raises(InputError, match="not known how it is turned"):
+        build_problem(lcd_arm(), Campaign(measurements=rows))
+
+
+def test_setups_are_written_and_read_back(tmp_path):
+    """With what is known of one frame, and nothing of the other."""
+    rows = (*tracked("position").measurements[:6], *(replace(m, setup="other") for m in tracked("position")))
+    setups = Setups((Setup("tracker", (1.5, 2.0, -0.25), (0.1, 0.2, 0.3), 0.001, 0.002), Setup("other")))
+    campaign = Campaign(measurements=rows, setups=setups)
+    write_campaign(campaign, tmp_path / "c.csv")
+    read = read_campaign(tmp_path / "c.csv")
+    assert read.setups == setups
+    assert [m.setup for m in read] == [m.setup for m in campaign]
+    np.testing.assert_allclose([m.value for m in read], [m.value for m in campaign], rtol=1e-14)
+
+
+HEAD = "setup,x,y,z,unit,sigma,rx,ry,rz,turn_unit,turn_sigma\n"
+BAD = [
+    ("setup,x\ntracker,1\n", "other columns"),
+    (HEAD + "trakker,1,2,3,m,0,0,0,0,deg,0\n", "write tracker"),
+    (HEAD + "tracker,1,2,,m,0,0,0,0,deg,0\n", "give all three"),
+    (HEAD + "tracker,1,2,3,kg,0,0,0,0,deg,0\n", "a length unit"),
+    (HEAD + "tracker,1,2,3,m,-1,0,0,0,deg,0\n", "0 for known, or free"),
+    (HEAD + "tracker,1,2,3,m,0,0,0,0,deg,0\ntracker,1,2,3,m,0,0,0,0,deg,0\n", "each setup once"),
+    (HEAD + "tracker,,,,m,0,0,0,0,deg,0\n", "a number, as sigma is not free"),
+    (HEAD + "tracker,1,2,3\n", "4 fields"),
+]
+
+
+@pytest.mark.parametrize(("text", "said"), BAD)
+def test_bad_setups_are_refused_with_their_row(text, said):
+    """One line each."""
+    table = "kind,q1 [deg],point,direction,setup,value,unit,sigma\nposition,0,tip,x,tracker,1,m,0.001\n"
+    with pytest.raises(InputError) as refused:
+        parse_campaign(table.encode(), "c.csv", None, text.encode())
+    assert len(refused.value.problems) == 1
+    assert said in str(refused.value)
+    assert str(refused.value).startswith("c.setups.csv")
