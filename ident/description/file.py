@@ -20,6 +20,7 @@ from ident.arm.fields import COMPONENTS
 from ident.description.explanations import Source
 from ident.description.quantities import Origin, si
 from ident.description.schema import ArmDocument, named
+from ident.description.uncertainty import uncertain_numbers
 from ident.errors import InputError, Problem
 from ident.text import decode, one_line, read_bytes
 
@@ -63,7 +64,9 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
     document = parse_document(text, where)
     digest = hashlib.sha256(data).hexdigest()
-    return ArmFile(document.arm(), str(path), digest, document.origins(), document.extents(), document.uncertain())
+    return ArmFile(
+        document.arm(), str(path), digest, document.origins(), document.extents(), uncertain_numbers(document)
+    )
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from ident.arm.arm import GRAVITY, Arm
 from ident.arm.drive import Belt, Drive, Servo, Stroke
-from ident.arm.fields import LOSS, field_named, names_of
+from ident.arm.fields import LOSS, names_of
 from ident.arm.parts import Body, Joint, Payload, Point, check_inertia
 from ident.arm.workspace import Workspace
 from ident.description.quantities import (
@@ -274,19 +274,6 @@ class ArmDocument(Table):
             return source["origin"] if source else "derived" if "shape" in tables[name] else "assumed"
 
         return {path: origin(path) for path in self.arm().paths()}
-
-    def uncertain(self) -> dict[str, str]:
-        """Return the standard deviation, as it is written, of each number that has one, by path."""
-        found: dict[str, str] = {}
-        for _, table in named(self.model_dump()):
-            widths = {key: part["uncertainty"] for key, part in table.items() if _has_width(part)}
-            for key, width in widths.items():
-                found |= {f"{table['name']}.{key}{end}": width for end in field_named(key).ends}
-        return found
-
-
-def _has_width(part: Any) -> bool:
-    return isinstance(part, dict) and bool(part.get("uncertainty"))
 
 
 def named(raw: Mapping[str, Any]) -> Iterator[tuple[Loc, Any]]:

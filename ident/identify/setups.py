@@ -17,8 +17,8 @@ from ident.measure import Campaign, Measurement
 from ident.measure.kinds import POSITIONS
 from ident.measure.setups import Setup
 
-PREFIX = "setup."
-"""What the names of their parameters begin with; then the name, then `x` to `z` or `turn.x` to `turn.z`."""
+PREFIX = "setup:"
+"""What the names of their parameters begin with; then the name, then `.x` to `.z` or `.turn.x` to `.turn.z`."""
 STEP = 1e-3
 """Size of theta: 1 mm of a frame's place, 1 mrad of its orientation."""
 FREE_RANK = 1e-6

@@ -163,7 +163,7 @@ def moved(
     for point in points:
         missed = (_scaled(problem, point) - J)[:, out] * (point - optimum.theta)[out]
         shifts.append((covariance @ J.T @ missed)[~out] / spread[:, None])
-    return np.sqrt((np.array(shifts) ** 2).mean(0)).max(0) if names else np.zeros(0)
+    return np.sqrt((np.array(shifts) ** 2).mean(0)).max(0)
 
 
 def _scaled(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> Float[np.ndarray, "D P"]:

@@ -83,7 +83,8 @@ def combinations(sample: Sample) -> tuple[Direction, ...]:
 
 def prior_spread(direction: Direction, parameters: Parameters) -> float:
     """Return the standard deviation in theta along a direction by the priors alone; infinite if one is missing."""
-    return float(np.sqrt(((direction.weights * parameters.normal_sd) ** 2).sum()))
+    parts = direction.weights != 0
+    return float(np.sqrt(((direction.weights[parts] * parameters.normal_sd[parts]) ** 2).sum()))
 
 
 def ratio_to_prior(parameters: Parameters, theta: Float[np.ndarray, "P *batch"]) -> Float[np.ndarray, "P *batch"]:

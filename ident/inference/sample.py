@@ -161,6 +161,8 @@ def sample(
             ensembles = Ensembles(target, about, chosen.walkers or 0, chosen.seed, pool)
             _draw(ensembles, chains, started, chosen, progress)
         drawn = _sample(fit, posterior, chosen, chains, started)
+        if not names:
+            return drawn
         shift = moved(fit.problem, fit.best, names, spread_draws(drawn.draws()))
         if not (shift > MOVED).any():
             return replace(drawn, marginalised=dict(zip(names, shift.tolist(), strict=True)))

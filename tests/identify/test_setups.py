@@ -69,13 +69,13 @@ def parameters_of(problem):
 def test_the_frame_is_found_and_exact_data_are_predicted(kind):
     """Started by triads; at the truth, what SciPy's frame gives, to rounding."""
     problem = build_problem(lcd_arm(), tracked(kind))
-    names = [name for name in problem.parameters.names if name.startswith("setup.")]
+    names = [name for name in problem.parameters.names if name.startswith("setup:")]
     assert len(names) == (6 if kind == "position" else 3)
     start = parameters_of(problem)
     axes = np.asarray(problem.model.frames.axes)[:, :, 0]
     np.testing.assert_allclose(axes, Rotation.from_rotvec(TURN).as_matrix(), atol=1e-9)
     if kind == "position":
-        np.testing.assert_allclose([start[f"setup.tracker.{a}"] for a in "xyz"], ORIGIN, atol=1e-9)
+        np.testing.assert_allclose([start[f"setup:tracker.{a}"] for a in "xyz"], ORIGIN, atol=1e-9)
     theta = problem.parameters.theta(problem.parameters.column("start"))
     np.testing.assert_allclose(problem.predict(jnp.asarray(theta)), problem.measured, rtol=1e-9, atol=1e-12)
 
@@ -113,12 +113,12 @@ def test_a_known_frame_is_no_unknown_and_one_with_a_prior_is_one_of_six():
     rows = tracked("position").measurements
     known = Setups((Setup("tracker", tuple(ORIGIN), tuple(TURN), 0.0, 0.0),))
     problem = build_problem(lcd_arm(), Campaign(measurements=rows, setups=known))
-    assert not any(name.startswith("setup.") for name in problem.parameters.names)
+    assert not any(name.startswith("setup:") for name in problem.parameters.names)
     theta = problem.parameters.theta(problem.parameters.column("start"))
     np.testing.assert_allclose(problem.predict(jnp.asarray(theta)), problem.measured, atol=1e-12)
     near = Setups((Setup("tracker", tuple(ORIGIN + 1e-3), tuple(TURN), 2e-3, 1e-3),))
     fit = fit_campaign(lcd_arm(), Campaign(measurements=rows, setups=near), starts=1)
-    found = [fit.parameters[f"setup.tracker.{a}"] for a in "xyz"]
+    found = [fit.parameters[f"setup:tracker.{a}"] for a in "xyz"]
     np.testing.assert_allclose(found, ORIGIN, atol=1e-4)
 
 

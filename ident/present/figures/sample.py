@@ -35,6 +35,7 @@ from ident.present.figures.style import (
     titled,
 )
 from ident.present.text.sample import of_first
+from ident.present.text.units import SETUP
 from ident.present.text.words import cut, direction_name, short
 
 CORNER_DRAWS = 20000
@@ -55,7 +56,7 @@ def sample_figures(result: CampaignSample) -> dict[str, Figure]:
 
 def posterior_figure(result: CampaignSample) -> Figure:
     """Draw posterior against prior, parameter by parameter and in combination, and predicted against measured."""
-    items = result.sample.posterior.parameters.items
+    items = _shown(result)
     combined = combinations(result.sample) if len(result.fitted.problem.parameters.items) > 1 else []
     left = [len(items) * ROW + PANEL, len(combined) * ROW + PANEL]
     right = min(len(result.fitted.campaign), DENSE) * ROW + PANEL
@@ -73,13 +74,13 @@ def posterior_figure(result: CampaignSample) -> Figure:
 
 def _against_prior(axes: Axes, result: CampaignSample) -> None:
     """Draw prior and posterior of each parameter relative to the arm file, lengths as exponentials of theta."""
-    parameters = result.sample.posterior.parameters
-    items, share = parameters.items, share_of_prior(result.sample)
-    prior = ratio_to_prior(parameters, prior_intervals(parameters))
-    own = ratio_to_prior(parameters, np.asarray(parameters.theta(quantiles(result.sample).T)))
+    parameters, shown = result.sample.posterior.parameters, _shown(result)
+    proper, share = parameters.proper[shown], share_of_prior(result.sample)[shown]
+    prior = ratio_to_prior(parameters, prior_intervals(parameters))[shown]
+    own = ratio_to_prior(parameters, np.asarray(parameters.theta(quantiles(result.sample).T)))[shown]
     open_ones = share > LEARNED
-    rows(axes, [cut(item.name, 30) for item in items])
-    left, right, hidden = _frame(own, prior[parameters.proper])
+    rows(axes, [cut(parameters.names[i], 30) for i in shown])
+    left, right, hidden = _frame(own, prior[proper])
     ratio_axis(axes, left, right)
     axes.axvline(1.0, color="black", linewidth=0.8, zorder=1.5)
     for y, (before, (low, lower, median, upper, high), unknown) in enumerate(zip(prior, own, open_ones, strict=True)):
@@ -87,7 +88,7 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
         axes.plot([low, high], [y, y], **WIDE)
         axes.plot([lower, upper], [y, y], **NARROW, solid_capstyle="butt")
         axes.plot([median], [y], linestyle="", zorder=3, **{**(HOLLOW if unknown else FILLED), "markersize": 5})
-    shares = zip(share, parameters.proper, strict=True)
+    shares = zip(share, proper, strict=True)
     texts = [f"{share:.0%} of prior" if proper else "no prior" for share, proper in shares]
     rows(axes.twinx(), texts, side="right")
     axes.set_xlabel("value / centre of its prior [-]", fontsize=9)
@@ -95,6 +96,11 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
     keys: dict[str, Style] = {f"prior, 95 %{beyond}": BAND, "posterior, 95 %": WIDE, "50 %": NARROW}
     keys |= {"median": FILLED, "median, mostly the prior": HOLLOW} if open_ones.any() else {"median": FILLED}
     heading(axes, "Parameters, one by one", keys)
+
+
+def _shown(result: CampaignSample) -> list[int]:
+    """Return the places of the unknowns that are shown: all but where the frames of setups are."""
+    return [i for i, name in enumerate(result.sample.posterior.parameters.names) if not name.startswith(SETUP)]
 
 
 def _frame(own: np.ndarray, prior: np.ndarray) -> tuple[float, float, bool]:
@@ -160,20 +166,21 @@ def corner_figure(result: CampaignSample) -> Figure:
     """Draw all pairs of parameters against each other, relative to the centres of their priors."""
     import corner
 
-    parameters = result.sample.posterior.parameters
+    parameters, shown = result.sample.posterior.parameters, _shown(result)
+    names = [parameters.names[i] for i in shown]
     draws = _thinned(result.sample.draws(), CORNER_DRAWS)
-    ratio = ratio_to_prior(parameters, draws.T).T
-    size = 1.8 * len(parameters.names) + 1.2
+    ratio = ratio_to_prior(parameters, draws.T).T[:, shown]
+    size = 1.8 * len(names) + 1.2
     figure = Figure(figsize=(size, size))
     span = np.quantile(ratio, (0.001, 0.999), axis=0).T
     wide = span[:, 1] / span[:, 0] > WIDE_SPAN
     corner.corner(
         ratio,
         fig=figure,
-        labels=[_two_lines(name) for name in parameters.names],
+        labels=[_two_lines(name) for name in names],
         range=[tuple(ends) for ends in span],
         axes_scale=["log" if far else "linear" for far in wide],
-        truths=[1.0] * len(parameters.names),
+        truths=[1.0] * len(names),
         truth_color=ORANGE,
         color=BLUE,
         quantiles=(LEVELS[0], LEVELS[-1]),

@@ -152,5 +152,6 @@ def _agreement(fit: CampaignFit) -> Iterator[str]:
         return
     yield "Do the kinds of measurement agree? Each one, against the others and the priors:"
     yield from agreement(fit.cross_predictions, fit.campaign.measurements)
-    if not fit.problem.parameters.proper.all():
+    parameters = fit.problem.parameters
+    if not (parameters.proper | parameters.nuisance).all():
         yield "  Where there is no prior on a stiffness, the default one was taken for this comparison."

@@ -9,7 +9,7 @@ from ident.inference.fit import Fit
 from ident.inference.information import Information
 from ident.inference.parameters import Parameter
 from ident.inference.verdicts import farthest
-from ident.present.text.units import MM, in_read_unit, is_length, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.units import SETUP, in_read_unit, is_stiffness, nmm_per_deg, read_unit
 from ident.present.text.words import cut, describe, priors_in_words, shares
 
 LISTED = 12
@@ -62,22 +62,28 @@ def uncertain_numbers(fit: CampaignFit) -> Iterator[str]:
     places = np.flatnonzero(parameters.nuisance).tolist()
     if not places:
         return
-    yield "Not exactly known           said   within     fitted    off by   known to   what it costs most"
+    yield "Not exactly known          said  within    fitted   off by   known to   costs most"
     for i in places:
         item, off = parameters.items[i], float(parameters.prior_residuals(fit.best.theta)[0][i])
-        said, now = (_known_to(item, sd) for sd in (float(item.prior_sd), float(known.sd[i])))
-        number = f"{float(item.start):9.4g} {said:>8s} {fit.best.values[i]:10.4g} {off:+6.1f} sd {now:>10s}"
-        yield f"  {cut(item.name, 20):20s} {number}   {_cost(fit, i)}"
-        advice = _advice(known, i, off)
+        size, _ = read_unit(item.name)
+        said, now = (_known_to(item, float(sd)) for sd in (item.prior_sd, known.sd[i]))
+        shift = f"{off:+.1f} sd" if np.isfinite(item.prior_sd) else "-"
+        values = f"{float(item.start) / size:8.4g} {said:>7s} {fit.best.values[i] / size:9.4g} {shift:>8s} {now:>10s}"
+        yield f"  {cut(item.name, 20):20s} {values}   {_cost(fit, i)}"
+        advice = _advice(item, known, i, off)
         yield from [f"    <-- {advice}"] if advice else []
-    yield "  cost: how much wider an interval is than it would be were this number known exactly."
+    yield "  costs most: how much wider an interval is than it would be were this number known exactly."
+    if any(item.name.startswith(SETUP) for item in parameters.items):
+        yield "  setup: place [mm] and further turn [mrad] of its frame; what was free was found from the data first."
 
 
 def _known_to(item: Parameter, sd: float) -> str:
+    if not np.isfinite(sd):
+        return "free"
     if item.positive:
         return f"{100 * sd:.2g} %"
-    factor, unit = (MM, "mm") if is_length(item.name) else (1.0, unit_of(item.name))
-    return f"{factor * sd * float(item.scale):.2g} {unit}"
+    size, unit = read_unit(item.name)
+    return f"{sd * float(item.scale) / size:.2g} {unit}"
 
 
 def _cost(fit: CampaignFit, i: int) -> str:
@@ -89,8 +95,10 @@ def _cost(fit: CampaignFit, i: int) -> str:
     return f"{known.names[worst]} {100 * wider:.2g} % wider" if wider >= LEAST_COST else "hardly anything"
 
 
-def _advice(known: Information, i: int, off: float) -> str:
+def _advice(item: Parameter, known: Information, i: int, off: float) -> str:
     """Say whether the data contradict what was said of a number, or know it better."""
+    if not np.isfinite(item.prior_sd):
+        return ""
     if abs(off) > FAR_OFF:
         return "far from what was said of it: either that is wrong, or something else is (masses, loads, labels)"
     if known.prior_share[i] < OWN:

@@ -11,7 +11,7 @@ from ident.inference.linear_marginal import MOVED
 from ident.inference.posterior_summary import LEARNED, combinations, quantiles, share_of_prior
 from ident.inference.sample import RIVAL, Sample
 from ident.present.text.directions import product
-from ident.present.text.units import in_read_unit, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.units import SETUP, in_read_unit, is_stiffness, nmm_per_deg, unit_of
 from ident.present.text.words import cut, describe, drive_states, paragraphs, priors_in_words, scatter, span
 
 
@@ -48,6 +48,8 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
     yield f"{f'Parameters{where}':18s}     median  {'95 % interval':22s}       fit  arm file  of prior"
     rows = zip(items, quantiles(sample, basin).T, fitted, share_of_prior(sample, basin), strict=True)
     for item, (low, _, median, _, high), best, share in rows:
+        if item.name.startswith(SETUP):
+            continue
         width = f"{share:6.0%} {'<--' if share > LEARNED else ''}" if math.isfinite(float(item.prior_sd)) else "  none"
         yield (
             f"  {item.name:16s} {median:10.4g}  {span(low, high):22s} {best:9.4g} {float(item.start):9.4g}"
@@ -63,7 +65,7 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
     if basin == sample.basins[0]:
         yield "  of prior: width of the 95 % interval as a share of the prior's; near 100 % the data say nothing;"
         yield f"  <-- above {LEARNED:.0%}: what is known of it is mostly the prior"
-        for prior in priors_in_words(items):
+        for prior in priors_in_words([item for item in items if not item.name.startswith(SETUP)]):
             yield f"  prior: {prior}"
 
 

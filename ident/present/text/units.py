@@ -1,6 +1,7 @@
 """How numbers are shown: in the units that people read. What a number of the arm is: `ident.arm.fields`."""
 
 from ident.arm.fields import SPEED, STIFFNESS, field_named, field_of
+from ident.identify.setups import PREFIX
 from ident.units import NMM_PER_DEG
 
 KINDS = {
@@ -12,6 +13,8 @@ KINDS = {
     "twist": (1e3, "mrad"),
     "twist_difference": (1e3, "mrad"),
 }
+SETUP, TURN = PREFIX, ".turn."
+"""What the numbers of a setup's frame are told by: its place, and how it is turned."""
 MM = 1e3
 """mm in a metre."""
 NMM = field_named("k_tors").read_unit
@@ -26,6 +29,8 @@ def in_read_unit(kind: str, value: float) -> tuple[float, str]:
 def unit_of(path: str) -> str:
     """Return the SI unit of a parameter; `-` for factors, and for parameters of a model that is no arm."""
     field = field_of(path)
+    if path.startswith(SETUP):
+        return "rad" if TURN in path else "m"
     return field.unit if field else "%" if path == SPEED else "-"
 
 
@@ -38,7 +43,7 @@ def is_stiffness(path: str) -> bool:
 def is_length(path: str) -> bool:
     """Tell whether a path names a length, which people read in mm."""
     field = field_of(path)
-    return field is not None and field.read_unit == "mm"
+    return (path.startswith(SETUP) and TURN not in path) or (field is not None and field.read_unit == "mm")
 
 
 def nmm_per_deg(value: float) -> float:
@@ -49,6 +54,8 @@ def nmm_per_deg(value: float) -> float:
 def read_unit(path: str) -> tuple[float, str]:
     """Return the size in SI units of the unit that people read a parameter in, and the unit."""
     field = field_of(path)
+    if path.startswith(SETUP):
+        return (1e-3, "mrad") if TURN in path else (1e-3, "mm")
     return (field.read_size, field.read_unit) if field else (1.0, unit_of(path))
 
 
