@@ -204,6 +204,22 @@ def _lifted(loads: Loads, rank: int) -> Loads:
     return loads.lifted(max(rank, loads.mass.ndim - 1))
 
 
+def body_axes(arm: Arm, posture: Float[AnyArray, "driven"], body: str) -> Float[np.ndarray, "3 3"]:
+    """Return the axes of a body, columns, in the base frame, at a posture [rad] without elastic rotation.
+
+    Raises:
+        KeyError: the arm has no such body.
+    """
+    before, after = (np.asarray(each) for each in _frames(arm, jnp.asarray(posture, float)))
+    carried = {payload.body.name: payload.joint for payload in arm.payloads}
+    for j, joint in enumerate(arm.joints):
+        if body in {each.name for each in joint.shaft}:
+            return before[:, :, j]
+        if body in {each.name for each in joint.link} or carried.get(body) == joint.name:
+            return after[:, :, j]
+    raise KeyError(body)
+
+
 def _frames(arm: Arm, posture: Array) -> tuple[Array, Array]:
     """Return the axes of all shafts and of all links (3, 3, N, *batch) in the base frame."""
     angles, none = iter(posture), jnp.zeros_like(posture[:1]).sum(0)

@@ -127,7 +127,7 @@ def without(load: Load, carried: Carried) -> Load:
     """Return what hangs on the arm besides what the slider moves."""
     payloads = tuple(name for name in load.payloads if (carried.kind, name) != ("payload", carried.name))
     masses = tuple((m, point) for m, point in load.masses if (carried.kind, point) != ("point", carried.name))
-    return Load(payloads, masses, load.forces, load.moments)
+    return Load(payloads, masses, load.forces, load.moments, load.own)
 
 
 class Added(NamedTuple):
@@ -147,7 +147,7 @@ class Added(NamedTuple):
 def added(load: Load, fixed: Load, carried: Carried) -> Added | None:
     """Return what makes a load case of what hangs on the arm always; None where a payload or moment differs."""
     rest = without(load, carried)
-    if (rest.payloads, rest.moments) != (fixed.payloads, fixed.moments):
+    if (rest.payloads, rest.moments, rest.own) != (fixed.payloads, fixed.moments, fixed.own):
         return None
     masses = {point: mass for mass, point in rest.masses}
     for mass, point in fixed.masses:

@@ -12,7 +12,7 @@ from ident.arm.chain import at_posture
 from ident.arm.parts import Point
 from ident.errors import InputError, Problem
 from ident.measure.channels import FRAMES, ChannelRow, ChannelTable
-from ident.measure.load import unit_vector
+from ident.measure.load import named_points, unit_vector
 from ident.text import did_you_mean, quoted
 
 BODY = FRAMES[1]
@@ -89,7 +89,7 @@ def _problems(arm: Arm, row: ChannelRow, own: set[str]) -> Iterator[Problem]:
             row.where, f"a position of {quoted(row.point)}", "none: the arm has this point", remedy, "position"
         )
     payloads = {payload.body.name for payload in arm.payloads}
-    for name in (point for _, point in (*row.load.masses, *row.load.forces, *row.load.moments)):
+    for name in named_points(row.load):
         if name not in own:
             remedy = "add it to the arm's file as a [[point]]: a fit needs it, too"
             yield Problem(row.where, f"a load at {quoted(name)}", f"a point of {arm.name}", remedy, "load")

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads
+from ident.arm.chain import Loads, body_axes
 from ident.arm.labels import parse_label
 from ident.errors import InputError, Problem
 from ident.identify.definitions import NotAllUndamped, definitions_of
@@ -206,7 +206,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     setups = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
     bound = Conditions(
         posture,
-        _columns(arm, [load for _, load, _ in states]),
+        _columns(arm, [in_base_axes(arm, posture, load) for posture, load, _ in states]),
         _named(named, len(states)),
         _unnamed(unnamed),
         _readings(readings, setups),
@@ -248,9 +248,23 @@ def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
         InputError: a payload or point that the arm has not.
     """
     problems = [problem for load in loads for problem in unknown_names(arm, load, "", "load")]
+    for load in loads if not problems else ():
+        for _, _, point, body in load.own:
+            remedy = "give it in the base frame: as the arm moves, the body turns"
+            problems += [Problem("", f"a load at {point} along the axes of {body}", "a posture", remedy, "load")]
     if problems:
         raise InputError(problems)
     return _columns(arm, loads)
+
+
+def in_base_axes(arm: Arm, posture: Sequence[float], load: Load) -> Load:
+    """Return a load with all its forces and moments in the base frame, at a posture [rad]."""
+    if not load.own:
+        return load
+    turned: dict[str, list[tuple[Any, str]]] = {"force": [*load.forces], "moment": [*load.moments]}
+    for kind, vector, point, body in load.own:
+        turned[kind].append((tuple((body_axes(arm, np.asarray(posture), body) @ vector).tolist()), point))
+    return Load(load.payloads, load.masses, tuple(turned["force"]), tuple(turned["moment"]))
 
 
 def loads_of(arm: Arm, load: Load) -> Loads:

@@ -4,8 +4,10 @@ from collections.abc import Iterator
 
 from ident.arm.arm import Arm
 from ident.arm.labels import parse_label
+from ident.arm.parts import Body
 from ident.errors import Problem
 from ident.measure import Campaign, Load, Measurement
+from ident.measure.load import named_points
 from ident.text import did_you_mean
 
 
@@ -64,9 +66,13 @@ def _count(arm: Arm, drives: str) -> int:
 def unknown_names(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:
     """Yield what a load case hangs on points, or takes for payloads, that the arm has not."""
     points, payloads = [point.name for point in arm.points], [payload.body.name for payload in arm.payloads]
-    for name in (name for _, name in (*load.masses, *load.forces, *load.moments)):
+    for name in named_points(load):
         if name not in points:
             yield _unknown(where, column, name, points)
+    bodies = [part.name for part in arm.parts() if isinstance(part, Body)]
+    for *_, name in load.own:
+        if name not in bodies:
+            yield _unknown(where, column, name, bodies)
     for name in load.payloads:
         if name not in payloads:
             yield _unknown(where, column, name, payloads)

@@ -20,7 +20,7 @@ from ident.arm.mechanics import Phi, forward_kinematics, point_positions
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
 from ident.arm.motors import motion_of
 from ident.errors import InputError, ModelError, Problem
-from ident.identify.conditions import bind_loads
+from ident.identify.conditions import bind_loads, in_base_axes
 from ident.jit import jit
 from ident.measure import DRIVE_STATES, OWN_WEIGHT, Load
 
@@ -173,7 +173,8 @@ class ModalSolution(eqx.Module):
 
 def modal_solution(arm: Arm, posture: tuple[float, ...], load: Load, drives: str = DRIVE_STATES[0]) -> ModalSolution:
     """Return all modes of an arm, or of a batch of arms, held at a posture (driven,) [rad] under a load."""
-    return _solve(arm, jax.device_put(np.array([posture], float).T), bind_loads(arm, [load]), _servo(drives))
+    loads = bind_loads(arm, [in_base_axes(arm, posture, load)])
+    return _solve(arm, jax.device_put(np.array([posture], float).T), loads, _servo(drives))
 
 
 @jit

@@ -5,6 +5,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
 
 from ident.errors import InputError, Problem
 from ident.measure.text import format_number, parse_number
@@ -12,6 +13,8 @@ from ident.text import NAME, quoted
 from ident.units import to_si
 
 Vector = tuple[float, float, float]
+Own = tuple[str, Vector, str, str]
+"""`force` [N] or `moment` [N m], its components along the axes of a body, point, body."""
 
 AXES: dict[str, Vector] = {
     "x": (1.0, 0.0, 0.0),
@@ -23,12 +26,16 @@ AXES: dict[str, Vector] = {
 }
 """Unit vectors of the base frame by name; a leading `+` is also read."""
 
-LOAD_SYNTAX = "terms joined by ' + ', each like 'glass', '5 kg @ tip', '20 N -z @ tip' or '12 N*m about y @ tip'"
+LOAD_SYNTAX = (
+    "terms joined by ' + ', each like 'glass', '5 kg @ tip', '20 N -z @ tip', '20 N x of hand @ tip' or"
+    " '12 N*m about y @ tip'"
+)
 """The load syntax in words, for messages."""
 
 _AMOUNT = r"(?P<amount>[+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*"
-_HUNG = re.compile(rf"{_AMOUNT}(?P<unit>[^\W\d_]+)(?P<direction>\s[^@]+?)?\s*@\s*(?P<point>{NAME})")
-_TURNED = re.compile(rf"{_AMOUNT}(?P<unit>[^@]+?)\s+about\s(?P<direction>[^@]+?)\s*@\s*(?P<point>{NAME})")
+_DIRECTION = rf"(?P<direction>[^@]+?)(?:\sof\s(?P<body>{NAME}))?"
+_HUNG = re.compile(rf"{_AMOUNT}(?P<unit>[^\W\d_]+)(?:\s{_DIRECTION})?\s*@\s*(?P<point>{NAME})")
+_TURNED = re.compile(rf"{_AMOUNT}(?P<unit>[^@]+?)\s+about\s{_DIRECTION}\s*@\s*(?P<point>{NAME})")
 
 
 def unit_vector(vector: Iterable[float]) -> Vector:
@@ -74,12 +81,15 @@ class Load:
         masses: (mass [kg], point name), point masses.
         forces: ((3,) force [N] in the base frame, point name).
         moments: ((3,) moment [N m] in the base frame, right-handed, point whose body it turns).
+        own: forces and moments along the axes of a body as the posture holds it, without elastic rotation. They are
+            constant all the same.
     """
 
     payloads: tuple[str, ...] = ()
     masses: tuple[tuple[float, str], ...] = ()
     forces: tuple[tuple[Vector, str], ...] = ()
     moments: tuple[tuple[Vector, str], ...] = ()
+    own: tuple[Own, ...] = ()
 
     def __post_init__(self) -> None:
         _check_load(self)
@@ -90,13 +100,17 @@ class Load:
         object.__setattr__(self, "masses", tuple((mass, point) for point, mass in sorted(masses.items())))
         object.__setattr__(self, "forces", _summed(self.forces))
         object.__setattr__(self, "moments", _summed(self.moments))
+        object.__setattr__(self, "own", tuple(_own_summed(self.own)))
 
     def __bool__(self) -> bool:
-        return bool(self.payloads or self.masses or self.forces or self.moments)
+        return bool(self.payloads or self.masses or self.forces or self.moments or self.own)
 
     def __str__(self) -> str:
         masses = [f"{format_number(mass)} kg @ {point}" for mass, point in self.masses]
-        acting = (*_components(self.forces, "N "), *_components(self.moments, "N*m about "))
+        acting = [*_components(self.forces, "N "), *_components(self.moments, "N*m about ")]
+        for kind, vector, point, body in self.own:
+            words = "N " if kind == "force" else "N*m about "
+            acting += _components([(vector, point)], words, f" of {body}")
         return " + ".join([*self.payloads, *masses, *acting]) or "own weight"
 
     @classmethod
@@ -123,10 +137,14 @@ class Load:
         hung = [None if turns else _HUNG.fullmatch(term) for term, turns in zip(terms, turned, strict=True)]
         payloads = tuple(term for term, *found in zip(terms, turned, hung, strict=True) if not any(found))
         amounts = [match for match in hung if match]
+        found = [*(("force", m) for m in amounts if m["direction"]), *(("moment", m) for m in turned if m)]
+        acting = [(kind, _vector(m, kind, decimal), m["point"], m["body"]) for kind, m in found]
         masses = tuple((_amount(m, "mass", decimal), m["point"]) for m in amounts if not m["direction"])
-        forces = tuple((_vector(m, "force", decimal), m["point"]) for m in amounts if m["direction"])
-        moments = tuple((_vector(m, "moment", decimal), m["point"]) for m in turned if m)
-        return cls(payloads, masses, forces, moments)
+        forces, moments = (
+            tuple((vector, point) for own, vector, point, body in acting if own == kind and not body)
+            for kind in ("force", "moment")
+        )
+        return cls(payloads, masses, forces, moments, tuple(term for term in acting if term[3]))
 
 
 def _summed(acting: Iterable[tuple[Vector, str]]) -> tuple[tuple[Vector, str], ...]:
@@ -138,12 +156,20 @@ def _summed(acting: Iterable[tuple[Vector, str]]) -> tuple[tuple[Vector, str], .
     return tuple((vector, point) for point, vector in sorted(sums.items()) if any(vector))
 
 
-def _components(acting: Iterable[tuple[Vector, str]], words: str) -> Iterator[str]:
+def _own_summed(acting: Iterable[Own]) -> Iterator[Own]:
+    """Add up what acts at each point along the axes of each body."""
+    terms = sorted(acting, key=lambda term: (term[0], term[2], term[3]))
+    for (kind, point, body), same in groupby(terms, key=lambda term: (term[0], term[2], term[3])):
+        for vector, _ in _summed([(vector, point) for _, vector, *_ in same]):
+            yield kind, vector, point, body
+
+
+def _components(acting: Iterable[tuple[Vector, str]], words: str, axes: str = "") -> Iterator[str]:
     """Write what acts as terms along the axes."""
     for vector, point in acting:
         for size, axis in zip(vector, "xyz", strict=True):
             if size:
-                yield f"{format_number(abs(size))} {words}{'-' if size < 0 else ''}{axis} @ {point}"
+                yield f"{format_number(abs(size))} {words}{'-' if size < 0 else ''}{axis}{axes} @ {point}"
 
 
 def _amount(term: re.Match[str], quantity: str, decimal: str) -> float:
@@ -172,7 +198,7 @@ def _misread(term: str, expected: str) -> Problem:
 def _check_load(load: Load) -> None:
     problems = [
         _misread(name, "the name of a payload or point")
-        for name in (*load.payloads, *(point for _, point in (*load.masses, *load.forces, *load.moments)))
+        for name in (*load.payloads, *named_points(load), *(body for *_, body in load.own))
         if not re.fullmatch(NAME, name)
     ]
     problems += [
@@ -182,7 +208,11 @@ def _check_load(load: Load) -> None:
     ]
     problems += [
         _misread(f"{vector} {unit} @ {point}", f"a finite {quantity} of three components")
-        for quantity, unit, acting in (("force", "N", load.forces), ("moment", "N*m", load.moments))
+        for quantity, unit, acting in (
+            ("force", "N", load.forces),
+            ("moment", "N*m", load.moments),
+            ("force or moment", "", [(vector, point) for _, vector, point, _ in load.own]),
+        )
         for vector, point in acting
         if len(vector) != 3 or not all(map(math.isfinite, vector))
     ]
@@ -190,6 +220,12 @@ def _check_load(load: Load) -> None:
     problems += [_misread(name, "each payload once") for name in sorted(twice)]
     if problems:
         raise InputError(problems)
+
+
+def named_points(load: Load) -> tuple[str, ...]:
+    """Return the points that a load names, one for each of its terms."""
+    hung = [point for _, point in (*load.masses, *load.forces, *load.moments)]
+    return (*hung, *(point for _, _, point, _ in load.own))
 
 
 OWN_WEIGHT = Load()
