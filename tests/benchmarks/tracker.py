@@ -1,0 +1,111 @@
+"""Coverage of what a laser tracker tells, its frame free: `python tests/benchmarks/tracker.py [--arm FILE]`.
+
+Twenty postures, three known forces on the tip in turn, 30 um of noise in each component; loaded less unloaded, and as
+absolute positions. The arm that measured has 0.5 mm of error in each offset, and loads that are off by 1 %.
+"""
+
+import argparse
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import binom
+from timing import commit, machine
+
+from ident.arm.arm import Arm
+from ident.description.file import read_arm
+from ident.identify.build_problem import build_problem
+from ident.identify.fit import fit_campaign
+from ident.identify.unknowns import Unknowns
+from ident.inference.information import half_width
+from ident.measure import Campaign, Load, Measurement
+
+Widths = dict[str, str]
+DATA = Path(__file__).parents[2] / "data"
+TURN, ORIGIN = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix(), np.array([2.3, -1.7, 0.6])
+NOISE, OFFSET, SCALE, SPREAD = 3e-5, 5e-4, 0.01, 0.1
+"""Of readings [m], of offsets [m], ln of the loads' common factor, ln of the true stiffnesses."""
+
+
+def main() -> None:
+    """Print how often each stiffness is in its interval, for each way to measure and to fit."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--campaigns", type=int, default=200)
+    parser.add_argument("--arm", type=Path, default=DATA / "lcd_arm" / "arm.toml")
+    options = parser.parse_args()
+    arm, rng = read_arm(options.arm).arm, np.random.default_rng(0)
+    offsets = {f"{joint.name}.offset.{axis}": "0.5mm" for joint in arm.joints[1:] for axis in "xyz"}
+    both = {**offsets, "load": "1%"}
+    ways = {
+        ("deflection_difference", "geometry off, taken as exact"): (offsets, {}),
+        ("deflection_difference", "loads off, taken as exact"): ({"load": "1%"}, {}),
+        ("deflection_difference", "loads off, uncertain"): ({"load": "1%"}, {"load": "1%"}),
+        ("position", "both off, taken as exact"): (both, {}),
+        ("position", "both off, uncertain"): (both, both),
+    }
+    print(f"{machine()}, commit {commit()}")
+    for (kind, words), (wrong, uncertain) in ways.items():
+        held = np.array([inside(arm, kind, wrong, uncertain, rng) for _ in range(options.campaigns)])
+        low, high = binom.ppf([0.005, 0.995], len(held), 0.95)
+        print(
+            f"{kind}, {words}: of {len(held)}, for each stiffness {held.sum(0).tolist()}; band {low:.0f} to {high:.0f}"
+        )
+
+
+def inside(
+    arm: Arm, kind: str, wrong: dict[str, str], uncertain: dict[str, str], rng: np.random.Generator
+) -> np.ndarray:
+    """Return which stiffnesses are within their intervals, for one campaign of an arm that is off."""
+    rows = planned(arm, kind)
+    truth = build_problem(arm, Campaign(measurements=in_base(rows)), Unknowns(uncertain=wrong))
+    start = np.asarray(truth.parameters.theta(truth.parameters.column("start")))
+    sd = np.where(truth.parameters.nuisance, truth.parameters.normal_sd, SPREAD)
+    theta = start + sd * rng.standard_normal(len(start))
+    vectors = np.asarray(truth.predict(jnp.asarray(theta))).reshape(-1, 3)
+    vectors = (vectors - (ORIGIN if kind == "position" else 0.0)) @ TURN
+    values = vectors.ravel() + NOISE * rng.standard_normal(len(rows))
+    campaign = Campaign(measurements=tuple(replace(m, value=float(v)) for m, v in zip(rows, values, strict=True)))
+    fit = fit_campaign(arm, campaign, Unknowns(uncertain=uncertain), starts=1)
+    own = ~fit.problem.parameters.nuisance
+    off = fit.best.theta[own] - theta[~truth.parameters.nuisance]
+    return np.abs(off) < half_width(0.95) * fit.information.sd[own]
+
+
+def planned(arm: Arm, kind: str) -> tuple[Measurement, ...]:
+    """Return the rows of a campaign, with no values yet; postures at random within the middle of the limits."""
+    rng, tip = np.random.default_rng(1), arm.points[-1].name
+    low, high = np.clip(np.array([joint.limits for joint in arm.driven], float).T, -2.0, 2.0)
+    size = 30.0 * np.eye(3) if len(arm.joints) > 3 else 300.0 * np.eye(3)
+    loads = [Load(forces=((tuple(force), tip),)) for force in size]
+    loads = [Load(), *loads] if kind == "position" else loads
+    return tuple(
+        Measurement(
+            kind=kind,
+            posture=tuple(q),
+            value=0.0,
+            sigma=NOISE,
+            point=tip,
+            direction=tuple(axis),
+            load=load,
+            setup="tracker",
+        )
+        for q in rng.uniform(low, high, (20, len(low))).tolist()
+        for load in loads
+        for axis in np.eye(3).tolist()
+    )
+
+
+def in_base(rows: tuple[Measurement, ...]) -> tuple[Measurement, ...]:
+    """Return the same as it would be read in the base frame."""
+    return tuple(replace(m, setup="") for m in rows)
+
+
+if __name__ == "__main__":
+    main()
