@@ -50,7 +50,7 @@ def residual_of(model: Multibody, turning: Pins, y: Array, yd: Array, ydd: Array
     forces = _sum(_of_bodies(model, at, turning.pulley), imbalance(model, at, turning.pulley))
     moved = equations(model, at, turning.slope, forces)
     phi, v = bushings(model, y), bushings(model, yd)
-    spring = flat(matvec(model.stiffness, phi) + matvec(model.damping, v))
+    spring = flat(spring_moments(model, phi) + matvec(model.damping, v))
     if not model.belt_driven:
         return moved + spring
     error = transmission_error(model, turning)
@@ -58,6 +58,12 @@ def residual_of(model: Multibody, turning: Pins, y: Array, yd: Array, ydd: Array
     on_bushings, on_pins, on_errors = belt_forces(model, *(_alike(*parts) for parts in (position, rate)))
     on_pins = on_pins + (turning.slope - 1) * on_errors
     return moved + jnp.concatenate([spring + flat(on_bushings), on_pins[np.asarray(model.belt_driven)]])
+
+
+def spring_moments(model: Multibody, phi: Phi) -> Phi:
+    """Return the moments of the bushings' springs [N m], along the shafts' axes."""
+    moment = matvec(model.stiffness, phi)
+    return moment if model.curved is None else moment + model.curved.torque(phi)
 
 
 def drive_torques(model: Multibody, command: Command, y: Array, yd: Array, ydd: Array) -> Joints:
