@@ -207,10 +207,8 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
 
 
 def _gradient(chain: Chain, phi: Phi, at: ForwardKinematics, moment: Phi) -> Float[Array, "n *#batch"]:
-    spring = matvec(chain.stiffness, phi)
-    if chain.curved is not None:
-        spring = spring + chain.curved.torque(phi)
-    return flat(matvec(transpose(at.rate), moment) + spring)
+    straight = matvec(transpose(at.rate), moment) + matvec(chain.stiffness, phi)
+    return flat(straight if chain.curved is None else straight + chain.curved.torque(phi))
 
 
 def tangents(chain: Chain, phi: Phi) -> tuple[Float[Array, "3 3 N *#batch"], Float[Array, "3 3 N *#batch"]]:
