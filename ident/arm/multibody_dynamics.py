@@ -66,6 +66,18 @@ def spring_moments(model: Multibody, phi: Phi) -> Phi:
     return moment if model.curved is None else moment + model.curved.torque(phi)
 
 
+def beyond_tangent(model: Multibody, rest: Phi, phi: Phi) -> tuple[Joints, Joints]:
+    """Return by how much the springs' moments miss their tangents at rest, and those moments' change by them [N m].
+
+    Each is the size of a vector of each bushing (N, *batch).
+    """
+    K = model.stiffness if model.curved is None else model.stiffness + sum(model.curved.tangents(rest))
+    by_tangent = matvec(K, phi - rest)
+    missed = spring_moments(model, phi) - spring_moments(model, rest) - by_tangent
+    missed, by_tangent = (jnp.sqrt((x * x).sum(0)) for x in (missed, by_tangent))
+    return missed, by_tangent
+
+
 def drive_torques(model: Multibody, command: Command, y: Array, yd: Array, ydd: Array) -> Joints:
     """Return the torque at each pin [N m] by which motors and belts make the arm follow its command.
 
