@@ -12,6 +12,7 @@ from ident.assess.basis import Basis
 from ident.assess.over_phases import OverPhases, over_phases
 from ident.measure import Trace
 from ident.vibrate.response.belt_tension import belt_tension, slack
+from ident.vibrate.response.curved import Passage, passages
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.study import Draws, SimulatedMotion, Sizes, measures
 from ident.vibrate.response.superposition import superposition
@@ -107,6 +108,11 @@ class Simulation:
         angle, frequency = (np.asarray(part) for part in self.response.pulley)
         places = {drive.name: names.index(drive.joint) for drive in self.arm.drives}
         return {name: (angle[place], frequency[place]) for name, place in places.items()}
+
+    @cached_property
+    def passages(self) -> tuple[Passage, ...]:
+        """Curved springs whose load passes T1."""
+        return passages(self.arm, self.response)
 
     @cached_property
     def moments(self) -> tuple[Float[np.ndarray, "N T"], Float[np.ndarray, "N T"]]:
