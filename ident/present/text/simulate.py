@@ -86,6 +86,8 @@ def _peak(simulation: Simulation) -> Iterator[str]:
 
 def _phases(simulation: Simulation) -> Iterator[str]:
     if simulation.phases is None:
+        if simulation.arm.springs and simulation.basis.unknown.phases:
+            yield "Phases of the turning masses: those of the arm file alone, as responses of curved springs do not add"
         return
     over = simulation.phases
     what = "phases and kinematic errors" if simulation.basis.unknown.errors else "phases of the turning masses"

@@ -16,6 +16,10 @@ MISSED = 0.02
 """Share of a bushing's moment of vibration by which its tangent may miss its curve, for the fast method."""
 
 
+class LeavesTangentError(InputError):
+    """A vibration too large for the fast method, as it leaves the tangent of a curved spring."""
+
+
 @dataclass(frozen=True)
 class Passage:
     """A spring whose load passes T1 while the arm moves.
@@ -41,7 +45,7 @@ def refuse_curved(arm: Arm, missed: AnyArray | None) -> None:
         missed: (2 N, T, *batch) of the solution, None without curved springs, see `beyond_tangent`.
 
     Raises:
-        InputError: some bushing's moment of vibration is off by more than `MISSED` of it at its largest.
+        LeavesTangentError: some bushing's moment of vibration is off by more than `MISSED` of it at its largest.
     """
     if missed is None or isinstance(missed, jax.core.Tracer):
         return
@@ -53,7 +57,7 @@ def refuse_curved(arm: Arm, missed: AnyArray | None) -> None:
         got = f"a vibration by which {name}'s curved spring leaves its tangent by {share[worst]:.2g} of its moment"
         expected = f"{MISSED:g} at most, where springs are taken as straight about the quasi-static deflection"
         remedy = "simulate by the exact method (`method` exact), or take its [[spring]] out"
-        raise InputError(Problem(arm.name, got, expected, remedy))
+        raise LeavesTangentError(Problem(arm.name, got, expected, remedy))
 
 
 def passages(arm: Arm, response: Response) -> tuple[Passage, ...]:
