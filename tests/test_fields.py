@@ -14,8 +14,9 @@ from pydantic import TypeAdapter, ValidationError
 from ident.arm.arm import Arm
 from ident.arm.drive import Belt, Drive, Servo, Stroke
 from ident.arm.drive_check import check_drives
-from ident.arm.fields import FIELDS, LOSS, field_of, fields_of
+from ident.arm.fields import FIELDS, LOSS, field_of, fields_in
 from ident.arm.parts import Body, Joint, Point
+from ident.arm.springs import CubicSpring, Spring
 from ident.description import schema
 from ident.errors import InputError
 from ident.identify.unknowns import parameter
@@ -27,11 +28,12 @@ from ident.vibrate.redesign.sensitivity import changeable
 from ident.vibrate.redesign.sweep import Axis
 from ident.vibrate.redesign.variable import Variable, check, is_shifted
 
-CLASSES = {part.__name__: part for part in (Body, Joint, Point, Drive, Belt, Servo, Stroke)}
+CLASSES = {part.__name__: part for part in (Body, Joint, Point, Drive, Belt, Servo, Spring, CubicSpring, Stroke)}
 TABLES = {part: getattr(schema, f"{part}Table") for part in CLASSES}
 RANKS = {"()": 0, "(3,)": 1, "(3, 3)": 2}
 EITHER_SIGN = {"com", "offset", "position", "height", "phase", "error_phase", "folded", "unfolded"}
 NEVER_ZERO = {"k_bend", "k_tors", "driver_radius", "driven_radius", "speed", "acceleration", "jerk", "k_servo"}
+NEVER_ZERO |= {"ratio2", "ratio3", "torque1", "torque2"}
 BY_A_DIFFERENCE = EITHER_SIGN | {"inertia"}
 ASKED = {"mass", "com", "k_bend", "k_tors", "tau_bend", "tau_tors", "eccentricity", "ratio"}
 
@@ -42,10 +44,15 @@ every_field = pytest.mark.parametrize("field", FIELDS, ids=lambda field: f"{fiel
 
 @cache
 def whole_arm() -> Arm:
-    """The shipped arm with all that it has not: a servo, loss factors."""
+    """The shipped arm with all that it has not: a servo, loss factors, curved springs."""
     loss = {name: jnp.array(0.01) for name in LOSS}
-    joints = tuple(replace(joint, **loss) for joint in lcd_arm().joints)
-    return replace(lcd_arm(), joints=joints, servos=(Servo("servo1", "joint1", k_servo=100.0),))
+    lossy = tuple(replace(joint, **loss) for joint in lcd_arm().joints[:2])
+    springs = (
+        Spring("spring3", "joint3", "bending", ratio2=1.5, ratio3=2.0, torque1=100.0, torque2=1e4),
+        CubicSpring("cubic3", "joint3", "torsion", 1e6),
+    )
+    joints, servos = (*lossy, lcd_arm().joints[2]), (Servo("servo1", "joint1", k_servo=100.0),)
+    return replace(lcd_arm(), joints=joints, servos=servos, springs=springs)
 
 
 def possible(name: str) -> set[float]:
@@ -82,12 +89,13 @@ def given(field, value: float) -> dict:
 
 def test_every_number_of_an_arm_is_a_field_and_every_field_a_number():
     arm = whole_arm()
-    paths = {f"{part.name}.{field.name}{end}" for part in arm.parts() for field in fields_of(type(part).__name__)
+    paths = {f"{part.name}.{field.name}{end}" for part in arm.parts() for field in fields_in(part)
              for end in field.ends}  # fmt: skip
     assert set(arm.paths()) == paths == set(arm.numbers())
     for part in arm.parts():
         arrays = {name for name, value in vars(part).items() if hasattr(value, "shape")}
-        assert {field.name for field in fields_of(type(part).__name__)} == arrays - {"axis", "direction"}
+        assert {field.name for field in fields_in(part)} == arrays - {"axis", "direction"}
+    assert {field for part in arm.parts() for field in fields_in(part)} == set(FIELDS)
 
 
 @every_field

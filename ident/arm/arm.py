@@ -17,6 +17,8 @@ from ident.arm.drive import Belt, Drive, Servo, Stroke
 from ident.arm.drive_check import check_drives
 from ident.arm.fields import STIFFNESS, fields_in
 from ident.arm.parts import Body, Joint, Payload, Point
+from ident.arm.spring_check import check_springs
+from ident.arm.springs import CubicSpring, Spring
 from ident.arm.workspace import ANYWHERE, Workspace
 from ident.errors import InputError, Problem
 from ident.jit import library
@@ -44,6 +46,7 @@ class Arm(eqx.Module):
         stroke: the straight motion of the hand, if it has one.
         workspace: where it may be held, besides the joint limits.
         servos: what holds the motors where no brake does; only measurements with a servo on ask for them.
+        springs: of bushings whose torque is no straight line over the angle.
     """
 
     name: str = eqx.field(static=True)
@@ -56,6 +59,7 @@ class Arm(eqx.Module):
     stroke: Stroke | None = None
     workspace: Workspace = eqx.field(static=True, default=ANYWHERE)
     servos: tuple[Servo, ...] = eqx.field(converter=tuple, default=())
+    springs: tuple[Spring | CubicSpring, ...] = eqx.field(converter=tuple, default=())
 
     def __check_init__(self) -> None:
         names = [part.name for part in self.parts()]
@@ -63,6 +67,7 @@ class Arm(eqx.Module):
         if twice:
             raise InputError(Problem(self.name, f"{twice[0]} twice", "unique names", "rename one of them"))
         check_drives(self)
+        check_springs(self)
         self._check_workspace()
 
     @property
@@ -82,14 +87,14 @@ class Arm(eqx.Module):
             *(jnp.shape(getattr(part, field.name))[field.rank :] for part in self.parts() for field in fields_in(part))
         )
 
-    def parts(self) -> Iterator[Joint | Body | Point | Drive | Belt | Servo | Stroke]:
+    def parts(self) -> Iterator[Joint | Body | Point | Drive | Belt | Servo | Spring | CubicSpring | Stroke]:
         """Everything that has a name."""
         for joint in self.joints:
             yield joint
             yield from joint.shaft + joint.link
         yield from self.points
         yield from (payload.body for payload in self.payloads)
-        yield from self.drives + self.belts + self.servos
+        yield from self.drives + self.belts + self.servos + self.springs
         if self.stroke:
             yield self.stroke
 
@@ -131,7 +136,16 @@ class Arm(eqx.Module):
             return eqx.tree_at(lambda n: (n.shaft, n.link), changed(old), bodies)
 
         return eqx.tree_at(
-            lambda arm: (arm.joints, arm.points, arm.payloads, arm.drives, arm.belts, arm.servos, arm.stroke),
+            lambda arm: (
+                arm.joints,
+                arm.points,
+                arm.payloads,
+                arm.drives,
+                arm.belts,
+                arm.servos,
+                arm.springs,
+                arm.stroke,
+            ),
             self,
             (
                 tuple(joint(j) for j in self.joints),
@@ -140,6 +154,7 @@ class Arm(eqx.Module):
                 tuple(changed(d) for d in self.drives),
                 tuple(changed(b) for b in self.belts),
                 tuple(changed(s) for s in self.servos),
+                tuple(changed(s) for s in self.springs),
                 changed(self.stroke),
             ),
             is_leaf=lambda node: node is None,

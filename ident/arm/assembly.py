@@ -11,7 +11,11 @@ from jaxtyping import Array, Float
 from ident.arm.arm import Arm
 from ident.arm.fields import DAMPING, LOSS, STIFFNESS
 from ident.arm.rotations import identity, matmul, matvec, outer, total, transpose
+from ident.arm.springs import DIRECTIONS, STIFFNESS_OF, CubicSpring, CurvedSprings, Curves, Spring, bends
 from ident.errors import ModelError
+
+STRAIGHT = {"ratio2": 1.0, "ratio3": 1.0, "torque1": 1.0, "torque2": 1.0}
+"""Numbers of a `Spring` that is a straight line."""
 
 Square = Float[Array, "3 3 N *#batch"]
 
@@ -122,6 +126,31 @@ def losses(arm: Arm, bend: Square, tors: Square) -> Square | None:
     rank = bend.ndim - 3
     eta = (stack([0.0 if (x := getattr(j, field)) is None else x for j in arm.joints], 0, rank) for field in LOSS)
     return bend * next(eta) + tors * next(eta)
+
+
+def curved_springs(arm: Arm, axis: Float[Array, "3 N *#batch"]) -> CurvedSprings | None:
+    """Return where springs are no straight lines, with these axes of the pins; None if all are."""
+    if not arm.springs:
+        return None
+    return CurvedSprings(axis, *(_curves(arm, direction, axis.ndim - 2) for direction in DIRECTIONS))
+
+
+def _curves(arm: Arm, direction: str, rank: int) -> Curves | None:
+    by_joint = {spring.joint: spring for spring in arm.springs if spring.direction == direction}
+    if not by_joint:
+        return None
+    rises, angles, cubics = [], [], []
+    for joint in arm.joints:
+        k, spring = getattr(joint, STIFFNESS_OF[direction]), by_joint.get(joint.name)
+        broken = spring if isinstance(spring, Spring) else Spring("", joint.name, direction, **STRAIGHT)
+        rises.append([k * (broken.ratio2 - 1), k * (broken.ratio3 - broken.ratio2)])
+        angles.append(bends(broken, k))
+        cubics.append(spring.cubic if isinstance(spring, CubicSpring) else np.zeros(()))
+
+    def pair(rows: Sequence[Any]) -> Array:
+        return jnp.stack(jnp.broadcast_arrays(*(stack(each, 0, rank) for each in zip(*rows, strict=True))))
+
+    return Curves(pair(rises), pair(angles), stack(cubics, 0, rank))
 
 
 def axes(arm: Arm, rank: int) -> Float[Array, "3 N *ones"]:

@@ -14,6 +14,7 @@ from ident.arm.assembly import (
     axes,
     bushings,
     carriers,
+    curved_springs,
     losses,
     moments,
     no_loads,
@@ -23,6 +24,7 @@ from ident.arm.assembly import (
 )
 from ident.arm.belt_condition import pin_shares
 from ident.arm.rotations import identity, matmul, matvec, turn_about
+from ident.arm.springs import CurvedSprings, Curves
 from ident.errors import ModelError
 from ident.jit import AnyArray
 
@@ -47,6 +49,7 @@ class Chain(eqx.Module):
         frame: (3, 3, N, *batch) axes of shaft j, columns, in the base frame.
         carrier: body that carries each named point.
         loss: (3, 3, N, *batch) [N m/rad] what bushing j loses by its loss factors, see `Joint`; None without any.
+        curved: where springs are no straight lines; None where all are.
         motors: those that servos hold, where some do; else the pins are fixed.
         couple: (3, P, *batch) [N m] moment at phi = 0 on the body of each named point, see `potential_energy`; None
             where there is none.
@@ -65,12 +68,13 @@ class Chain(eqx.Module):
     frame: Float[Array, "3 3 N *#batch"]
     carrier: tuple[int, ...] = eqx.field(static=True)
     loss: Float[Array, "3 3 N *#batch"] | None = None
+    curved: CurvedSprings | None = None
     motors: "Motors | None" = None
     couple: Float[Array, "3 P *#batch"] | None = None
 
     @property
     def stiffness(self) -> Float[Array, "3 3 N *#batch"]:
-        """Stiffness of the bushings [N m/rad]."""
+        """Stiffness of the bushings, without what curved springs add to it [N m/rad]."""
         return self.bend + self.tors
 
 
@@ -146,6 +150,7 @@ def at_posture(
         carrier=carrier,
         loss=losses(arm, bend, tors),
         couple=loads.moment,
+        curved=curved_springs(arm, matvec(before, axes(arm, rank))),
     )
     if servo is None or not arm.servos:
         return held
@@ -162,8 +167,17 @@ def _unpinned(held: Chain, shaft: Moments, link: Moments) -> Chain:
     def at_bushings(x: Array, axis: int) -> Array:
         return both(x, jnp.zeros_like(x), axis)
 
+    def curves(x: Curves | None) -> Curves | None:
+        if x is None:
+            return None
+        return Curves(at_bushings(x.rise, 1), both(x.angle, x.angle, 1), at_bushings(x.cubic, 0))
+
+    def with_pins(x: CurvedSprings | None) -> CurvedSprings | None:
+        return None if x is None else CurvedSprings(both(x.axis, x.axis, 1), curves(x.bend), curves(x.tors))
+
     return replace(
         held,
+        curved=with_pins(held.curved),
         offset=at_bushings(held.offset, 1),
         mass=both(shaft.mass, link.mass, 0),
         moment=both(shaft.first, link.first, 1),

@@ -8,6 +8,7 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.arm.drive_check import check_drives, sign_problems
 from ident.arm.parts import Joint, check_inertia
+from ident.arm.spring_check import check_springs
 from ident.errors import InputError, Problem
 
 MOST_JOINTS = 24
@@ -72,6 +73,7 @@ def _problems(arm: Arm) -> Iterator[Problem]:
     for body in bodies:
         yield from _raised(partial(check_inertia, body.name, body.mass, body.inertia))
     yield from _raised(partial(check_drives, arm))
+    yield from _raised(partial(check_springs, arm))
     if massless := massless_joint(arm.joints):
         place, got, expected = massless
         remedy = "give its shaft or link a positive mass, with inertia"

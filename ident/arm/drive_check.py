@@ -48,8 +48,8 @@ def _of_drive(arm: "Arm", drive: Drive) -> Iterator[Problem]:
         return
     if [d.joint for d in arm.drives].count(drive.joint) > 1:
         yield Problem(drive.name, f"a second drive of {drive.joint}", "one drive a joint", "remove one", "joint")
-    mass = _known(drive.eccentric_mass)
-    shaft = [_known(body.mass) for joint in arm.joints if joint.name == drive.joint for body in joint.shaft]
+    mass = number_of(drive.eccentric_mass)
+    shaft = [number_of(body.mass) for joint in arm.joints if joint.name == drive.joint for body in joint.shaft]
     if mass is not None and None not in shaft:
         heaviest = np.sum([m for m in shaft if m is not None], axis=0)
         if np.any(mass > heaviest):
@@ -80,7 +80,7 @@ def _of_geometry(arm: "Arm", belt: Belt) -> Iterator[Problem]:
     """Yield what keeps the pulleys from lying side by side in one plane."""
     one, other = (joint for joint in arm.joints if joint.name in (belt.driver, belt.driven))
     numbers = one.axis, other.axis, other.offset, belt.driver_radius, belt.driven_radius
-    known = [value for number in numbers if (value := _known(number)) is not None]
+    known = [value for number in numbers if (value := number_of(number)) is not None]
     if len(known) < len(numbers) or any(value.ndim > 1 for value in known[:3]):
         return
     axis, parallel, offset, *radii = known
@@ -122,7 +122,7 @@ def _of_stroke(arm: "Arm", stroke: Stroke) -> Iterator[Problem]:
     if stroke.profile not in PROFILES:
         remedy = did_you_mean(stroke.profile, PROFILES, "choose one of them")
         yield Problem("stroke", quoted(stroke.profile), f"one of {', '.join(PROFILES)}", remedy, "profile")
-    folded, unfolded = _known(stroke.folded), _known(stroke.unfolded)
+    folded, unfolded = number_of(stroke.folded), number_of(stroke.unfolded)
     if folded is not None and unfolded is not None and np.any(folded == unfolded):
         remedy = "give two different angles"
         yield Problem("stroke", f"folded and unfolded at {_first(folded):g} rad", "a motion", remedy, "folded")
@@ -132,7 +132,7 @@ def _of_stroke(arm: "Arm", stroke: Stroke) -> Iterator[Problem]:
 
 def _beyond_limits(arm: "Arm", stroke: Stroke, end: str) -> Iterator[Problem]:
     """Yield the joints that an end of the stroke takes beyond their limits."""
-    shares, alpha = _known(stroke.direction), _known(getattr(stroke, end))
+    shares, alpha = number_of(stroke.direction), number_of(getattr(stroke, end))
     if shares is None or alpha is None or len(shares) != len(arm.driven):
         return
     for joint, share in zip(arm.driven, shares, strict=True):
@@ -147,7 +147,7 @@ def _beyond_limits(arm: "Arm", stroke: Stroke, end: str) -> Iterator[Problem]:
 def sign_problems(part: Any) -> Iterator[Problem]:
     """Yield the numbers of a part of an arm that are not finite, or of a sign that they can't have."""
     for field in fields_of(type(part).__name__):
-        value = _known(getattr(part, field.name))
+        value = number_of(getattr(part, field.name))
         if value is not None and field.rank == 2:
             value = np.diagonal(value)
         if value is not None and not (allowed := field.allows(value)).all():
@@ -155,7 +155,8 @@ def sign_problems(part: Any) -> Iterator[Problem]:
             yield Problem(part.name, got, EXPECTED[field.sign], "correct it", field.name)
 
 
-def _known(value: Any) -> np.ndarray | None:
+def number_of(value: Any) -> np.ndarray | None:
+    """Return a number of an arm; None for an abstract one (under `jit` or `grad`)."""
     return None if isinstance(value, jax.core.Tracer) or not hasattr(value, "shape") else np.asarray(value)
 
 

@@ -7,6 +7,8 @@ What was decided by physics, where tables used to differ:
 - *Eccentricity* and *error* are a distance and an amplitude, with an angle of their own (`phase`, `error_phase`):
   never negative, and varied by a factor, in a fit as in a sweep. So are a rotor's inertia, an eccentric mass, and all
   of a belt but its height.
+- A curved spring's *ratios* and torques are positive; its *cubic* stiffness is not negative: one that softens with the
+  cube of the angle would give way.
 - A bushing's stiffness and a belt's radii are positive: without them there is no equilibrium, and no belt.
 - A component of *inertia* is not negative, but varied by a difference: that of a slender body is zero about its axis,
   and the triangle inequality between the three is linear in them.
@@ -136,6 +138,11 @@ FIELDS = (
     _length("Belt", "height"),
     Field("Servo", "k_servo", "N m/rad", "positive", True, words="servo stiffness"),
     Field("Servo", "tau", "s", "non-negative", True),
+    Field("Spring", "ratio2", "-", "positive", True, words="K2/K1"),
+    Field("Spring", "ratio3", "-", "positive", True, words="K3/K1"),
+    Field("Spring", "torque1", "N m", "positive", True, words="T1"),
+    Field("Spring", "torque2", "N m", "positive", True, words="T2"),
+    Field("CubicSpring", "cubic", "N m/rad^3", "non-negative", True, words="cubic stiffness"),
     Field("Stroke", "folded", "rad", "signed", False),
     Field("Stroke", "unfolded", "rad", "signed", False),
     Field("Stroke", "speed", "rad/s", "positive", True),

@@ -80,7 +80,8 @@ def cut(arm: Arm) -> CutArm:
             joints.append(_hinge(_middle(joint.name), at, end / np.linalg.norm(end), outer))
     points = tuple(_carried(point, cuts) for point in arm.points)
     payloads = tuple(_loaded(payload, cuts) for payload in arm.payloads)
-    return CutArm(Arm(arm.name, tuple(joints), points, payloads, arm.gravity), tuple(own), tuple(hinges), height)
+    whole = Arm(arm.name, tuple(joints), points, payloads, arm.gravity, springs=arm.springs)
+    return CutArm(whole, tuple(own), tuple(hinges), height)
 
 
 def _middle(name: str) -> str:

@@ -105,7 +105,7 @@ def straight_positions(chain: Chain) -> Float[Array, "3 P *#batch"]:
 
 
 def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
-    """Return V = -sum_j m_j g.r_j - sum f.r - sum m.a(R) + sum_j phi_j' K_j phi_j / 2 [J].
+    """Return V = -sum_j m_j g.r_j - sum f.r - sum m.a(R) + sum_j phi_j' K_j phi_j / 2 [J], and what curved springs add.
 
     A moment m on a body that has turned by R works m.a(R), a(R) along the axis of R and as long as its angle's sine.
     So do two crosswise pairs of forces of fixed direction in the plane of m. It turns along by half the rotation; a
@@ -119,7 +119,8 @@ def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
     pull = (chain.force * point_positions(chain, phi)).sum((0, 1))
     if chain.couple is not None:
         pull = pull + jnp.trace(_crossed(chain, at, chain.couple)).sum(0)
-    return (phi * matvec(chain.stiffness, phi)).sum((0, 1)) / 2 - weight - pull
+    straight = (phi * matvec(chain.stiffness, phi)).sum((0, 1)) / 2 - weight - pull
+    return straight if chain.curved is None else straight + chain.curved.energy(phi).sum(0)
 
 
 def kinetic_energy(chain: Chain, phi: Phi, phi_dot: Phi) -> Float[Array, "*#batch"]:
@@ -178,7 +179,7 @@ def potential_derivatives(chain: Chain, phi: Phi) -> tuple[Float[Array, "n *#bat
     D = jnp.where(j > i, outer_j, jnp.where(j < i, outer_i, (outer_j + outer_i) / 2))
     blocks = matmul(matmul(transpose(at.rate)[:, :, :, None], D), at.rate[:, :, None])
 
-    own = curvature(phi, matvec(transpose(at.before), moment)) + chain.stiffness
+    own = curvature(phi, matvec(transpose(at.before), moment)) + tangent(chain, phi)
     return _gradient(chain, phi, at, moment), flatten_blocks(blocks + jnp.where(j == i, own[:, :, :, None], 0.0))
 
 
@@ -208,7 +209,7 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
     forces = (chain.force * (acceleration[:, body] + matvec(A[:, :, body], point))).sum((0, 1))
     if chain.couple is not None:
         forces = forces + (A[:, :, body] * transpose(_crossed(chain, at, chain.couple))).sum((0, 1, 2))
-    potential = (v * matvec(chain.stiffness, v)).sum((0, 1)) - weights - forces
+    potential = (v * matvec(tangent(chain, phi), v)).sum((0, 1)) - weights - forces
 
     local = matvec(transpose(at.axes), w)
     translation = (velocity * (chain.mass * velocity + 2 * matvec(turn, arm))).sum(0)
@@ -216,7 +217,22 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
 
 
 def _gradient(chain: Chain, phi: Phi, at: ForwardKinematics, moment: Phi) -> Float[Array, "n *#batch"]:
-    return flat(matvec(transpose(at.rate), moment) + matvec(chain.stiffness, phi))
+    straight = matvec(transpose(at.rate), moment) + matvec(chain.stiffness, phi)
+    return flat(straight if chain.curved is None else straight + chain.curved.torque(phi))
+
+
+def tangents(chain: Chain, phi: Phi) -> tuple[Float[Array, "3 3 N *#batch"], Float[Array, "3 3 N *#batch"]]:
+    """Return bending and torsional stiffness [N m/rad] of the bushings where they are turned by phi."""
+    if chain.curved is None:
+        return chain.bend, chain.tors
+    bend, tors = chain.curved.tangents(phi)
+    return chain.bend + bend, chain.tors + tors
+
+
+def tangent(chain: Chain, phi: Phi) -> Float[Array, "3 3 N *#batch"]:
+    """Return the stiffness of the bushings [N m/rad] where they are turned by phi."""
+    bend, tors = tangents(chain, phi)
+    return bend + tors
 
 
 def _virial(chain: Chain, at: ForwardKinematics) -> Float[Array, "3 3 N *#batch"]:

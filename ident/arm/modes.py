@@ -10,7 +10,7 @@ from jaxtyping import Array, Complex, Float, Inexact
 from ident.arm.chain import Chain
 from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
 from ident.arm.linalg import inverse_cholesky_factor, lowest_modes, lowest_modes_whitened
-from ident.arm.mechanics import Phi, mass_matrix, unflatten
+from ident.arm.mechanics import Phi, mass_matrix, tangents, unflatten
 from ident.arm.motors import coordinates, point_motion, servo_energy, structural, system, variations
 from ident.arm.rotations import identity, matmul, matvec, transpose
 
@@ -127,7 +127,7 @@ def modes_about(chain: Chain, at: StaticEquilibrium, count: int | None = None) -
     still, phi = jax.lax.stop_gradient((chain, at.phi))
     shapes = jnp.moveaxis(vectors, 1, -1)
     by_joint = unflatten(shapes[:own])
-    energy = [(by_joint * matvec(K[..., None], by_joint)).sum(0) for K in (still.bend, still.tors)]
+    energy = [(by_joint * matvec(K[..., None], by_joint)).sum(0) for K in tangents(still, phi)]
     if (motors := still.motors) is not None:
         energy[1] = energy[1] + jax.vmap(lambda v: servo_energy(motors, v), -1, -1)(shapes)
     total = (energy[0] + energy[1]).sum(0)

@@ -13,6 +13,7 @@ from ident.arm.assembly import (
     axes,
     bushings,
     carriers,
+    curved_springs,
     moments,
     no_loads,
     offsets,
@@ -22,6 +23,7 @@ from ident.arm.assembly import (
 from ident.arm.fields import names_of
 from ident.arm.losses import refuse_losses
 from ident.arm.rotations import skew
+from ident.arm.springs import CurvedSprings
 from ident.errors import InputError, Problem
 
 
@@ -86,6 +88,7 @@ class Multibody(eqx.Module):
         gravity: (3,) [m/s^2]
         drives: what turns on the shafts.
         belts: what ties the pulleys.
+        curved: where springs are no straight lines, along the shaft's axes; None where all are.
         carrier: joint that carries each named point.
         driven: joints that have a pin.
         elastic: whether the belts stretch, so that the pins that they drive deviate from the command.
@@ -103,6 +106,7 @@ class Multibody(eqx.Module):
     gravity: Float[Array, "3"]
     drives: Drives
     belts: Belts
+    curved: CurvedSprings | None
     carrier: tuple[int, ...] = eqx.field(static=True)
     driven: tuple[int, ...] = eqx.field(static=True)
     elastic: bool = eqx.field(static=True)
@@ -169,6 +173,7 @@ def multibody(
         gravity=arm.gravity,
         drives=_drives(arm, axis, rank),
         belts=_belts(arm, rank),
+        curved=curved_springs(arm, axis),
         carrier=carriers(arm),
         driven=tuple(n for n, joint in enumerate(arm.joints) if joint.driven),
         elastic=elastic_belts and bool(arm.belts),

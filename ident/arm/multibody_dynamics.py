@@ -50,7 +50,7 @@ def residual_of(model: Multibody, turning: Pins, y: Array, yd: Array, ydd: Array
     forces = _sum(_of_bodies(model, at, turning.pulley), imbalance(model, at, turning.pulley))
     moved = equations(model, at, turning.slope, forces)
     phi, v = bushings(model, y), bushings(model, yd)
-    spring = flat(matvec(model.stiffness, phi) + matvec(model.damping, v))
+    spring = flat(spring_moments(model, phi) + matvec(model.damping, v))
     if not model.belt_driven:
         return moved + spring
     error = transmission_error(model, turning)
@@ -58,6 +58,24 @@ def residual_of(model: Multibody, turning: Pins, y: Array, yd: Array, ydd: Array
     on_bushings, on_pins, on_errors = belt_forces(model, *(_alike(*parts) for parts in (position, rate)))
     on_pins = on_pins + (turning.slope - 1) * on_errors
     return moved + jnp.concatenate([spring + flat(on_bushings), on_pins[np.asarray(model.belt_driven)]])
+
+
+def spring_moments(model: Multibody, phi: Phi) -> Phi:
+    """Return the moments of the bushings' springs [N m], along the shafts' axes."""
+    moment = matvec(model.stiffness, phi)
+    return moment if model.curved is None else moment + model.curved.torque(phi)
+
+
+def beyond_tangent(model: Multibody, rest: Phi, phi: Phi) -> tuple[Joints, Joints]:
+    """Return by how much the springs' moments miss their tangents at rest, and those moments' change by them [N m].
+
+    Each is the size of a vector of each bushing (N, *batch).
+    """
+    K = model.stiffness if model.curved is None else model.stiffness + sum(model.curved.tangents(rest))
+    by_tangent = matvec(K, phi - rest)
+    missed = spring_moments(model, phi) - spring_moments(model, rest) - by_tangent
+    missed, by_tangent = (jnp.sqrt((x * x).sum(0)) for x in (missed, by_tangent))
+    return missed, by_tangent
 
 
 def drive_torques(model: Multibody, command: Command, y: Array, yd: Array, ydd: Array) -> Joints:

@@ -110,7 +110,8 @@ def exploration(
         measured: values to show beside.
 
     Raises:
-        InputError: a payload or point that the arm has not, an arm without any point, a campaign of another arm.
+        InputError: a payload or point that the arm has not, an arm without any point or with curved springs, a campaign
+            of another arm.
     """
     _check(arm, payload, measured)
     loads_of(arm, load)
@@ -174,6 +175,12 @@ def _check(arm: Arm, payload: str, measured: Campaign | None) -> None:
     if not arm.points:
         remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
         raise InputError(Problem(arm.name, "no point", "at least one", remedy))
+    if arm.springs:
+        got, remedy = (
+            f"a curved spring ({arm.springs[0].name})",
+            "take its table out: k_bend and k_tors stay",
+        )
+        raise InputError(Problem(arm.name, got, "straight springs, as the page computes with no others", remedy))
     names = [*(each.body.name for each in arm.payloads if float(each.body.mass) > 0), *(p.name for p in arm.points)]
     if payload and payload not in names:
         expected = f"one of {', '.join(names)}"

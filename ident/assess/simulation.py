@@ -1,6 +1,7 @@
 """A simulated motion as it is reported: all that the report, the files and the figures have in common."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,6 +13,7 @@ from ident.assess.basis import Basis
 from ident.assess.over_phases import OverPhases, over_phases
 from ident.measure import Trace
 from ident.vibrate.response.belt_tension import belt_tension, slack
+from ident.vibrate.response.curved import LeavesTangentError, Passage, passages
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.study import Draws, SimulatedMotion, Sizes, measures
 from ident.vibrate.response.superposition import superposition
@@ -109,6 +111,11 @@ class Simulation:
         return {name: (angle[place], frequency[place]) for name, place in places.items()}
 
     @cached_property
+    def passages(self) -> tuple[Passage, ...]:
+        """Curved springs whose load passes T1."""
+        return passages(self.arm, self.response)
+
+    @cached_property
     def moments(self) -> tuple[Float[np.ndarray, "N T"], Float[np.ndarray, "N T"]]:
         """Bending (across the axis) and torsion (about it) of each bushing [N m]."""
         moment, axis = np.asarray(self.response.moment), np.asarray(self.response.model.axis).reshape(3, -1, 1)
@@ -117,21 +124,26 @@ class Simulation:
 
 
 def simulated_over_phases(basis: Basis, elastic_belts: bool, rate: float, step: float | None) -> OverPhases | None:
-    """Return the vibration over the phases that are not known, by the fast method; None without."""
+    """Return the vibration over the phases that are not known, by the fast method; None without.
+
+    None as well where it leaves the tangents of curved springs: what is not linear does not add up.
+    """
     unknown = basis.unknown
     if not unknown.phases:
         return None
-    whole = superposition(
-        basis.arm,
-        basis.motion,
-        unknown.phases,
-        loads=basis.loads,
-        elastic_belts=elastic_belts,
-        rate=rate,
-        step=step,
-        together=False,
-    )
-    return over_phases(whole, unknown)
+    with suppress(LeavesTangentError):
+        whole = superposition(
+            basis.arm,
+            basis.motion,
+            unknown.phases,
+            loads=basis.loads,
+            elastic_belts=elastic_belts,
+            rate=rate,
+            step=step,
+            together=False,
+        )
+        return over_phases(whole, unknown)
+    return None
 
 
 def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -50,6 +50,8 @@ TABLES: dict[str, type[Table]] = {
     "drive": document.DriveTable,
     "belt": document.BeltTable,
     "servo": document.ServoTable,
+    "spring": document.SpringTable,
+    "cubic_spring": document.CubicSpringTable,
     "stroke": document.StrokeTable,
 }
 TABLES |= {"point": document.PointTable, "payload": document.PayloadTable, "axis": Direction}

@@ -162,6 +162,8 @@ Eccentricity = Quantity[Annotated[str, _unit("eccentricity")], Annotated[float, 
 Radius = Quantity[Annotated[str, _unit("driver_radius")], Annotated[float, _range("driver_radius")]]
 MassMoment = Quantity[Annotated[str, _unit("rotor_inertia", "kg*mm^2")], Annotated[float, _range("rotor_inertia")]]
 Force = Quantity[Annotated[str, _unit("pretension")], Annotated[float, _range("pretension")]]
+Torque = Quantity[Annotated[str, _unit("torque1")], Annotated[float, _range("torque1")]]
+CubicStiffness = Quantity[Annotated[str, _unit("cubic")], Annotated[float, _range("cubic")]]
 SpanStiffness = Quantity[Annotated[str, _unit("stiffness", "N/mm")], Annotated[float, _range("stiffness")]]
 
 
@@ -206,6 +208,17 @@ class NonZero(Sourced):
     """A ratio, without unit."""
 
     value: Annotated[Number, AfterValidator(_no_zero)]
+
+    @property
+    def number(self) -> Any:
+        """The ratio."""
+        return np.asarray(self.value)
+
+
+class Ratio(Sourced):
+    """A ratio of stiffnesses, without unit."""
+
+    value: Annotated[float, _range("ratio2")]
 
     @property
     def number(self) -> Any:

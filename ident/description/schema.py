@@ -45,6 +45,7 @@ from ident.description.quantities import (
     Time,
     complaint,
 )
+from ident.description.spring_tables import CubicSpringTable, SpringTable
 from ident.errors import InputError
 
 Loc = tuple[str | int, ...]
@@ -240,6 +241,8 @@ class ArmDocument(Table):
     drive: list[DriveTable] = Field(default_factory=list)
     belt: list[BeltTable] = Field(default_factory=list)
     servo: list[ServoTable] = Field(default_factory=list)
+    spring: list[SpringTable] = Field(default_factory=list)
+    cubic_spring: list[CubicSpringTable] = Field(default_factory=list)
     stroke: StrokeTable | None = None
     workspace: WorkspaceTable = Field(default_factory=WorkspaceTable)
 
@@ -256,6 +259,7 @@ class ArmDocument(Table):
             self.stroke.stroke() if self.stroke else None,
             self.workspace.workspace(),
             tuple(servo.servo() for servo in self.servo),
+            (*(each.spring() for each in self.spring), *(each.spring() for each in self.cubic_spring)),
         )
 
     def extents(self) -> dict[str, Any]:
@@ -282,7 +286,7 @@ def named(raw: Mapping[str, Any]) -> Iterator[tuple[Loc, Any]]:
         yield ("joint", n), joint
         for kind in ("shaft", "link"):
             yield from ((("joint", n, kind, m), body) for m, body in _rows(joint, kind))
-    for kind in ("point", "payload", "drive", "belt", "servo"):
+    for kind in ("point", "payload", "drive", "belt", "servo", "spring", "cubic_spring"):
         yield from (((kind, n), table) for n, table in _rows(raw, kind))
 
 

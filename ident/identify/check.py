@@ -8,6 +8,7 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.build_problem import build_problem
+from ident.identify.curved import SpringCheck, check_springs
 from ident.identify.data_checks import check_values, contradictory_repeats
 from ident.identify.label_checks import LabelDoubt, changing_labels, label_doubts
 from ident.identify.unknowns import Unknowns
@@ -28,6 +29,7 @@ class CampaignCheck(Check):
         cross_predictions: each kind of measurement against the others, by fits from a few starts.
         labels: measurements whose mode is not sure.
         changing: at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
+        springs: the curved springs of the arm, with the eyes of the campaign.
         repeats: pairs of rows that measured the same and contradict each other; refused unless one is trusted.
     """
 
@@ -37,6 +39,7 @@ class CampaignCheck(Check):
     cross_predictions: tuple[CrossPrediction, ...]
     labels: tuple[LabelDoubt, ...]
     changing: Mapping[int, float]
+    springs: tuple[SpringCheck, ...]
     repeats: tuple[tuple[int, int], ...]
 
     @property
@@ -78,5 +81,6 @@ def check_campaign(
         cross_predictions=cross_predictions(compared, [start], seed=seed)[0],
         labels=label_doubts(arm, campaign),
         changing=changing_labels(problem, seed=seed),
+        springs=check_springs(arm, campaign, unknowns),
         repeats=tuple(contradictory_repeats(campaign)),
     )

@@ -41,7 +41,7 @@ class CheckResult(Result):
     check: "CampaignCheck"
     options: CheckOptions = field(default_factory=CheckOptions)
 
-    form = "ident-check/3"
+    form = "ident-check/4"
     subject = "check.campaign.name"
     shown = ("check",)
     summary = ("contradictory",)

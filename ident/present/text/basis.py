@@ -13,7 +13,14 @@ UNDRIVEN = "The arm file has no [[drive]]: only the motion itself shakes the arm
 TWICE = "Elastic belts count twice where k_bend or k_tors were measured with them, by a hammer test for one."
 GUESSED = ("assumed", "calibrated")
 """Origins of numbers that were not measured: assumed, or set so that a result comes out."""
-PARTS = {"Drive": "drives", "Belt": "belts", "Servo": "servos", "Stroke": "stroke"}
+PARTS = {
+    "Drive": "drives",
+    "Belt": "belts",
+    "Servo": "servos",
+    "Spring": "springs",
+    "CubicSpring": "springs",
+    "Stroke": "stroke",
+}
 
 
 def motion_in_words(basis: Basis) -> Iterator[str]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ident.assess.simulation import Simulation
 from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
+from ident.present.text.springs import passages_in_words
 from ident.present.text.units import MM
 from ident.present.text.words import cut, degrees, paragraphs
 from ident.vibrate.response.study import DIRECTIONS
@@ -46,6 +47,7 @@ def _heading(simulation: Simulation) -> Iterator[str]:
     yield load_in_words(simulation.basis, response.model.elastic, rate)
     yield f"  method: {METHODS[response.method]}"
     yield from basis_in_words(simulation.basis)
+    yield from passages_in_words(simulation.passages)
     if simulation.study.interrupted is not None:
         yield f"  INTERRUPTED: the exact method came to {simulation.study.interrupted:.4g} s"
         if simulation.basis.posterior:
@@ -84,6 +86,8 @@ def _peak(simulation: Simulation) -> Iterator[str]:
 
 def _phases(simulation: Simulation) -> Iterator[str]:
     if simulation.phases is None:
+        if simulation.arm.springs and simulation.basis.unknown.phases:
+            yield "Phases of the turning masses: those of the arm file alone, as responses of curved springs do not add"
         return
     over = simulation.phases
     what = "phases and kinematic errors" if simulation.basis.unknown.errors else "phases of the turning masses"

@@ -1,7 +1,6 @@
 """The fast method for one arm, all else given: one compiled program, whatever the motion's length."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,6 +12,7 @@ from jaxtyping import Array, Float, Int
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, multibody
+from ident.arm.multibody_dynamics import beyond_tangent
 from ident.arm.multibody_kinematics import at_rest, bushings, deviations, end_point, pins
 from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
@@ -32,13 +32,18 @@ BLOCK = 4 * TOGETHER
 
 
 class Solution(NamedTuple):
-    """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T)."""
+    """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T).
+
+    Where springs are curved, also the size of each bushing's spring moment by which the tangent misses the curve, and
+    of that moment's change (2 N, T) [N m], see `beyond_tangent`; None otherwise.
+    """
 
     y: AnyArray
     yd: AnyArray
     path: AnyArray
     displacement: AnyArray
     quasi_static: AnyArray
+    missed: AnyArray | None = None
 
 
 class Integrated(NamedTuple):
@@ -70,8 +75,12 @@ class FastMethod(eqx.Module):
         """Simulate an arm without batch axes; what is behind the samples means nothing."""
         model = self.model(arm)
         integrated = self.integrated(arm, model)
-        rows = (model.size, model.size, 3, 3, 3)
-        return Solution(*_by_time(partial(self.at, model, integrated), jnp.asarray(self.time), rows))
+        rows = (model.size, model.size, 3, 3, 3) + (() if model.curved is None else (2 * model.joints,))
+
+        def at(time: Array) -> tuple[AnyArray, ...]:
+            return tuple(part for part in self.at(model, integrated, time) if part is not None)
+
+        return Solution(*_by_time(at, jnp.asarray(self.time), rows))
 
     def model(self, arm: Arm) -> Multibody:
         """Gather an arm's equations of motion."""
@@ -91,7 +100,13 @@ class FastMethod(eqx.Module):
         solved, bent = integrated
         y, yd = solved.at(self.grid, time)
         static = between_nodes(self.grid, bent, jnp.asarray(time))[0]
-        return Solution(y, yd, *_end_point(model, self.motion, time, y), static)
+        return Solution(y, yd, *_end_point(model, self.motion, time, y), static, self._missed(model, solved, time, y))
+
+    def _missed(self, model: Multibody, solved: fast.Fast, time: Times, y: Array) -> Array | None:
+        if model.curved is None:
+            return None
+        rest = between_nodes(self.grid, solved.quasi_static, jnp.asarray(time))[0]
+        return jnp.concatenate(beyond_tangent(model, bushings(model, rest), bushings(model, y)))
 
     def blocks(self) -> Float[np.ndarray, "blocks times"]:
         """Return the times of the samples, some at a time, and the last one repeated."""

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -71,8 +72,16 @@ class Response(eqx.Module):
     @property
     def moment(self) -> Float[AnyArray, "3 N T *batch"]:
         """Moments of the bushings, stiffness and damping, along their shafts' axes [N m]."""
-        K, D = concrete((self.model.stiffness, self.model.damping))
-        return (K * self.phi).sum(1) + (D * self._by_bushing(self.yd)).sum(1)
+        D = concrete(self.model.damping)
+        return self.spring_moment + (D * self._by_bushing(self.yd)).sum(1)
+
+    @property
+    def spring_moment(self) -> Float[AnyArray, "3 N T *batch"]:
+        """The part of it that is stiffness [N m]."""
+        straight = (concrete(self.model.stiffness) * self.phi).sum(1)
+        if self.model.curved is None:
+            return straight
+        return straight + concrete(self.model.curved.torque(jnp.asarray(self.phi)))
 
     def _by_bushing(self, y: Float[AnyArray, "n T *batch"]) -> Float[AnyArray, "3 N T *batch"]:
         return y[: 3 * self.model.joints].reshape((-1, 3, *y.shape[1:])).swapaxes(0, 1)

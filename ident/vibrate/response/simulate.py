@@ -18,6 +18,7 @@ from ident.jit import RUNS_ONCE, AnyArray, concrete, cores, jit, library
 from ident.vibrate.modal.modes_along_path import nominal
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact, fast
+from ident.vibrate.response.curved import refuse_curved
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.fast_method import FastMethod, Integrated, Solution, displacement, repeated, vibration_of
 from ident.vibrate.response.few_sizes import filled_up
@@ -65,7 +66,7 @@ def simulate(
 
     Raises:
         InputError: no such method, a rate or step out of range, an arm without a named point, the exact method for
-            a batch, or a motion whose speed jumps.
+            a batch, a motion whose speed jumps, or by the fast method curved springs that leave their tangents.
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
     batch = arm.batch
@@ -78,7 +79,9 @@ def simulate(
     if method == "exact":
         solution, interrupted = _exact(model, solve, solution, time, progress)
         time = time[: solution.y.shape[1]]
-    y, yd, path, displacement, static = (part[:, : len(time)] for part in solution)
+    else:
+        refuse_curved(arm, solution.missed)
+    y, yd, path, displacement, static = (part[:, : len(time)] for part in solution[:5])
     path = path[(..., *(0,) * len(batch))]
     return Response(model, motion, time, y, yd, path, displacement, static, method, interrupted)
 
@@ -90,8 +93,20 @@ def _whole(solution: Solution) -> Solution:
 def vibrations(
     arm: Arm, numbers: Mapping[str, Float[Array | np.ndarray, "batch"]], solve: "FastMethod"
 ) -> Float[AnyArray, "3 T batch"]:
-    """Return how the end point vibrates [m] with each of some numbers of the arm, by path; NaN where it collapses."""
-    return _of_each(arm, numbers, solve, vibration_of)
+    """Return how the end point vibrates [m] with each of some numbers of the arm, by path; NaN where it collapses.
+
+    Raises:
+        InputError: vibrations leave the tangents of curved springs, see `refuse_curved`.
+    """
+    if not arm.springs:
+        return _of_each(arm, numbers, solve, vibration_of)
+    vibration, missed = _of_each(arm, numbers, solve, _with_missed)
+    refuse_curved(arm, missed)
+    return vibration
+
+
+def _with_missed(solution: Solution) -> tuple[AnyArray, AnyArray | None]:
+    return vibration_of(solution), solution.missed
 
 
 def fast_method(

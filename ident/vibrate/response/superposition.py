@@ -34,6 +34,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.jit import AnyArray, concrete
 from ident.vibrate.motion.motion import Motion
+from ident.vibrate.response.curved import refuse_curved
 from ident.vibrate.response.fast_method import FastMethod, vibration_of
 from ident.vibrate.response.simulate import RATE, by_chunk, fast_method, refuse_collapse, vibrations
 
@@ -163,7 +164,9 @@ def _together(arm: Arm, unknown: Sequence[str], solve: FastMethod) -> Float[AnyA
 def _one_by_one(arm: Arm, unknown: Sequence[str], solve: FastMethod) -> Float[AnyArray, "3 T members"]:
     def alone(phases: Float[np.ndarray, "1 U"]) -> Float[AnyArray, "1 3 T"]:
         turned = arm.replace(dict(zip(unknown, phases[0], strict=True)))
-        return vibration_of(concrete(solve(turned)))[None, :, : int(solve.samples)]
+        solution = concrete(solve(turned))
+        refuse_curved(arm, solution.missed)
+        return vibration_of(solution)[None, :, : int(solve.samples)]
 
     return np.moveaxis(by_chunk(alone, _phases_of_members(len(unknown)), chunk=1), 0, -1)
 
