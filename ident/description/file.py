@@ -35,7 +35,7 @@ class ArmFile:
         sha256: hexadecimal digest of the file's bytes.
         origins: origin of every number, by its path in the arm.
         extents: lowest and highest corner of each body that has a shape, (2, 3) [m] in its joint's axes, by name.
-        joints: the file of its bushings, where it is described by URDF or MJCF; None for TOML.
+        bushings: the file of its bushings, where it is described by URDF or MJCF; None for TOML.
     """
 
     arm: Arm
@@ -43,7 +43,7 @@ class ArmFile:
     sha256: str
     origins: Mapping[str, str]
     extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
-    joints: JointsFile | None = None
+    bushings: JointsFile | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -66,8 +66,8 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
     digest = hashlib.sha256(data).hexdigest()
     if is_robot(text):
-        arm, joints, origins = robot_arm(path)
-        return ArmFile(arm, str(path), digest, origins, joints=joints)
+        arm, bushings, origins = robot_arm(path)
+        return ArmFile(arm, str(path), digest, origins, bushings=bushings)
     document = parse_document(text, where)
     return ArmFile(document.arm(), str(path), digest, document.origins(), document.extents())
 

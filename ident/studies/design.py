@@ -235,7 +235,7 @@ def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:
     from ident.text import decode, one_line, read_bytes
 
     path, values = basis.arm_file.path, basis.fit or basis.posterior
-    if not path or basis.arm_file.joints:
+    if not path or basis.arm_file.bushings:
         return ""
     text = decode(read_bytes(path, "an arm description (TOML)"), one_line(path))
     names = [name for variable in variables for name in variable.paths]

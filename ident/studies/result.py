@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from ident.errors import InputError, ModelError, Problem
 from ident.studies.options import Options
 
-BESIDE = ("covariance", "joints")
+BESIDE = ("covariance", "bushings")
 """What may be read because it lies beside an input: attributes of that input, in whose name they are called."""
 
 if TYPE_CHECKING:

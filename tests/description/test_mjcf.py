@@ -194,7 +194,7 @@ def test_bushings_are_read_from_the_file_beside_with_their_origin(robot):
     origins = ("j1.k_bend", "j1.tau_tors", "j1.tau_bend", "elbow.position.z", "a.mass", "j1.offset.x", "tip.position.x")
     expected = ["datasheet", "measured", "assumed", "measured", "derived", "derived", "derived"]
     assert [read.origins[path] for path in origins] == expected
-    assert read.joints.path == str(robot.with_suffix(".joints.toml"))
+    assert read.bushings.path == str(robot.with_suffix(".joints.toml"))
 
 
 @pytest.mark.parametrize(
