@@ -27,6 +27,7 @@ In the order of use; every study is one function that returns one frozen result.
     design          what to change so that the arm vibrates least
     explore         a page with sliders: what the arm does when a number is changed
     diagnose        all of it, from a campaign to advice
+    export          what was identified, in the robot's own description: MJCF, URDF, arm file, or JSON
     load            a result that was saved
     rerun           the same again, and whether the numbers are the same
 
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from ident.studies.design import DesignOptions, DesignResult, design
     from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
     from ident.studies.explore import ExploreOptions, ExploreResult, explore
+    from ident.studies.export import export
     from ident.studies.fit import FitOptions, FitResult, fit
     from ident.studies.fleet import FleetOptions, FleetResult, fleet
     from ident.studies.load import load
@@ -78,6 +80,7 @@ _PLACES = {
     "description.urdf": ("read_urdf",),
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
     "studies.explore": ("ExploreOptions", "ExploreResult", "explore"),
+    "studies.export": ("export",),
     "studies.load": ("load",),
     "studies.rerun": ("Rerun", "rerun"),
     "studies.show": ("ArmPicture", "show"),

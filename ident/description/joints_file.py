@@ -4,15 +4,17 @@ Each number is written as in `arm.toml`, with unit and origin.
 """
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import tomlkit
 from pydantic import Field, ValidationError
 
 from ident.arm.fields import LOSS
 from ident.description.explanations import TABLES, Source
-from ident.description.quantities import LossFactor, Name, Stiffness, Table, Time
+from ident.description.quantities import LossFactor, Name, Origin, Stiffness, Table, Time, si
 from ident.description.robot import Robot
 from ident.description.schema import UNDAMPED, PayloadTable, PointTable
 from ident.description.toml_text import load_toml
@@ -92,6 +94,29 @@ def read_joints(path: Path, robot: Robot) -> tuple[JointsFile, JointsDocument]:
     if problems:
         raise InputError(problems)
     return JointsFile(str(path), hashlib.sha256(data).hexdigest()), document
+
+
+def joints_text(text: str, values: Mapping[str, float], origin: Origin, where: str) -> str:
+    """Return the text of such a file with other numbers and their origin; comments, units and layout stay.
+
+    Args:
+        text: a valid file.
+        values: numbers [SI] of bushings by path, as `joint1.k_bend`; what the file leaves out is added.
+        origin: of these numbers from now on.
+        where: names the text in errors.
+    """
+    document: Any = tomlkit.parse(text)
+    tables = {str(table["name"]): table for table in document["joint"]}
+    for path, value in values.items():
+        name, field = path.split(".")
+        entry = tables[name].setdefault(field, tomlkit.inline_table())
+        unit = si(1.0, entry["unit"]) if "unit" in entry else 1.0
+        entry["value"] = float(f"{value / unit:.12g}")
+        if "unit" not in entry and field not in LOSS:
+            entry["unit"] = "s"  # of a time; a stiffness is never left out
+        entry["origin"] = origin
+    JointsDocument.model_validate(load_toml(updated := tomlkit.dumps(document), where))
+    return updated
 
 
 def _strangers(document: JointsDocument, robot: Robot, source: Source) -> list[Problem]:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from three_joints import JOINTS, MJCF, WITHOUT_MESHES
 
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import mass_matrix, straight_positions
@@ -16,58 +17,6 @@ from ident.description.mjcf import read_mjcf
 from ident.errors import InputError
 
 jax.config.update("jax_enable_x64", True)
-
-MJCF = """\
-<mujoco model="three">
-  <compiler angle="degree" autolimits="true"/>
-  <option gravity="0 0 -9.80665"/>
-  <default><joint axis="0 1 0" armature="0.1" damping="200"/><geom type="capsule" density="1000"/></default>
-  <asset><mesh name="nowhere" file="nowhere.obj"/><material name="grey" rgba="1 1 1 1"/></asset>
-  <worldbody>
-    <body name="stand" pos="0.1 0 0.3" euler="0 0 20">
-      <inertial mass="99" pos="0 0 0" diaginertia="1 1 1"/>
-      <body name="a" pos="0 0.05 0.2" euler="5 -10 15">
-        <inertial mass="7" pos="0.3 0.1 0" fullinertia="0.3 0.4 0.5 0.01 0.02 0.03"/>
-        <joint name="j1" pos="0.02 0 0.01" axis="0 0 2" range="-60 120"/>
-        <geom type="mesh" mesh="nowhere" material="grey"/>
-        <body name="b" pos="0.6 0 0.1" axisangle="1 0 0 90">
-          <inertial mass="5" pos="0 0.2 0.1" diaginertia="0.2 0.1 0.2"/>
-          <joint name="j2" limited="false"/>
-          <geom name="shell" type="mesh" mesh="nowhere"/>
-          <body name="motor" pos="0 0 0.3" euler="0 17 0"><geom size="0.03 0.1" material="grey"/></body>
-          <body name="c" pos="0.2 0 0.4" euler="0 0 57">
-            <inertial mass="1.5" pos="0.1 0 0" diaginertia="0.01 0.02 0.02"/>
-            <joint name="j3" axis="1 0.5 0.2" range="-57 57"/>
-            <body name="flange" pos="0.25 0 0"><site name="tool" pos="0 0 0.1"/></body>
-          </body>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-  <actuator><motor joint="j1"/></actuator>
-  <keyframe><key qpos="1 2 3"/></keyframe>
-</mujoco>
-"""
-JOINTS = """\
-format = "ident-joints/1"
-[[joint]]
-name = "j1"
-k_bend = { value = 2000, unit = "N*m/deg", origin = "datasheet" }
-k_tors = { value = 1e5, unit = "N*m/rad", origin = "assumed" }
-tau_tors = { value = 1, unit = "ms", origin = "measured" }
-[[joint]]
-name = "j2"
-k_bend = { value = 2e5, unit = "N*m/rad", origin = "assumed" }
-k_tors = { value = 8e4, unit = "N*m/rad", origin = "assumed" }
-[[joint]]
-name = "j3"
-k_bend = { value = 5e4, unit = "N*m/rad", origin = "assumed" }
-k_tors = { value = 3e4, unit = "N*m/rad", origin = "assumed" }
-[[point]]
-name = "elbow"
-joint = "j2"
-position = { value = [0, 0, 10], unit = "mm", origin = "measured" }
-"""
 
 
 @pytest.fixture
@@ -87,11 +36,6 @@ def robot(tmp_path):
     return tmp_path / "arm.xml"
 
 
-def without_meshes():
-    lines = [line for line in MJCF.splitlines() if "nowhere" not in line]
-    return mujoco.MjModel.from_xml_string("\n".join(lines).replace(' material="grey"', ""))
-
-
 def held_by_mujoco(model, postures):
     """End point, axes of the hinges and mass matrix of each posture, without what the motors' rotors add."""
     data, M = mujoco.MjData(model), np.zeros((3, 3))
@@ -106,7 +50,7 @@ def test_end_points_and_inertia_are_mujocos_at_any_posture(load):
     postures = np.random.default_rng(0).uniform(-2, 2, (20, 3))
     chain = at_posture(load(), jnp.asarray(postures.T))
     points, mass = straight_positions(chain), mass_matrix(chain, jnp.zeros((3, 3, 20)))
-    for n, (end, axes, M) in enumerate(held_by_mujoco(without_meshes(), postures)):
+    for n, (end, axes, M) in enumerate(held_by_mujoco(mujoco.MjModel.from_xml_string(WITHOUT_MESHES), postures)):
         np.testing.assert_allclose(points[:, 0, n], end, atol=1e-12)
         turned = block_diag(*axes)  # a bushing that turns about its pin moves all that the pin moves
         np.testing.assert_allclose(turned @ mass[..., n] @ turned.T, M, atol=1e-12)

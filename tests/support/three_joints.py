@@ -1,0 +1,73 @@
+"""A robot of three oblique joints as MJCF, and its bushings."""
+
+MJCF = """\
+<mujoco model="three">
+  <compiler angle="degree" autolimits="true"/>
+  <option gravity="0 0 -9.80665"/>
+  <default><joint axis="0 1 0" armature="0.1" damping="200"/><geom type="capsule" density="1000"/></default>
+  <asset><mesh name="nowhere" file="nowhere.obj"/><material name="grey" rgba="1 1 1 1"/></asset>
+  <worldbody>
+    <body name="stand" pos="0.1 0 0.3" euler="0 0 20">
+      <inertial mass="99" pos="0 0 0" diaginertia="1 1 1"/>
+      <body name="a" pos="0 0.05 0.2" euler="5 -10 15">
+        <inertial mass="7" pos="0.3 0.1 0" fullinertia="0.3 0.4 0.5 0.01 0.02 0.03"/>
+        <joint name="j1" pos="0.02 0 0.01" axis="0 0 2" range="-60 120"/>
+        <geom type="mesh" mesh="nowhere" material="grey"/>
+        <body name="b" pos="0.6 0 0.1" axisangle="1 0 0 90">
+          <inertial mass="5" pos="0 0.2 0.1" diaginertia="0.2 0.1 0.2"/>
+          <joint name="j2" limited="false"/>
+          <geom name="shell" type="mesh" mesh="nowhere"/>
+          <body name="motor" pos="0 0 0.3" euler="0 17 0"><geom size="0.03 0.1" material="grey"/></body>
+          <body name="c" pos="0.2 0 0.4" euler="0 0 57">
+            <inertial mass="1.5" pos="0.1 0 0" diaginertia="0.01 0.02 0.02"/>
+            <frame euler="10 0 0"><joint name="j3" axis="1 0.5 0.2" range="-57 57"/></frame>
+            <body name="flange" pos="0.25 0 0"><site name="tool" pos="0 0 0.1"/></body>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="j1"/></actuator>
+  <keyframe><key qpos="1 2 3"/></keyframe>
+</mujoco>
+"""
+WITHOUT_MESHES = "\n".join(line for line in MJCF.splitlines() if "nowhere" not in line).replace(' material="grey"', "")
+"""The same, which MuJoCo reads by itself."""
+
+JOINTS = """\
+format = "ident-joints/1"
+[[joint]]
+name = "j1"
+k_bend = { value = 2000, unit = "N*m/deg", origin = "datasheet" }
+k_tors = { value = 1e5, unit = "N*m/rad", origin = "assumed" }
+tau_tors = { value = 1, unit = "ms", origin = "measured" }
+[[joint]]
+name = "j2"
+k_bend = { value = 2e5, unit = "N*m/rad", origin = "assumed" }
+k_tors = { value = 8e4, unit = "N*m/rad", origin = "assumed" }
+[[joint]]
+name = "j3"
+k_bend = { value = 5e4, unit = "N*m/rad", origin = "assumed" }
+k_tors = { value = 3e4, unit = "N*m/rad", origin = "assumed" }
+[[point]]
+name = "elbow"
+joint = "j2"
+position = { value = [0, 0, 10], unit = "mm", origin = "measured" }
+"""
+
+URDF = """\
+<?xml version="1.0"?>
+<!-- a head -->
+<robot name="two">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.3 0 0"/><mass value="12"/>
+    <inertia ixx="0.1" iyy="0.4" izz="0.4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.25 0 0"/><mass value="7"/>
+    <inertia ixx="0.05" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/>
+    <origin xyz="0 0 0.4"/><axis xyz="0 0 1"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.6 0 0"/><axis xyz="0 0 1"/></joint>
+</robot>
+"""
+"""Another robot, of two joints."""
