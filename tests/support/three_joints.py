@@ -1,4 +1,4 @@
-"""A robot of three oblique joints as MJCF, and its bushings."""
+"""Robots of three oblique joints as MJCF and URDF, and their bushings."""
 
 MJCF = """\
 <mujoco model="three">
@@ -57,17 +57,35 @@ position = { value = [0, 0, 10], unit = "mm", origin = "measured" }
 
 URDF = """\
 <?xml version="1.0"?>
-<!-- a head -->
-<robot name="two">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.3 0 0"/><mass value="12"/>
-    <inertia ixx="0.1" iyy="0.4" izz="0.4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="lower"><inertial><origin xyz="0.25 0 0"/><mass value="7"/>
-    <inertia ixx="0.05" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/>
-    <origin xyz="0 0 0.4"/><axis xyz="0 0 1"/></joint>
-  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
-    <origin xyz="0.6 0 0"/><axis xyz="0 0 1"/></joint>
+<robot name="three">
+  <link name="base"><inertial><mass value="99"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="mount" type="fixed">
+    <parent link="base"/><child link="stand"/><origin xyz="0.1 0 0.3" rpy="0 0 0.4"/></joint>
+  <link name="stand"/>
+  <joint name="j1" type="revolute">
+    <parent link="stand"/><child link="a"/><origin xyz="0 0.05 0.2" rpy="0.1 -0.2 0.3"/>
+    <axis xyz="0 0 2"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
+  <link name="a"><inertial><origin xyz="0.3 0.1 0" rpy="0.5 0.6 0.7"/><mass value="7"/>
+    <inertia ixx="0.3" iyy="0.4" izz="0.5" ixy="0.01" ixz="0.02" iyz="0.03"/></inertial>
+    <visual><geometry><mesh filename="package://nowhere/a.stl"/></geometry></visual></link>
+  <joint name="j2" type="continuous">
+    <parent link="a"/><child link="b"/><origin xyz="0.6 0 0.1" rpy="1.5707963267948966 0 0"/>
+    <axis xyz="0 1 0"/></joint>
+  <link name="b"><inertial><origin xyz="0 0.2 0.1"/><mass value="5"/>
+    <inertia ixx="0.2" iyy="0.1" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="bolted" type="fixed">
+    <parent link="b"/><child link="motor"/><origin xyz="0 0 0.3" rpy="0 0.3 0"/></joint>
+  <link name="motor"><inertial><mass value="2"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="j3" type="revolute">
+    <parent link="motor"/><child link="c"/><origin xyz="0.2 0 0.1" rpy="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <link name="c"><inertial><origin xyz="0.1 0 0" rpy="0 0 1"/><mass value="1.5"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="flange" type="fixed">
+    <parent link="c"/><child link="tool0"/><origin xyz="0.25 0 0"/></joint>
+  <link name="tool0"/>
 </robot>
 """
-"""Another robot, of two joints."""
+"""Another robot of three joints, with fixed ones between them, as URDF."""
