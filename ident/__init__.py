@@ -3,8 +3,9 @@
 In the order of use; every study is one function that returns one frozen result. `print(result)` prints its report,
 `result.figures()` draws it, `result.table()` gives rows, `result.save(path)` writes it and `load(path)` brings it back.
 
-    read_arm        an arm from its TOML file
+    read_arm        an arm from its file: TOML, or URDF or MJCF with a file of joint stiffness beside it
     read_urdf       an arm from a URDF file, completed with joint stiffness
+    read_mjcf       an arm from an MJCF file, completed with joint stiffness
     read_campaign   natural frequencies, static deflections and damping ratios from a CSV file
     read_log        a joint path as a robot controller logs it
     read_trace      a measured vibration
@@ -26,6 +27,7 @@ In the order of use; every study is one function that returns one frozen result.
     design          what to change so that the arm vibrates least
     explore         a page with sliders: what the arm does when a number is changed
     diagnose        all of it, from a campaign to advice
+    export          what was identified, in the robot's own description: MJCF, URDF, arm file, or JSON
     load            a result that was saved
     rerun           the same again, and whether the numbers are the same
 
@@ -43,6 +45,7 @@ from ident.studies import STUDIES
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile, read_arm
+    from ident.description.mjcf import read_mjcf
     from ident.description.urdf import read_urdf
     from ident.measure import Campaign, Load, Log, Measurement, Trace, read_campaign, read_log, read_trace
     from ident.studies.check import CheckOptions, CheckResult, check
@@ -50,6 +53,7 @@ if TYPE_CHECKING:
     from ident.studies.design import DesignOptions, DesignResult, design
     from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
     from ident.studies.explore import ExploreOptions, ExploreResult, explore
+    from ident.studies.export import export
     from ident.studies.fit import FitOptions, FitResult, fit
     from ident.studies.fleet import FleetOptions, FleetResult, fleet
     from ident.studies.load import load
@@ -72,9 +76,11 @@ _ERRORS = ("ConvergenceError", "IdentError", "InputError", "ModelError")
 _PLACES = {
     "arm.arm": ("Arm",),
     "description.file": ("ArmFile", "read_arm"),
+    "description.mjcf": ("read_mjcf",),
     "description.urdf": ("read_urdf",),
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
     "studies.explore": ("ExploreOptions", "ExploreResult", "explore"),
+    "studies.export": ("export",),
     "studies.load": ("load",),
     "studies.rerun": ("Rerun", "rerun"),
     "studies.show": ("ArmPicture", "show"),

@@ -3,10 +3,14 @@
 import importlib.util
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.stats import binom
 
+import ident
 from ident.arm.belt_condition import belt_mismatches
 from ident.description.file import parse_arm, read_arm, update_file
 from ident.measure import read_campaign
@@ -14,10 +18,11 @@ from ident.measure import read_campaign
 pytestmark = pytest.mark.slow
 
 LCD = Path(__file__).parents[1] / "data" / "lcd_arm"
+SIX = LCD.parent / "six_axis"
 
 
-def program(name):
-    spec = importlib.util.spec_from_file_location(name, LCD / f"{name}.py")
+def program(name, folder=LCD):
+    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -110,3 +115,30 @@ def test_table_1_has_the_measured_values_of_the_paper():
     ]
     assert {m.note for m in campaign} == {"paper, Table 1 (measured)"}
     assert campaign.joints == len(read_arm(LCD / "arm.toml").arm.driven)
+
+
+def test_the_six_axis_campaign_is_made_again_and_says_what_it_is(tmp_path):
+    program("synthesize", SIX).main(tmp_path)
+    text = (SIX / "campaign.csv").read_text()
+    assert (tmp_path / "campaign.csv").read_text() == text
+    assert text.startswith("# SYNTHETIC")
+    assert set(read_arm(SIX / "arm.xml").origins.values()) == {"assumed", "derived"}
+
+
+def test_a_fit_of_the_six_axis_campaign_finds_what_it_was_made_with():
+    truth = program("synthesize", SIX).TRUTH
+    result = ident.fit(SIX / "arm.xml", SIX / "campaign.csv")
+    assert not result.doubts
+    assert all(result.supported.values())
+    held = [low <= truth[path] <= high for path, (low, high) in result.intervals.items()]
+    assert sum(held) >= binom.ppf(0.001, 12, 0.95)
+    off = [abs(np.log(result.parameters[path] / value)) / result.sd[path] for path, value in truth.items()]
+    assert max(off) < 3
+
+
+def test_the_six_axis_arm_is_oblique_and_has_its_licence():
+    axes = [joint.axis for joint in read_arm(SIX / "arm.xml").arm.joints]
+    cosines = [abs(float(a @ b)) for a, b in pairwise(axes)]
+    assert cosines[3:] == pytest.approx([0.5, 0.5], abs=1e-5)
+    assert "BSD 3-Clause" in (SIX / "arm.xml").read_text()
+    assert "Redistribution and use" in (SIX / "LICENSE").read_text()

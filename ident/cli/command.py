@@ -19,7 +19,10 @@ from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result
 
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
-ArmOption = Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the campaign")]
+ArmOption = Annotated[
+    Path | None,
+    typer.Option("--arm", help="arm description: TOML, URDF or MJCF; default: arm.toml beside the campaign"),
+]
 PathOption = Annotated[
     Path | None,
     typer.Option(help="joint path to follow instead of the stroke: CSV with time [s], joint1 [deg], ..."),
@@ -39,7 +42,7 @@ def flag(help: str, *names: str) -> Any:
 
 
 INPUTS: dict[str, Any] = {
-    "arm": Annotated[Path, typer.Argument(help="arm description, a TOML file (data/README.md)")],
+    "arm": Annotated[Path, typer.Argument(help="arm description: TOML, URDF or MJCF (data/README.md)")],
     "campaign": CampaignArgument,
     "path": PathOption,
     "fit": flag("result file of ident fit, whose values the arm takes over"),

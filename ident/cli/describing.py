@@ -12,7 +12,7 @@ from ident.cli.output import output
 from ident.cli.times import TIMES
 from ident.errors import InputError, Problem
 from ident.studies.new import KINDS
-from ident.text import one_line, read_bytes
+from ident.text import read_bytes
 
 NEXT = """Example numbers: every one is marked as assumed, or simulated. Next:
   ident show {arm}       the arm drawn, and what looks odd
@@ -27,7 +27,8 @@ STARTS = (b"{", b"\x89HDF")
 ShownArgument = Annotated[
     Path,
     typer.Argument(
-        metavar="file", help="an arm description (.toml), or a result: .json, or .nc of sample and diagnose"
+        metavar="file",
+        help="an arm (.toml, .urdf or .xml), or a result: .json, or .nc of sample and diagnose",
     ),
 ]
 
@@ -73,17 +74,12 @@ def is_result(file: Path) -> bool:
     """Tell by its end, and else by its beginning, whether a file is a result, and no arm.
 
     Raises:
-        InputError: there is no such file, or it is a robot description that has no stiffness.
+        InputError: there is no such file.
     """
     if file.suffix in RESULTS:
         return True
-    start = read_bytes(file, "an arm description (TOML) or a result file of ident (.json or .nc)")[:200]
-    if file.suffix == ".urdf" or b"<robot" in start:
-        remedy = f"ident new my_robot --urdf {one_line(str(file))}"
-        raise InputError(
-            Problem(one_line(str(file)), "a URDF file, which has no stiffness", "an arm description", remedy)
-        )
-    return start.startswith(STARTS)
+    expected = "an arm description (TOML, URDF or MJCF) or a result file of ident (.json or .nc)"
+    return read_bytes(file, expected).startswith(STARTS)
 
 
 def _show_result(file: Path) -> None:
@@ -97,7 +93,7 @@ def _show_result(file: Path) -> None:
 
 @plain("list")
 def list_names(
-    arm: Annotated[Path, typer.Argument(help="arm description, a TOML file (data/README.md)")],
+    arm: Annotated[Path, typer.Argument(help="arm description: TOML, URDF or MJCF (data/README.md)")],
 ) -> None:
     """List every name of an arm that other commands and a campaign take, with value, unit and origin.
 
@@ -113,30 +109,32 @@ def list_names(
 
 @plain("new")
 def new(
-    kind: Annotated[str, typer.Argument(help=f"{' or '.join(KINDS)}; with --urdf, the folder")],
+    kind: Annotated[str, typer.Argument(help=f"{' or '.join(KINDS)}; with --robot, the folder")],
     folder: Annotated[Path | None, typer.Argument(help="folder to make")] = None,
-    urdf: Annotated[Path | None, typer.Option("--urdf", help="robot description to take the arm from")] = None,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", "--urdf", help="robot description (URDF or MJCF) to take the arm from")
+    ] = None,
 ) -> None:
     """Write an arm and a campaign with example numbers into a new folder, ready to run and to be filled in.
 
-    As `ident new scara my_robot`, or `ident new my_robot --urdf robot.urdf`. Writes arm.toml, in which every number has
-    a comment or an origin, and campaign.csv, simulated with stiffnesses that it states.
+    As `ident new scara my_robot`, or `ident new my_robot --robot robot.urdf`. Writes arm.toml, in which every number
+    has a comment or an origin, and campaign.csv, simulated with stiffnesses that it states.
     """
     from ident.studies import new as study
 
-    if urdf is not None and folder is None:
+    if robot is not None and folder is None:
         folder = Path(kind)
-    elif urdf is not None:
-        remedy = "as ident new my_robot --urdf robot.urdf"
-        raise InputError(Problem("", "a kind and --urdf", "one of them", remedy))
+    elif robot is not None:
+        remedy = "as ident new my_robot --robot robot.urdf"
+        raise InputError(Problem("", "a kind and --robot", "one of them", remedy))
     if folder is None:
         raise InputError(Problem("", "no folder", "the folder to make", f"as ident new {KINDS[0]} my_robot"))
     running.check_folder(folder)
-    if urdf is None:
+    if robot is None:
         made = study.new(kind, folder)
     else:
         running.start()
-        made = study.new_from_urdf(urdf, folder)
+        made = study.new_from_robot(robot, folder)
     for path in made.paths:
         output().wrote(path)
     output().say(NEXT.format(arm=made.paths[0], campaign=made.paths[1]))

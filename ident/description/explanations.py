@@ -1,8 +1,8 @@
 """What is wrong with an `arm.toml`: pydantic's errors, and clashing names, as one-line problems."""
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, get_args
 
@@ -66,11 +66,13 @@ class Source:
         where: names the text.
         text: the TOML text.
         raw: its content, not checked.
+        tables: what each table may say, by its key; the whole by none.
     """
 
     where: str
     text: str
     raw: dict[str, Any]
+    tables: Mapping[str, type[Table]] = field(default_factory=lambda: TABLES)
 
     def problem(self, loc: Loc, got: str, expected: str, remedy: str) -> Problem:
         """Return a problem with what is, or should be, at a location."""
@@ -141,7 +143,7 @@ class Source:
         node: Any = self.raw
         for step in loc:
             node = _child(node, step)
-        table = SHAPES[node["kind"]] if last == "shape" else TABLES.get(last, Quantity)
+        table = SHAPES[node["kind"]] if last == "shape" else self.tables.get(last, Quantity)
         return list(table.model_fields)
 
 

@@ -1,8 +1,6 @@
-"""The arm as a file: `arm.toml` to `Arm` with the origin of every number, and the text with other numbers."""
+"""The arm as a file: `arm.toml`, URDF or MJCF to `Arm` with the origin of every number, and TOML with other numbers."""
 
 import hashlib
-import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
@@ -18,8 +16,11 @@ from ident.arm.belt_condition import belt_mismatches
 from ident.arm.checks import check_size, massless_joint
 from ident.arm.fields import COMPONENTS
 from ident.description.explanations import Source
+from ident.description.joints_file import JointsFile
 from ident.description.quantities import Origin, si
+from ident.description.robot_file import is_robot, robot_arm
 from ident.description.schema import ArmDocument, named
+from ident.description.toml_text import load_toml
 from ident.description.uncertainty import uncertain_numbers
 from ident.errors import InputError, Problem
 from ident.text import decode, one_line, read_bytes
@@ -36,6 +37,7 @@ class ArmFile:
         origins: origin of every number, by its path in the arm.
         extents: lowest and highest corner of each body that has a shape, (2, 3) [m] in its joint's axes, by name.
         uncertain: numbers that are not exactly known, by path, with their standard deviation as `5%` or `2mm`.
+        bushings: the file of its bushings, where it is described by URDF or MJCF; None for TOML.
     """
 
     arm: Arm
@@ -44,6 +46,7 @@ class ArmFile:
     origins: Mapping[str, str]
     extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
     uncertain: Mapping[str, str] = field(default_factory=dict)
+    bushings: JointsFile | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -52,21 +55,25 @@ class ArmFile:
 
 
 def read_arm(path: str | PathLike[str]) -> ArmFile:
-    """Return the arm that a TOML file describes, with the origin of every number.
+    """Return the arm that a TOML file describes, or URDF or MJCF with a file of bushings beside it.
+
+    The bushings of `robot.urdf`, or `robot.xml`, are in `robot.joints.toml`. Every number has its origin.
 
     Raises:
         InputError: the file cannot be read or is not such a description; every problem is listed.
     """
-    where, expected = one_line(str(path)), "an arm description (TOML)"
+    where, expected = one_line(str(path)), "an arm description (TOML, URDF or MJCF)"
     data = read_bytes(path, expected)
     text = decode(data, where)
     if not text.strip():
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
-    document = parse_document(text, where)
     digest = hashlib.sha256(data).hexdigest()
-    return ArmFile(
-        document.arm(), str(path), digest, document.origins(), document.extents(), uncertain_numbers(document)
-    )
+    if is_robot(text):
+        arm, bushings, origins = robot_arm(path)
+        return ArmFile(arm, str(path), digest, origins, bushings=bushings)
+    document = parse_document(text, where)
+    parts = document.arm(), str(path), digest, document.origins(), document.extents()
+    return ArmFile(*parts, uncertain_numbers(document))
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:
@@ -76,7 +83,7 @@ def parse_arm(text: str, where: str = "arm.toml") -> Arm:
 
 def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
     """Return the checked document; `where` names the text in errors."""
-    source = Source(where, text, _toml(text, where))
+    source = Source(where, text, load_toml(text, where))
     joints = source.raw.get("joint")
     check_size(len(joints) if isinstance(joints, list) else 0, where)
     problems = list(source.name_problems())
@@ -147,17 +154,3 @@ def _slot(tables: Mapping[str, Any], path: str, where: str) -> tuple[Any, Any, A
     except (KeyError, IndexError, TypeError, ValueError):
         raise InputError(Problem(where, path, "a number of this file", "see `Arm.paths()`")) from None
     return entry, holder, key
-
-
-def _toml(text: str, where: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        parts = re.search(r"^(.*) \(at line (\d+), column (\d+)\)$", str(error), re.S)
-        what, line, column = parts.groups() if parts else (str(error), "", "")
-        if not line and "end of document" in what:
-            line = str(text.count("\n") + 1)
-        place, column = f"{where}:{line}" if line else where, f"column {column}" if column else ""
-        if where.lower().endswith(".csv"):
-            raise InputError(Problem(where, "a table", "an arm description as TOML", "name the arm's file")) from None
-        raise InputError(Problem(place, what.lower(), "TOML", "correct the syntax", column)) from None

@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.arm.checks import check_size, massless_joint
-from ident.arm.parts import Body, Joint, Point
-from ident.description.urdf_chain import Segment, chain, parse, refusal
-from ident.errors import InputError, Problem
-from ident.text import did_you_mean, one_line, read_bytes
-
-Pair = tuple[float, ...]
-"""Two numbers, across the axis and about it; their number is checked when the file is read."""
+from ident.arm.checks import check_size
+from ident.arm.parts import Body
+from ident.description.robot import Pair, Pin, Robot, refusal
+from ident.description.urdf_chain import Segment, chain, parse
+from ident.errors import InputError
+from ident.text import one_line, read_bytes
 
 
 def read_urdf(
@@ -44,44 +42,38 @@ def read_urdf(
     Raises:
         InputError: the file is no URDF, the robot no serial arm of such joints, or a joint lacks a value.
     """
-    where = one_line(str(path))
-    robot = parse(read_bytes(path, "a robot description (URDF)"), where)
+    robot = urdf_robot(read_bytes(path, "a robot description (URDF)"), str(path))
+    return robot.arm(robot.bushings(stiffness, damping), tip)
+
+
+def urdf_robot(data: bytes, path: str) -> Robot:
+    """Return the robot that a URDF file describes; the path names it in errors, and a robot without a name.
+
+    Raises:
+        InputError: the file is no URDF, or the robot no serial arm of turning joints.
+    """
+    where = one_line(path)
+    robot = parse(data, where)
     segments = chain(robot, where)
     check_size(len(segments), where)
-    names = [segment.joint.name for segment in segments]
-    problems: list[Problem] = []
-    k = _by_joint(stiffness, names, "stiffness", problems)
-    tau = _by_joint(damping, names, "damping", problems)
-    if problems:
-        raise InputError(problems)
-    joints, place = [], np.zeros(3)
+    pins, place = [], np.zeros(3)
     for segment in segments:
-        joints.append(_joint(segment, place, k[segment.joint.name], tau[segment.joint.name], where))
+        pins.append(_pin(segment, place, where))
         place = segment.origin
-    if massless := massless_joint(joints):
-        last, got, expected = massless
-        remedy = f"give the {'last ' * (last == len(joints) - 1)}link an <inertial>"
-        raise refusal(f"{where}, joint {names[last]}", got, expected, remedy)
-    return Arm(robot.name or Path(path).stem, tuple(joints), (_tip(segments, tip, where),))
+    frames = {link: (each.joint.name, at[:3, 3] - each.origin) for each in segments for link, at in each.links.items()}
+    last = segments[-1]
+    end = last.ends[0] if len(last.ends) == 1 else last.joint.child
+    return Robot(robot.name or Path(path).stem, where, tuple(pins), frames, end, "link", "an <inertial>")
 
 
-def _joint(segment: Segment, place: Any, k: Pair, tau: Pair, where: str) -> Joint:
-    """Return a segment as a joint; `place` is the origin of the segment before."""
+def _pin(segment: Segment, place: Any, where: str) -> Pin:
+    """Return a segment as a pin; `place` is the origin of the segment before."""
     urdf = segment.joint
     axis = segment.pose[:3, :3] @ urdf.axis if np.shape(urdf.axis) == (3,) else np.zeros(3)
     if not 1e-9 < np.linalg.norm(axis) < np.inf:
         raise refusal(f"{where}, joint {urdf.name}", f"axis {urdf.axis}", "a direction", "correct the axis")
-    return Joint(
-        urdf.name,
-        axis=axis / np.linalg.norm(axis),
-        offset=segment.origin - place,
-        k_bend=k[0],
-        k_tors=k[1],
-        tau_bend=tau[0],
-        tau_tors=tau[1],
-        link=tuple(_body(name, *body, segment.origin, where) for name, body in segment.bodies.items()),
-        limits=_limits(urdf, where),
-    )
+    link = tuple(_body(name, *body, segment.origin, where) for name, body in segment.bodies.items())
+    return Pin(urdf.name, axis / np.linalg.norm(axis), segment.origin - place, link, _limits(urdf, where))
 
 
 def _body(name: str, inertial: Any, pose: Any, origin: Any, where: str) -> Body:
@@ -107,43 +99,3 @@ def _limits(urdf: Any, where: str) -> tuple[float, float]:
         place = f"{where}, joint {urdf.name}"
         raise refusal(place, f"limits {lower:g}, {upper:g}", "lower <= upper", "swap or correct them")
     return (lower, upper)
-
-
-def _tip(segments: list[Segment], tip: str | None, where: str) -> Point:
-    """Return the named link's origin, or the one end of the chain, or the last moving link's origin."""
-    last = segments[-1]
-    if tip is None:
-        tip = last.ends[0] if len(last.ends) == 1 else last.joint.child
-    for segment in segments:
-        if tip in segment.links:
-            return Point("tip", segment.joint.name, segment.links[tip][:3, 3] - segment.origin)
-    known = [link for segment in segments for link in segment.links]
-    remedy = did_you_mean(tip, known, f"one of {', '.join(known)}")
-    raise refusal(where, f"the tip {tip!r}", "a moving link of this robot", remedy)
-
-
-def _by_joint(
-    values: Mapping[str, Pair] | Pair, names: list[str], what: str, problems: list[Problem]
-) -> Mapping[str, Pair]:
-    """Return a pair for every joint; add what is missing, unknown or out of range to the problems."""
-    given = values if isinstance(values, Mapping) else dict.fromkeys(names, values)
-    for name in names:
-        if name not in given:
-            problems.append(Problem(f"joint {name}", f"no {what}", "a pair (bending, torsion)", f"add its {what}"))
-    for name, pair in given.items():
-        if name not in names:
-            remedy = did_you_mean(name, names, "leave it out")
-            problems.append(Problem(f"{what} of {name}", "no such joint", f"one of {', '.join(names)}", remedy))
-        elif not _in_range(pair, what):
-            least = "> 0 N m/rad" if what == "stiffness" else ">= 0 s"
-            problems.append(Problem(f"joint {name}", f"{what} {pair}", f"two numbers {least}", "correct it"))
-    return given
-
-
-def _in_range(pair: Any, what: str) -> bool:
-    try:
-        numbers = np.asarray(pair, dtype=float)
-    except (TypeError, ValueError):
-        return False
-    least = np.finfo(float).tiny if what == "stiffness" else 0.0
-    return numbers.shape == (2,) and bool(np.all(np.isfinite(numbers) & (numbers >= least)))

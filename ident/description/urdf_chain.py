@@ -9,16 +9,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ident.arm.fields import LARGEST
+from ident.description.robot import refusal
 from ident.errors import InputError, Problem
 from ident.text import NAME, NAME_RULE
 
 NUMBERS = {"xyz", "rpy", "value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"}
 """Attributes that hold numbers."""
-
-
-def refusal(where: str, got: str, expected: str, remedy: str) -> InputError:
-    """Return the error of one problem."""
-    return InputError(Problem(where, got, expected, remedy))
 
 
 @dataclass

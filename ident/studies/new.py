@@ -17,15 +17,15 @@ KINDS = ("scara", "six-axis")
 """Arms that there are templates of."""
 ARM, CAMPAIGN = "arm.toml", "campaign.csv"
 FREQUENCY = 25.0
-"""Frequency [Hz] at which each joint of a URDF arm alone would vibrate by its guessed bending stiffness."""
+"""Frequency [Hz] at which each joint of a described robot alone would vibrate by its guessed bending stiffness."""
 LEAST = 0.02
 """Least guess of a stiffness, as a share of the first joint's: what a wrist carries says little about its drive."""
-HEAD = """Made by ident from {urdf}. Lengths, masses and inertias are those of that file. STIFFNESSES AND DAMPING ARE
+HEAD = """Made by ident from {robot}. Lengths, masses and inertias are those of that file. STIFFNESSES AND DAMPING ARE
 GUESSED, such that each joint alone would vibrate at {frequency:g} Hz. Replace them by catalogue values: k_bend is
 across the axis (bearing and casting), k_tors about it (drive). A picture of what stands here: ident show arm.toml
 
 In the zero posture all frames are parallel to the base's. Vectors start at the joint's own bushing."""
-"""Comment above the arm that is made of a URDF file."""
+"""Comment above the arm that is made of a robot description."""
 
 
 @dataclass(frozen=True)
@@ -52,30 +52,31 @@ def new(kind: str, folder: str | Path) -> New:
         InputError: no such kind, or a folder that has files already or can't be written.
     """
     if kind not in KINDS:
-        remedy = did_you_mean(kind, KINDS, "or give a robot description, --urdf robot.urdf")
+        remedy = did_you_mean(kind, KINDS, "or give a robot description, --robot robot.urdf")
         raise InputError(Problem("", quoted(kind), f"one of {', '.join(KINDS)}", remedy, "kind"))
     source = files("ident.description") / "templates"
     texts = [(source / f"{kind}{end}").read_text(encoding="utf-8") for end in (".toml", ".csv")]
     return _write(Path(folder), texts[0], texts[1])
 
 
-def new_from_urdf(urdf: str | Path, folder: str | Path) -> New:
-    """Write the arm of a URDF file with guessed stiffnesses, and a simulated campaign on it, into a new folder.
+def new_from_robot(robot: str | Path, folder: str | Path) -> New:
+    """Write the arm of a URDF or MJCF file with guessed stiffnesses, and a simulated campaign on it, into a new folder.
 
     Raises:
-        InputError: a URDF file of no serial arm, or a folder that has files already or can't be written.
+        InputError: a robot description of no serial arm, or a folder that has files already or can't be written.
     """
     from ident.assess.example import example
     from ident.description.file import parse_arm
-    from ident.description.urdf import read_urdf
+    from ident.description.robot_file import read_robot
     from ident.description.writing import arm_text
     from ident.measure.writing import campaign_text
 
     check_new(Path(folder))
-    unit = read_urdf(urdf, stiffness=(1.0, 1.0))
-    arm = read_urdf(urdf, stiffness=guessed_stiffness(unit), damping=(0.0002, 0.0002))
-    name = one_line(Path(urdf).name)
-    head = HEAD.format(urdf=name, frequency=FREQUENCY)
+    described = read_robot(robot)
+    unit = described.arm(described.bushings((1.0, 1.0), (0.0, 0.0)))
+    arm = described.arm(described.bushings(guessed_stiffness(unit), (0.0002, 0.0002)))
+    name = one_line(Path(robot).name)
+    head = HEAD.format(robot=name, frequency=FREQUENCY)
     guessed = ("k_bend", "k_tors", "tau_bend", "tau_tors")
     text = arm_text(arm, origin="derived", guessed=guessed, note=f"from {name}", head=head)
     made = example(parse_arm(text, ARM))

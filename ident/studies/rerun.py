@@ -69,7 +69,8 @@ def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progr
     study = study_of(before.form)
     function = getattr(importlib.import_module(f"ident.studies.{study}"), study)
     wanted = inspect.signature(function).parameters
-    inputs = {name: file for name, file in found(before, Path(path).absolute().parent).items() if BESIDE not in name}
+    files = found(before, Path(path).absolute().parent)
+    inputs = {name: file for name, file in files.items() if not name.endswith(tuple(f"'s {word}" for word in BESIDE))}
     more: dict[str, Any] = {"progress": progress, "folder": folder}
     more = {name: value for name, value in more.items() if name in wanted}
     now = function(**before.arguments(inputs), options=vars(before)["options"], **more)

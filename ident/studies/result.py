@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from ident.errors import InputError, ModelError, Problem
 from ident.studies.options import Options
 
-BESIDE = "'s covariance"
-"""Ending of the name of an input that is read because it lies beside another."""
+BESIDE = ("covariance", "bushings")
+"""What may be read because it lies beside an input: attributes of that input, in whose name they are called."""
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -174,7 +174,7 @@ class Result:
     def inputs(self) -> Mapping[str, Any]:
         """What came from files, each with `path` and `sha256`, by name; None for what was not given."""
         own = self._inputs()
-        beside = {f"{name}{BESIDE}": getattr(source, "covariance", None) for name, source in own.items()}
+        beside = {f"{name}'s {word}": getattr(source, word, None) for name, source in own.items() for word in BESIDE}
         return {**own, **{name: source for name, source in beside.items() if source is not None}}
 
     def standard_errors(self) -> list[dict[str, float]]:

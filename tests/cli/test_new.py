@@ -24,7 +24,7 @@ def test_files_are_written_and_the_next_steps_said(run, tmp_path):
         (("scara",), "got no folder, expected the folder to make"),
         (("scara", "full"), "full: got a folder that has files in it"),
         (("scara", "full/file"), "full/file: got a file"),
-        (("scara", "robot", "--urdf=robot.urdf"), "got a kind and --urdf"),
+        (("scara", "robot", "--urdf=robot.urdf"), "got a kind and --robot"),
         (("robot", "--urdf=none.urdf"), "none.urdf: got no such file"),
         (("robot", "--urdf=robot.urdf"), "root links: a, base"),
     ],

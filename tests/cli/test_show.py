@@ -31,7 +31,7 @@ def test_what_looks_odd_is_said_first(run, tmp_path):
         ((ARM, "--posture=a"), "--posture a: got 'a'"),
         ((ARM.parent / "table1.csv",), "got a table, expected an arm description"),
         (("none.toml",), "none.toml: got no such file"),
-        (("robot.urdf",), "ident new my_robot --urdf robot.urdf"),
+        (("robot.urdf",), "got root links: none"),
         (("result.json", "--posture=1"), "--posture: got a posture for a result"),
     ],
 )

@@ -3,45 +3,13 @@ import builtins
 import jax
 import numpy as np
 import pytest
+from three_joints import URDF
 
 from ident.description.urdf import read_urdf
 from ident.errors import InputError
 
 jax.config.update("jax_enable_x64", True)
 
-URDF = """\
-<?xml version="1.0"?>
-<robot name="three">
-  <link name="base"><inertial><mass value="99"/>
-    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="mount" type="fixed">
-    <parent link="base"/><child link="stand"/><origin xyz="0.1 0 0.3" rpy="0 0 0.4"/></joint>
-  <link name="stand"/>
-  <joint name="j1" type="revolute">
-    <parent link="stand"/><child link="a"/><origin xyz="0 0.05 0.2" rpy="0.1 -0.2 0.3"/>
-    <axis xyz="0 0 2"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
-  <link name="a"><inertial><origin xyz="0.3 0.1 0" rpy="0.5 0.6 0.7"/><mass value="7"/>
-    <inertia ixx="0.3" iyy="0.4" izz="0.5" ixy="0.01" ixz="0.02" iyz="0.03"/></inertial>
-    <visual><geometry><mesh filename="package://nowhere/a.stl"/></geometry></visual></link>
-  <joint name="j2" type="continuous">
-    <parent link="a"/><child link="b"/><origin xyz="0.6 0 0.1" rpy="1.5707963267948966 0 0"/>
-    <axis xyz="0 1 0"/></joint>
-  <link name="b"><inertial><origin xyz="0 0.2 0.1"/><mass value="5"/>
-    <inertia ixx="0.2" iyy="0.1" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="bolted" type="fixed">
-    <parent link="b"/><child link="motor"/><origin xyz="0 0 0.3" rpy="0 0.3 0"/></joint>
-  <link name="motor"><inertial><mass value="2"/>
-    <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="j3" type="revolute">
-    <parent link="motor"/><child link="c"/><origin xyz="0.2 0 0.1" rpy="0 0 1"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-  <link name="c"><inertial><origin xyz="0.1 0 0" rpy="0 0 1"/><mass value="1.5"/>
-    <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="flange" type="fixed">
-    <parent link="c"/><child link="tool0"/><origin xyz="0.25 0 0"/></joint>
-  <link name="tool0"/>
-</robot>
-"""
 STIFFNESS = {"j1": (1e5, 2e5), "j2": (3e5, 4e5), "j3": (5e5, 6e5)}
 
 

@@ -13,7 +13,7 @@ from templates import TEMPLATES, made
 import ident
 from ident.description.file import parse_arm, read_arm
 from ident.description.writing import arm_text
-from ident.studies.new import KINDS, new, new_from_urdf
+from ident.studies.new import KINDS, new, new_from_robot
 
 jax.config.update("jax_enable_x64", True)
 pytestmark = pytest.mark.slow
@@ -89,7 +89,7 @@ def test_a_six_axis_urdf_becomes_the_same_arm_and_its_fit_finds_the_stated(tmp_p
     arm = read_arm(TEMPLATES / "six-axis.toml").arm
     urdf = tmp_path / "robot.urdf"
     urdf.write_text(urdf_of(arm))
-    arm_path, campaign_path = new_from_urdf(urdf, tmp_path / "robot").paths
+    arm_path, campaign_path = new_from_robot(urdf, tmp_path / "robot").paths
     again = read_arm(arm_path)
     guessed = [path for path in again.arm.paths() if ".k_" in path or ".tau_" in path]
     for path in set(again.arm.paths()) - set(guessed):

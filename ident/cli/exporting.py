@@ -1,0 +1,32 @@
+"""The command `ident export`: what was identified, in the robot's own description."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli import running
+from ident.cli.command import plain
+from ident.cli.output import output
+
+
+@plain("export")
+def export(
+    result: Annotated[Path, typer.Argument(help="result of ident fit (.fit.json) or ident sample (.sample.nc)")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="file to write: .xml (MJCF), .urdf, .toml or .json", show_default=False)
+    ],
+    arm: Annotated[
+        Path | None, typer.Option("--arm", help="description to write into; default: the one that was fitted")
+    ] = None,
+) -> None:
+    """Write the identified stiffness and damping into the robot's own description, or as JSON.
+
+    MJCF gets three passive hinges before each driven one; URDF a comment, and .joints.toml beside it, by which ident
+    reads it; an arm file the values, with the origin calibrated. Of a posterior the medians are written.
+    """
+    running.start()
+    from ident.studies.export import export as write
+
+    for path in write(result, out, arm=arm):
+        output().wrote(path)

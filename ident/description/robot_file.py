@@ -1,0 +1,80 @@
+"""An arm of a robot description, URDF or MJCF, and the file of bushings beside it."""
+
+from os import PathLike
+from typing import Any
+from xml.etree import ElementTree
+
+from ident.arm.arm import Arm
+from ident.arm.parts import Payload, Point
+from ident.description.joints_file import BUSHING, JointsDocument, JointsFile, beside, read_joints
+from ident.description.robot import Robot, refusal
+from ident.text import one_line, read_bytes
+
+REMEDY = "give a URDF or MJCF file, not xacro or SDF"
+
+
+def is_robot(text: str) -> bool:
+    """Tell whether a text is XML, and so no TOML."""
+    return text.lstrip().startswith("<")
+
+
+def robot_kind(data: bytes, where: str) -> str:
+    """Return what the root element of a robot description is called: robot of URDF, mujoco of MJCF.
+
+    Raises:
+        InputError: it is no XML, or another root.
+    """
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        line, column = getattr(error, "position", (1, 0))
+        got, expected = f"no XML ({one_line(str(error))})", "a robot description (URDF or MJCF)"
+        raise refusal(f"{where}:{line}, column {column}", got, expected, "correct it") from None
+    if root.tag not in ("robot", "mujoco"):
+        raise refusal(f"{where}:1", f"<{one_line(root.tag)}>", "<robot> or <mujoco>", REMEDY)
+    return str(root.tag)
+
+
+def read_robot(path: str | PathLike[str]) -> Robot:
+    """Return the robot of a file.
+
+    Raises:
+        InputError: it is no robot description of a serial arm, or the package that reads it is missing.
+    """
+    data = read_bytes(path, "a robot description (URDF or MJCF)")
+    if robot_kind(data, one_line(str(path))) == "robot":
+        from ident.description.urdf import urdf_robot
+
+        return urdf_robot(data, str(path))
+    from ident.description.mjcf import mjcf_robot
+
+    return mjcf_robot(str(path))
+
+
+def robot_arm(path: str | PathLike[str]) -> tuple[Arm, JointsFile, dict[str, str]]:
+    """Return the arm of a robot description, where its bushings come from, and the origin of every number.
+
+    What the description says has the origin `derived`.
+
+    Raises:
+        InputError: the description or the file of bushings is wrong.
+    """
+    robot = read_robot(path)
+    source, document = read_joints(beside(str(path)), robot)
+    bushings = {table.name: table.bushing() for table in document.joint}
+    points = tuple(Point(each.name, each.joint, each.position.number) for each in document.point)
+    payloads = tuple(Payload(each.joint, each.body()) for each in document.payload)
+    arm = robot.arm(bushings, document.tip, points, payloads)
+    return arm, source, _origins(arm, document)
+
+
+def _origins(arm: Arm, document: JointsDocument) -> dict[str, str]:
+    written: list[Any] = [*document.joint, *document.point, *document.payload]
+    origins: dict[str, str] = dict.fromkeys(arm.paths(), "derived")
+    for path in origins:
+        name, field, *_ = path.split(".")
+        table = next((each for each in written if each.name == name), None)
+        if table is not None and (field in BUSHING or table not in document.joint):
+            quantity = getattr(table, field)
+            origins[path] = quantity.origin if quantity else "derived"
+    return origins

@@ -1,0 +1,124 @@
+"""What was identified, written back and read again."""
+
+import json
+
+import mujoco
+import pytest
+from three_joints import JOINTS, URDF, WITHOUT_MESHES
+
+import ident
+from ident.assess.example import example
+from ident.errors import InputError
+from ident.measure.writing import campaign_text
+
+pytestmark = pytest.mark.slow
+OPTIONS = ident.FitOptions(starts=1)
+
+
+def robot_in(folder, suffix, text, joints):
+    path = folder / f"arm{suffix}"
+    path.write_text(text)
+    path.with_suffix(".joints.toml").write_text(joints)
+    return path
+
+
+def fitted(path):
+    """A fit to a simulated campaign, and its file."""
+    campaign = path.parent / "campaign.csv"
+    campaign.write_text(campaign_text(example(ident.read_arm(path).arm).campaign))
+    result = ident.fit(path, campaign, OPTIONS)
+    (saved,) = result.save(path.parent)
+    return result, saved
+
+
+@pytest.fixture(scope="module")
+def mjcf(tmp_path_factory):
+    path = robot_in(tmp_path_factory.mktemp("mjcf"), ".xml", WITHOUT_MESHES, JOINTS)
+    return path, *fitted(path)
+
+
+@pytest.fixture(scope="module")
+def urdf(tmp_path_factory):
+    path = robot_in(tmp_path_factory.mktemp("urdf"), ".urdf", URDF, f"# bushings\n{JOINTS}")
+    return path, *fitted(path)
+
+
+def test_mjcf_gets_the_fitted_stiffnesses(mjcf, tmp_path):
+    _, result, saved = mjcf
+    (written,) = ident.export(saved, tmp_path / "fitted.xml")
+    model = mujoco.MjModel.from_xml_path(str(written))
+    for path, value in result.parameters.items():
+        name, field = path.split(".")
+        hinge = f"{name}_tors" if field == "k_tors" else f"{name}_bend_1"
+        assert model.joint(hinge).stiffness == pytest.approx(value, rel=1e-12)
+    head = written.read_text().partition("-->")[0]
+    low, high = result.intervals["j1.k_bend"]
+    assert f"j1.k_bend = {result.parameters['j1.k_bend']:.6g} N m/rad, 95 % interval {low:.4g} to {high:.4g}\n" in head
+    assert f"arm.xml, SHA-256 {result.arm.sha256}" in head
+    assert f"arm.joints.toml, SHA-256 {result.arm.bushings.sha256}" in head
+
+
+def test_urdf_gets_a_comment_and_is_read_again_with_the_fitted_numbers(urdf, tmp_path):
+    path, result, saved = urdf
+    out = tmp_path / "fitted.urdf"
+    assert ident.export(saved, out) == (out, tmp_path / "fitted.joints.toml")
+    text = out.read_text()
+    start = text.index("<!--\n")
+    assert text[:start] + text[text.index("-->\n", start) + 4 :] == path.read_text()
+    again = ident.read_arm(out)
+    for name, value in result.parameters.items():
+        assert float(again.arm.get(name)) == pytest.approx(value, rel=1e-11)
+        assert again.origins[name] == "calibrated"
+    joints = (tmp_path / "fitted.joints.toml").read_text()
+    assert joints.startswith("# bushings\n")
+    assert 'unit = "N*m/deg"' in joints
+
+
+def test_json_has_every_number_with_its_interval(mjcf, tmp_path):
+    _, result, _ = mjcf
+    (written,) = ident.export(result, tmp_path / "fitted.json")
+    document = json.loads(written.read_text())
+    assert [row["path"] for row in document["numbers"]] == list(result.parameters)
+    for row in document["numbers"]:
+        assert row["value"] == result.parameters[row["path"]]
+        assert (row["low_95"], row["high_95"]) == result.intervals[row["path"]]
+        assert row["supported"] == result.supported[row["path"]]
+        assert row["unit"] == "N m/rad"
+    assert document["inputs"]["arm"]["sha256"] == result.arm.sha256
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("fitted.urdf", "expected an arm that was read from URDF"),
+        ("fitted.toml", "expected an arm file"),
+        ("fitted.stl", "the ending .stl"),
+        ("fitted", "no ending"),
+    ],
+)
+def test_what_can_not_be_written_is_one_line_and_nothing_is(mjcf, tmp_path, name, words):
+    with pytest.raises(InputError) as caught:
+        ident.export(mjcf[2], tmp_path / name)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_file_that_was_read_is_not_written(mjcf):
+    path, _, saved = mjcf
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="got the file that was read"):
+        ident.export(saved, path)
+    assert path.read_bytes() == before
+
+
+def test_another_result_is_refused(mjcf, tmp_path):
+    with pytest.raises(InputError, match=r"expected a result of ident\.fit or ident\.sample"):
+        ident.export(ident.predict(mjcf[0]), tmp_path / "fitted.xml")
+
+
+def test_an_arm_that_has_changed_since_is_refused_or_named(mjcf, tmp_path):
+    path, result, _ = mjcf
+    other = robot_in(tmp_path, ".xml", path.read_text() + "\n", JOINTS)
+    (written,) = ident.export(result, tmp_path / "fitted.xml", arm=other)
+    assert "in doubt: fitted to another arm file, or to this one before it was changed" in written.read_text()
