@@ -1,0 +1,167 @@
+"""From the correlation functions of an ambient test to modes with their joint covariance: the one entry."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ident.errors import InputError, Problem
+from ident.modal.ambient_test import AmbientTest
+from ident.modal.block_jackknife import block_jackknife
+from ident.modal.estimate import chosen_near
+from ident.modal.frf import Place
+from ident.modal.harmonics import Harmonic
+from ident.modal.modal_parameters import ModalParameters, Rejected
+from ident.modal.selection import SHARPEST
+from ident.modal.stabilisation import Diagram, clustered, physical
+from ident.modal.subspace import realisations
+
+MOST_STATES = 60
+"""States of the highest order."""
+DECAYS = 5.0
+"""Decay times of the mode that calms down most slowly in a block."""
+BLOCKS = (10, 40)
+"""Blocks at least and at most."""
+LEAST_DAMPED = 0.001
+"""Damping ratio below which a pole is the line of something that turns."""
+VAGUE = 0.5
+"""Relative standard deviation of the damping ratio from which on a pole is no mode."""
+SLIP = 0.005
+"""How far a pole may be from a line that has left it, as a share."""
+CLOSE = 0.05
+"""Difference of two modes that are close, as a share."""
+
+
+@dataclass(frozen=True)
+class OperationalModes(ModalParameters):
+    """Modes of an ambient test. Their shapes are not scaled, as no force is known: one is the largest motion.
+
+    Attributes:
+        test: of which they are.
+        blocks: of the jackknife that the covariance comes from.
+        decays: decay times, of the mode that calms down most slowly, in each of them.
+        remarks: what a reader should know.
+    """
+
+    test: AmbientTest
+    blocks: int
+    decays: float
+    remarks: tuple[str, ...]
+
+    @property
+    def responses(self) -> tuple[Place, ...]:
+        """(O,) where and along what was measured."""
+        return self.test.responses
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """[Hz] between which modes were sought."""
+        return self.test.band
+
+
+@threadpool_limits.wrap(limits=1)  # matrices are small: threads of BLAS would mostly wait for each other
+def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None) -> OperationalModes:
+    """Identify the modes of an ambient test with their joint covariance.
+
+    Poles by covariance-driven stochastic subspace identification over orders; those that last by themselves are
+    clustered as of a hammer test. A mode is the median of its cluster; leaving out one block of the record at a time
+    gives the covariance (`ident.modal.block_jackknife`).
+
+    Args:
+        test: the correlation functions.
+        near: (m,) [Hz] overrules the choice of modes: for each the pole of the diagram that lies nearest.
+
+    Raises:
+        InputError: no mode is found.
+    """
+    diagram = _diagram(test)
+    if near is not None:
+        diagram = _only(diagram, near)
+    decays = -diagram.pole[diagram.chosen].real
+    lasting = decays[diagram.damping[diagram.chosen] >= LEAST_DAMPED]
+    duration, slowest = test.correlations.duration, min(lasting, default=math.inf)
+    blocks = int(np.clip(duration * min(slowest, 1e9) / DECAYS, *BLOCKS))
+    found = block_jackknife(test, diagram, blocks)
+    why = [_why(test, *numbers) for numbers in zip(found.frequency, found.damping, *found.sigma, found.lost, strict=True)]
+    kept = [i for i, reason in enumerate(why) if not reason]
+    if not kept:
+        got, remedy = "responses without a mode that lasts over the orders", "look at the band, or record for longer"
+        raise InputError(Problem("", got, "a resonance", remedy, "band"))
+    rejected = tuple(
+        Rejected(float(found.frequency[i]), float(found.damping[i]), reason) for i, reason in enumerate(why) if reason
+    )
+    found = found.pick(kept)
+    in_block = duration * slowest / blocks
+    remarks = tuple(_remarks(test, found.frequency, found.damping, in_block))
+    return OperationalModes(
+        found.frequency, found.damping, found.shape, found.covariance, diagram, rejected, test, blocks, in_block, remarks
+    )  # fmt: skip
+
+
+def _diagram(test: AmbientTest) -> Diagram:
+    correlations = test.correlations
+    outputs, inputs, lags = correlations.blocks.shape[1:]
+    orders = range(4, min(MOST_STATES, (lags // 2 - 1) * min(outputs, inputs)) + 1, 2)
+    every = realisations(correlations.mean, correlations.step, orders)
+    every = tuple(each.pick(physical(each.pole, test.band)) for each in every)
+    return clustered(list(orders), [each.pole for each in every], [each.unit_shape for each in every])
+
+
+def _only(diagram: Diagram, near: Sequence[float]) -> Diagram:
+    """Return the diagram with the clusters chosen that have the poles nearest to some frequencies."""
+    poles = chosen_near(diagram, near).chosen
+    numbers = diagram.cluster[poles]
+    if (numbers < 0).any():
+        apart = float(diagram.frequency[poles[numbers < 0][0]])
+        got, remedy = f"no lasting pole near {apart:.4g} Hz", "name modes of which the diagram has poles in half the orders"
+        raise InputError(Problem("", got, "a pole that lasts", remedy, "modes"))
+    order = np.unique(numbers)
+    cluster = np.full(len(diagram.cluster), -1)
+    for place, number in enumerate(order):
+        cluster[diagram.cluster == number] = place
+    return replace(diagram, cluster=cluster, chosen=diagram.chosen[order])
+
+
+def _why(test: AmbientTest, frequency: float, damping: float, frequency_sd: float, damping_sd: float, lost: bool) -> str:
+    """Say why a pole is no mode; empty where it is one."""
+    if damping < LEAST_DAMPED:
+        line = _nearest(test.harmonics, frequency)
+        if line and abs(line.frequency - frequency) < SLIP * frequency:
+            return f"what is left of {line}, whose speed is not steady"
+        return f"damping ratio {100 * damping:.3f} %, as of something that turns: name its speed (`harmonics`)"
+    if lost:
+        return "it is lost where a part of the record is left out"
+    if frequency_sd > frequency * max(damping, SHARPEST):
+        return "its frequency is not known to within its resonance"
+    if damping_sd > VAGUE * damping:
+        return f"its damping ratio is not known to within {100 * VAGUE:.0f} %"
+    return ""
+
+
+def _nearest(harmonics: Sequence[Harmonic], frequency: float) -> Harmonic | None:
+    return min(harmonics, key=lambda line: abs(line.frequency - frequency), default=None)
+
+
+def _remarks(test: AmbientTest, frequency: np.ndarray, damping: np.ndarray, decays: float) -> Iterator[str]:
+    if decays < DECAYS:
+        needed = test.correlations.duration * DECAYS / decays
+        yield (
+            f"WARNING: too short a record: a block has {decays:.1f} decay times of the slowest mode, {DECAYS:g} are "
+            f"needed; standard deviations are not to be relied on below {needed:.0f} s"
+        )
+    if len(test.references) == 1:
+        many = "one response" if len(test.responses) == 1 else "one reference"
+        yield f"WARNING: {many} only: modes that coincide are seen as one, and what does not move there is not seen"
+    for i in np.flatnonzero(np.diff(frequency) < CLOSE * frequency[1:]):
+        if len(test.references) == 1:
+            pair = f"{frequency[i]:.4g} and {frequency[i + 1]:.4g} Hz"
+            yield f"WARNING: the close modes at {pair} are told apart by one reference: measure in a second direction"
+    for each, ratio in zip(frequency, damping, strict=True):
+        line = _nearest(test.harmonics, each)
+        if line and abs(line.frequency - each) < ratio * each:
+            yield (
+                f"WARNING: {line} lies within the resonance of the mode at {each:.4g} Hz: the line was taken out, "
+                "but repeat the test at another speed"
+            )
