@@ -49,8 +49,10 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
     parts = [(each, part) for each in group for part in _parts(each, factor)]
     _check_length(first, parts, step)
     scale = np.sqrt(np.mean([part.var(1) for _, part in parts], axis=0))
+    scaled = [part / scale[:, None] for _, part in parts]
     cleaned = [
-        without_harmonics(part / scale[:, None], step, each.speeds, (low, 1 / (2 * step))) for each, part in parts
+        without_harmonics(part, step, each.speeds, (low, 1 / (2 * step)))
+        for part, (each, _) in zip(scaled, parts, strict=True)
     ]
     records = [record for record, _ in cleaned]
     harmonics = tuple(dict.fromkeys(line for _, lines in cleaned for line in lines))
@@ -64,7 +66,7 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
         tuple(each.order for each in first.responses),
         (low, high),
         correlations_of(records, first.references, step, 2 * ROWS, length),
-        _density(records, step, high),
+        _density(scaled, step, high),
         harmonics,
         tuple(_remarks(group, harmonics)),
     )
@@ -81,11 +83,11 @@ def _check_alike(group: Sequence[Record]) -> None:
     """Refuse files of one posture that measured something else."""
     first = group[0]
     for record in group[1:]:
-        for name, own, expected in (
-            ("responses", [each.place for each in record.responses], [each.place for each in first.responses]),
-            ("references", record.references, first.references),
+        for name, alike in (
+            ("responses", [each.place for each in record.responses] == [each.place for each in first.responses]),
+            ("references", record.references == first.references),
         ):
-            if own != expected:
+            if not alike:
                 got, remedy = f"other {name} than {quoted(first.file)}", "measure all of a posture at one time"
                 raise InputError(Problem(one_line(record.file), got, "the same in files of one posture", remedy))
         if not np.isclose(record.step, first.step, rtol=1e-6):

@@ -39,7 +39,7 @@ class AmbientTest:
         order: (O,) how often each is differentiated to give an acceleration.
         band: [Hz] in which modes are sought.
         correlations: of the scaled responses, without harmonics.
-        density: of the same.
+        density: of the scaled responses, harmonics included.
         harmonics: lines that were taken out.
         remarks: what else a reader should know.
     """

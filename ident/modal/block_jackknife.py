@@ -44,9 +44,8 @@ class Tracked:
         count, outputs = len(self.frequency), 2 * len(self.shape)
         shapes = [2 * count + i * outputs + k for i in kept for k in range(outputs)]
         at = [*kept, *(count + i for i in kept), *shapes]
-        return Tracked(
-            self.frequency[kept], self.damping[kept], self.shape[:, kept], self.covariance[np.ix_(at, at)], self.lost[kept]
-        )  # fmt: skip
+        covariance = self.covariance[np.ix_(at, at)]
+        return Tracked(self.frequency[kept], self.damping[kept], self.shape[:, kept], covariance, self.lost[kept])
 
 
 def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked:
@@ -69,7 +68,9 @@ def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked
     """
     parts = test.correlations.joined(blocks)
     orders = sorted({int(order) for order in diagram.order[diagram.cluster >= 0]})
-    ones = [_numbers(test, diagram, realisations(parts.without(b), parts.step, orders)) for b in range(len(parts.blocks))]
+    ones = [
+        _numbers(test, diagram, realisations(parts.without(b), parts.step, orders)) for b in range(len(parts.blocks))
+    ]
     whole, _ = _numbers(test, diagram, realisations(parts.mean, parts.step, orders))
     vectors = np.array([_vector(numbers) for numbers, _ in ones])
     lost = np.array([apart for _, apart in ones]).max(0) > LOST
@@ -91,7 +92,9 @@ def _numbers(
     numbers, apart = [], []
     for i, chosen in enumerate(diagram.chosen):
         largest = int(np.argmax(np.abs(_accelerations(test, diagram.pole[chosen], diagram.shape[:, chosen]))))
-        pairs = [_like(by_order[int(diagram.order[k])], diagram, k) for k in np.flatnonzero(diagram.cluster == i)]
+        pairs = [
+            _like(by_order[int(diagram.order[k])], diagram, k) for k in np.flatnonzero(diagram.cluster == i).tolist()
+        ]
         rows = [_row(test, each, j, largest) for each, j, _ in pairs]
         numbers.append(np.median(rows, axis=0))
         apart.append(np.median([far for _, _, far in pairs]))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -63,8 +64,8 @@ def correlations_of(
     for record in records:
         usable = record.shape[1] - lags + 1
         edges = np.linspace(0, usable, max(usable // length, 1) + 1).astype(int)
-        for start, end in zip(edges[:-1], edges[1:], strict=True):
-            blocks.append(_block(record, references, int(start), int(end), lags))
+        for start, end in pairwise(edges.tolist()):
+            blocks.append(_block(record, references, start, end, lags))
             samples.append(float(end - start))
     return Correlations(step, np.array(blocks), np.array(samples))
 

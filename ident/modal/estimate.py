@@ -51,6 +51,16 @@ class Modes(ModalParameters):
         return self.frf.responses
 
     @property
+    def doubtful(self) -> bool:
+        """Whether the scatter of the hits contradicts the covariance by maximum likelihood."""
+        return self.ratio.doubtful
+
+    @property
+    def fitted(self) -> Complex[np.ndarray, "O I F"]:
+        """Frequency responses of the modes [1/kg], at the lines within the band."""
+        return self.model.accelerance(2j * np.pi * self.frf.frequency + self.frf.decay)
+
+    @property
     def band(self) -> tuple[float, float]:
         """[Hz] between which modes were sought."""
         return float(self.frf.frequency[0]), float(self.frf.frequency[-1])
@@ -120,6 +130,8 @@ def chosen_near(diagram: Diagram, near: Sequence[float]) -> Diagram:
 
 def together(tests: Sequence[Modes]) -> tuple[Modes, ...]:
     """Return the modes of several tests with covariances scaled by the ratio of all of them together."""
+    if not tests:
+        return ()
     ratio = pooled([modes.ratio for modes in tests])
     return tuple(
         replace(modes, covariance=modes.covariance * (ratio.scale / modes.ratio.scale), ratio=ratio) for modes in tests

@@ -1,4 +1,4 @@
-"""The tests of a channel table, one for each posture and load: with a hammer where a force was measured, ambient else."""
+"""The tests of a channel table, one for each posture and load: ambient ones where no force was measured."""
 
 from collections.abc import Mapping
 from dataclasses import replace

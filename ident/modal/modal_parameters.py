@@ -58,6 +58,11 @@ class ModalParameters(ABC):
         """[Hz] between which modes were sought."""
 
     @property
+    @abstractmethod
+    def doubtful(self) -> bool:
+        """Whether the covariance is not to be relied on."""
+
+    @property
     def sigma(self) -> Float[np.ndarray, "2 m"]:
         """(2, m) [Hz, -] standard deviations of frequencies and damping ratios."""
         return np.sqrt(np.diag(self.covariance))[: 2 * len(self.frequency)].reshape(2, -1)

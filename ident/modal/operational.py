@@ -1,6 +1,5 @@
 """From the correlation functions of an ambient test to modes with their joint covariance: the one entry."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from ident.errors import InputError, Problem
 from ident.modal.ambient_test import AmbientTest
-from ident.modal.block_jackknife import block_jackknife
+from ident.modal.block_jackknife import Tracked, block_jackknife
 from ident.modal.estimate import chosen_near
 from ident.modal.frf import Place
 from ident.modal.harmonics import Harmonic
@@ -24,6 +23,8 @@ DECAYS = 5.0
 """Decay times of the mode that calms down most slowly in a block."""
 BLOCKS = (10, 40)
 """Blocks at least and at most."""
+FASTEST = 100.0
+"""Rate [1/s] by which a mode calms down at most."""
 LEAST_DAMPED = 0.001
 """Damping ratio below which a pole is the line of something that turns."""
 VAGUE = 0.5
@@ -60,6 +61,11 @@ class OperationalModes(ModalParameters):
         """[Hz] between which modes were sought."""
         return self.test.band
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether the record is too short for its blocks to be independent of each other."""
+        return self.decays < DECAYS
+
 
 @threadpool_limits.wrap(limits=1)  # matrices are small: threads of BLAS would mostly wait for each other
 def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None) -> OperationalModes:
@@ -79,25 +85,39 @@ def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None)
     diagram = _diagram(test)
     if near is not None:
         diagram = _only(diagram, near)
-    decays = -diagram.pole[diagram.chosen].real
-    lasting = decays[diagram.damping[diagram.chosen] >= LEAST_DAMPED]
-    duration, slowest = test.correlations.duration, min(lasting, default=math.inf)
-    blocks = int(np.clip(duration * min(slowest, 1e9) / DECAYS, *BLOCKS))
-    found = block_jackknife(test, diagram, blocks)
-    why = [_why(test, *numbers) for numbers in zip(found.frequency, found.damping, *found.sigma, found.lost, strict=True)]
-    kept = [i for i, reason in enumerate(why) if not reason]
+    slowest = _slowest(diagram)
+    blocks = int(np.clip(test.correlations.duration * slowest / DECAYS, *BLOCKS))
+    tracked = block_jackknife(test, diagram, blocks)
+    kept, rejected = _sorted_out(test, tracked)
     if not kept:
         got, remedy = "responses without a mode that lasts over the orders", "look at the band, or record for longer"
         raise InputError(Problem("", got, "a resonance", remedy, "band"))
+    found = tracked.pick(kept)
+    decays = test.correlations.duration * slowest / blocks
+    remarks = tuple(_remarks(test, found, decays))
+    mode_values = found.frequency, found.damping, found.shape, found.covariance
+    return OperationalModes(*mode_values, diagram, rejected, test, blocks, decays, remarks)
+
+
+def _slowest(diagram: Diagram) -> float:
+    """Return by what rate [1/s] the mode calms down that does so most slowly; lines of what turns never do."""
+    if not len(diagram.chosen):
+        got, remedy = "responses without a pole that lasts over the orders", "look at the band, or record for longer"
+        raise InputError(Problem("", got, "a resonance", remedy, "band"))
+    damped = diagram.damping[diagram.chosen] >= LEAST_DAMPED
+    return float(np.min(-diagram.pole[diagram.chosen].real, where=damped, initial=FASTEST))
+
+
+def _sorted_out(test: AmbientTest, tracked: Tracked) -> tuple[list[int], tuple[Rejected, ...]]:
+    """Return which poles are modes, and what the others are."""
+    poles = zip(tracked.frequency, tracked.damping, *tracked.sigma, tracked.lost, strict=True)
+    why = [_why(test.harmonics, *numbers) for numbers in poles]
     rejected = tuple(
-        Rejected(float(found.frequency[i]), float(found.damping[i]), reason) for i, reason in enumerate(why) if reason
+        Rejected(float(tracked.frequency[i]), float(tracked.damping[i]), reason)
+        for i, reason in enumerate(why)
+        if reason
     )
-    found = found.pick(kept)
-    in_block = duration * slowest / blocks
-    remarks = tuple(_remarks(test, found.frequency, found.damping, in_block))
-    return OperationalModes(
-        found.frequency, found.damping, found.shape, found.covariance, diagram, rejected, test, blocks, in_block, remarks
-    )  # fmt: skip
+    return [i for i, reason in enumerate(why) if not reason], rejected
 
 
 def _diagram(test: AmbientTest) -> Diagram:
@@ -115,7 +135,10 @@ def _only(diagram: Diagram, near: Sequence[float]) -> Diagram:
     numbers = diagram.cluster[poles]
     if (numbers < 0).any():
         apart = float(diagram.frequency[poles[numbers < 0][0]])
-        got, remedy = f"no lasting pole near {apart:.4g} Hz", "name modes of which the diagram has poles in half the orders"
+        got, remedy = (
+            f"no lasting pole near {apart:.4g} Hz",
+            "name modes of which the diagram has poles in half the orders",
+        )
         raise InputError(Problem("", got, "a pole that lasts", remedy, "modes"))
     order = np.unique(numbers)
     cluster = np.full(len(diagram.cluster), -1)
@@ -124,10 +147,12 @@ def _only(diagram: Diagram, near: Sequence[float]) -> Diagram:
     return replace(diagram, cluster=cluster, chosen=diagram.chosen[order])
 
 
-def _why(test: AmbientTest, frequency: float, damping: float, frequency_sd: float, damping_sd: float, lost: bool) -> str:
+def _why(
+    lines: Sequence[Harmonic], frequency: float, damping: float, frequency_sd: float, damping_sd: float, lost: bool
+) -> str:
     """Say why a pole is no mode; empty where it is one."""
     if damping < LEAST_DAMPED:
-        line = _nearest(test.harmonics, frequency)
+        line = _nearest(lines, frequency)
         if line and abs(line.frequency - frequency) < SLIP * frequency:
             return f"what is left of {line}, whose speed is not steady"
         return f"damping ratio {100 * damping:.3f} %, as of something that turns: name its speed (`harmonics`)"
@@ -144,7 +169,8 @@ def _nearest(harmonics: Sequence[Harmonic], frequency: float) -> Harmonic | None
     return min(harmonics, key=lambda line: abs(line.frequency - frequency), default=None)
 
 
-def _remarks(test: AmbientTest, frequency: np.ndarray, damping: np.ndarray, decays: float) -> Iterator[str]:
+def _remarks(test: AmbientTest, found: Tracked, decays: float) -> Iterator[str]:
+    frequency, damping = found.frequency, found.damping
     if decays < DECAYS:
         needed = test.correlations.duration * DECAYS / decays
         yield (
