@@ -17,6 +17,8 @@ from ident.text import one_line, quoted
 
 LOWEST = 1.0
 """Frequency [Hz] from which on modes are sought, unless a band is given."""
+OVERSAMPLED = 4.0
+"""Sampling rate by the highest frequency of the band, unless one is given: poles near a filter's edge are pulled by it."""
 ROWS = 50
 """Block rows of the Hankel matrix: half the lags."""
 BLOCKS = 120
@@ -42,9 +44,9 @@ def ambient_tests(records: Sequence[Record], processing: Processing) -> tuple[Am
 def _test(group: list[Record], processing: Processing) -> AmbientTest:
     first = group[0]
     _check_alike(group)
-    low, high = processing.band or (LOWEST, np.inf)
+    low, high = processing.band or (LOWEST, 1 / (first.step * OVERSAMPLED))
     high = min(high, 1 / (first.step * ANTI_ALIAS))
-    factor = max(int(1 / (first.step * ANTI_ALIAS * high)), 1)
+    factor = max(int(1 / (first.step * OVERSAMPLED * high)), 1)
     step = first.step * factor
     parts = [(each, part) for each in group for part in _parts(each, factor)]
     _check_length(first, parts, step)
@@ -67,6 +69,7 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
         (low, high),
         correlations_of(records, first.references, step, 2 * ROWS, length),
         _density(scaled, step, high),
+        tuple(dict.fromkeys(speed for each in group for speed in each.speeds)),
         harmonics,
         tuple(_remarks(group, harmonics)),
     )

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.measure.load import Load
+from ident.measure.speeds import Speed
 from ident.modal.correlations import Correlations
 from ident.modal.frf import Place
 from ident.modal.harmonics import Harmonic
@@ -40,6 +41,7 @@ class AmbientTest:
         band: [Hz] in which modes are sought.
         correlations: of the scaled responses, without harmonics.
         density: of the scaled responses, harmonics included.
+        speeds: what turned.
         harmonics: lines that were taken out.
         remarks: what else a reader should know.
     """
@@ -55,5 +57,6 @@ class AmbientTest:
     band: tuple[float, float]
     correlations: Correlations
     density: SpectralDensity
+    speeds: tuple[Speed, ...]
     harmonics: tuple[Harmonic, ...]
     remarks: tuple[str, ...]

@@ -41,8 +41,12 @@ class Harmonic:
     response: int
 
     def __str__(self) -> str:
-        times = f"{self.multiple} x " if self.multiple > 1 else ""
-        return f"{times}{self.name} at {self.frequency:.4g} Hz"
+        return f"{times(self.multiple)}{self.name} at {self.frequency:.4g} Hz"
+
+
+def times(multiple: int) -> str:
+    """Return how often, in words; empty for once."""
+    return f"{multiple} x " if multiple > 1 else ""
 
 
 def without_harmonics(
@@ -88,6 +92,16 @@ def _sought(speeds: Sequence[Speed], band: tuple[float, float]) -> Iterator[tupl
     for line in MAINS:
         if band[0] <= line <= band[1]:
             yield "the mains", 1, line, SLIP / 10
+
+
+def turning(speeds: Sequence[Speed], frequency: float) -> str:
+    """Return what turns at a frequency [Hz], or at a part of it; empty for nothing."""
+    pairs = [(speed, multiple) for speed in speeds for multiple in range(1, MULTIPLES + 1)]
+    apart = [abs(speed.frequency * multiple / frequency - 1) for speed, multiple in pairs]
+    if min(apart, default=1.0) > SLIP:
+        return ""
+    speed, multiple = pairs[int(np.argmin(apart))]
+    return f"{times(multiple)}{speed.name}, which turns at {speed.frequency:.4g} Hz"
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,21 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ident.errors import InputError, Problem
+from ident.measure.speeds import Speed
 from ident.modal.ambient_test import AmbientTest
 from ident.modal.block_jackknife import Tracked, block_jackknife
 from ident.modal.estimate import chosen_near
 from ident.modal.frf import Place
-from ident.modal.harmonics import Harmonic
+from ident.modal.harmonics import turning
 from ident.modal.modal_parameters import ModalParameters, Rejected
 from ident.modal.selection import SHARPEST
-from ident.modal.stabilisation import Diagram, clustered, physical
+from ident.modal.stabilisation import Diagram, clustered, distance, physical
 from ident.modal.subspace import realisations
 
 MOST_STATES = 60
@@ -29,8 +31,6 @@ LEAST_DAMPED = 0.001
 """Damping ratio below which a pole is the line of something that turns."""
 VAGUE = 0.5
 """Relative standard deviation of the damping ratio from which on a pole is no mode."""
-SLIP = 0.005
-"""How far a pole may be from a line that has left it, as a share."""
 CLOSE = 0.05
 """Difference of two modes that are close, as a share."""
 
@@ -88,13 +88,13 @@ def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None)
     slowest = _slowest(diagram)
     blocks = int(np.clip(test.correlations.duration * slowest / DECAYS, *BLOCKS))
     tracked = block_jackknife(test, diagram, blocks)
-    kept, rejected = _sorted_out(test, tracked)
+    kept, rejected = _sorted_out(test, diagram, tracked)
     if not kept:
         got, remedy = "responses without a mode that lasts over the orders", "look at the band, or record for longer"
         raise InputError(Problem("", got, "a resonance", remedy, "band"))
     found = tracked.pick(kept)
     decays = test.correlations.duration * slowest / blocks
-    remarks = tuple(_remarks(test, found, decays))
+    remarks = tuple(_remarks(test, found, rejected, decays))
     mode_values = found.frequency, found.damping, found.shape, found.covariance
     return OperationalModes(*mode_values, diagram, rejected, test, blocks, decays, remarks)
 
@@ -108,16 +108,27 @@ def _slowest(diagram: Diagram) -> float:
     return float(np.min(-diagram.pole[diagram.chosen].real, where=damped, initial=FASTEST))
 
 
-def _sorted_out(test: AmbientTest, tracked: Tracked) -> tuple[list[int], tuple[Rejected, ...]]:
+def _sorted_out(test: AmbientTest, diagram: Diagram, tracked: Tracked) -> tuple[list[int], tuple[Rejected, ...]]:
     """Return which poles are modes, and what the others are."""
-    poles = zip(tracked.frequency, tracked.damping, *tracked.sigma, tracked.lost, strict=True)
-    why = [_why(test.harmonics, *numbers) for numbers in poles]
+    numbers = tracked.frequency, tracked.damping, *tracked.sigma, tracked.lost
+    why = [_why(test.speeds, *pole) for pole in zip(*(each.tolist() for each in numbers), strict=True)]
+    for i, j in combinations(range(len(why)), 2):
+        if not (why[i] or why[j]) and _same(diagram, i, j):
+            fewer, more = sorted((i, j), key=lambda k: (diagram.cluster == k).sum())
+            why[fewer] = f"it is the mode at {tracked.frequency[more]:.4g} Hz once more"
     rejected = tuple(
         Rejected(float(tracked.frequency[i]), float(tracked.damping[i]), reason)
         for i, reason in enumerate(why)
         if reason
     )
     return [i for i, reason in enumerate(why) if not reason], rejected
+
+
+def _same(diagram: Diagram, i: int, j: int) -> bool:
+    """Tell whether two clusters could just be those of one mode."""
+    one, other = (diagram.chosen[[k]] for k in (i, j))
+    poles, shapes = (diagram.pole[one], diagram.pole[other]), (diagram.shape[:, one], diagram.shape[:, other])
+    return bool(distance(poles, shapes)[0, 0] < 1)
 
 
 def _diagram(test: AmbientTest) -> Diagram:
@@ -148,14 +159,13 @@ def _only(diagram: Diagram, near: Sequence[float]) -> Diagram:
 
 
 def _why(
-    lines: Sequence[Harmonic], frequency: float, damping: float, frequency_sd: float, damping_sd: float, lost: bool
+    speeds: Sequence[Speed], frequency: float, damping: float, frequency_sd: float, damping_sd: float, lost: bool
 ) -> str:
     """Say why a pole is no mode; empty where it is one."""
     if damping < LEAST_DAMPED:
-        line = _nearest(lines, frequency)
-        if line and abs(line.frequency - frequency) < SLIP * frequency:
-            return f"what is left of {line}, whose speed is not steady"
-        return f"damping ratio {100 * damping:.3f} %, as of something that turns: name its speed (`harmonics`)"
+        what = turning(speeds, frequency)
+        known = f"as of {what}" if what else "as of something that turns: name its speed (`harmonics`)"
+        return f"damping ratio {100 * damping:.3f} %, {known}"
     if lost:
         return "it is lost where a part of the record is left out"
     if frequency_sd > frequency * max(damping, SHARPEST):
@@ -165,11 +175,7 @@ def _why(
     return ""
 
 
-def _nearest(harmonics: Sequence[Harmonic], frequency: float) -> Harmonic | None:
-    return min(harmonics, key=lambda line: abs(line.frequency - frequency), default=None)
-
-
-def _remarks(test: AmbientTest, found: Tracked, decays: float) -> Iterator[str]:
+def _remarks(test: AmbientTest, found: Tracked, rejected: Sequence[Rejected], decays: float) -> Iterator[str]:
     frequency, damping = found.frequency, found.damping
     if decays < DECAYS:
         needed = test.correlations.duration * DECAYS / decays
@@ -184,10 +190,13 @@ def _remarks(test: AmbientTest, found: Tracked, decays: float) -> Iterator[str]:
         if len(test.references) == 1:
             pair = f"{frequency[i]:.4g} and {frequency[i + 1]:.4g} Hz"
             yield f"WARNING: the close modes at {pair} are told apart by one reference: measure in a second direction"
+    lines = [(line.frequency, f"{line}, which was taken out,") for line in test.harmonics]
+    lines += [(pole.frequency, f"what turns at {pole.frequency:.4g} Hz") for pole in rejected if _sharp(pole)]
     for each, ratio in zip(frequency, damping, strict=True):
-        line = _nearest(test.harmonics, each)
-        if line and abs(line.frequency - each) < ratio * each:
-            yield (
-                f"WARNING: {line} lies within the resonance of the mode at {each:.4g} Hz: the line was taken out, "
-                "but repeat the test at another speed"
-            )
+        for line, name in lines:
+            if abs(line - each) < ratio * each:
+                yield f"WARNING: {name} lies within the resonance of the mode at {each:.4g} Hz: repeat at another speed"
+
+
+def _sharp(pole: Rejected) -> bool:
+    return pole.damping < LEAST_DAMPED

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import h5py
 import numpy as np
 from hammer_files import FOLDER, generator
 
@@ -39,22 +40,24 @@ class Shaken:
         return -self.poles.real / np.abs(self.poles)
 
     def record(self, rng, harmonics=()):
-        """Accelerations (O, T) at the accelerometers, along the axes of their bodies, each at unit variance with noise.
+        """Accelerations (O, T) at the accelerometers, along the axes of their bodies, with noise, to scale.
 
         White forces act at the same places; half of a periodic response of twice the duration, so that its end does
-        not go on at its beginning; an anti-aliasing filter. Harmonics: frequency [Hz] and largest amplitude.
+        not go on at its beginning; an anti-aliasing filter. Harmonics: frequency [Hz] and largest amplitude, in
+        standard deviations.
         """
         forces = np.fft.rfft(rng.normal(size=(self.accelerance.shape[1], 2 * self.samples)))
         moved = np.fft.irfft(np.einsum("oif,if->of", self.accelerance, forces))[:, : self.samples]
-        moved /= moved.std(1, keepdims=True)
+        size = moved.std(1, keepdims=True)
+        moved /= size
         time = np.arange(self.samples) / RATE
         for frequency, amplitude in harmonics:
             share = amplitude * rng.uniform(0.3, 1.0, len(moved)) * rng.choice([-1, 1], len(moved))
             moved += np.outer(share, np.sin(2 * np.pi * frequency * time + rng.uniform(0, 6)))
-        return moved + NOISE * rng.normal(size=moved.shape)
+        return (moved + NOISE * rng.normal(size=moved.shape)) * (size / size.max())
 
 
-def shaken(duration, posture=POSTURE, band=(1.0, 39.0)):
+def shaken(duration, posture=POSTURE, band=(1.0, 28.0)):
     """The arm with the two accelerometers of the hammer test, recorded for a time [s]; truth within a band [Hz]."""
     M, C, H, outputs, _ = map(
         np.asarray, generator()._matrices(read_arm(FOLDER / "arm.toml").arm, np.radians(posture), generator().LOAD)
@@ -94,3 +97,20 @@ def ambient_test(values, speeds="", band=None, **more):
     """The test of one record."""
     (test,) = ambient_tests([as_record(values, speeds, **more)], Processing(band=band))
     return test
+
+
+def write_folder(folder, values, *, speeds="", posture=POSTURE, roles=("response",) * 6):
+    """Write a record as HDF5 with its channel table and the arm beside it."""
+    names = [f"{point} {axis}" for point in ("tip", "elbow") for axis in "xyz"]
+    with h5py.File(folder / "ambient.h5", "w") as file:
+        for name, each in zip(names, values, strict=True):
+            file[name] = each.astype(np.float32)
+    angles = ",".join(f"{angle:g}" for angle in posture)
+    rows = [
+        f"ambient.h5,{name},{role},{','.join(name.split())},body,m/s^2,{RATE:g},{angles},{generator().LOAD},{speeds}"
+        for name, role in zip(names, roles, strict=True)
+    ]
+    header = "file,channel,role,point,direction,frame,unit,rate,q1 [deg],q2 [deg],q3 [deg],load,harmonics"
+    (folder / "channels.csv").write_text("\n".join([header, *rows]) + "\n")
+    (folder / "arm.toml").write_text((FOLDER / "arm.toml").read_text())
+    return folder
