@@ -18,7 +18,7 @@ from ident.text import one_line, quoted
 LOWEST = 1.0
 """Frequency [Hz] from which on modes are sought, unless a band is given."""
 OVERSAMPLED = 4.0
-"""Sampling rate by the highest frequency of the band, unless one is given: poles near a filter's edge are pulled by it."""
+"""Sampling rate by the highest frequency of the band, unless one is given: a filter pulls poles near its edge."""
 ROWS = 50
 """Block rows of the Hankel matrix: half the lags."""
 BLOCKS = 120

@@ -116,12 +116,10 @@ def _sorted_out(test: AmbientTest, diagram: Diagram, tracked: Tracked) -> tuple[
         if not (why[i] or why[j]) and _same(diagram, i, j):
             fewer, more = sorted((i, j), key=lambda k: (diagram.cluster == k).sum())
             why[fewer] = f"it is the mode at {tracked.frequency[more]:.4g} Hz once more"
-    rejected = tuple(
-        Rejected(float(tracked.frequency[i]), float(tracked.damping[i]), reason)
-        for i, reason in enumerate(why)
-        if reason
-    )
-    return [i for i, reason in enumerate(why) if not reason], rejected
+    kept = [i for i, reason in enumerate(why) if not reason]
+    others = [i for i, reason in enumerate(why) if reason]
+    rejected = (Rejected(float(tracked.frequency[i]), float(tracked.damping[i]), why[i]) for i in others)
+    return kept, tuple(rejected)
 
 
 def _same(diagram: Diagram, i: int, j: int) -> bool:

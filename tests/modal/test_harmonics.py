@@ -72,6 +72,7 @@ def test_a_speed_that_is_not_steady_is_named(arm):
     record = arm.record(rng)
     drift = np.cumsum(rng.normal(size=record.shape[1]))
     phase = 2 * np.pi * np.cumsum(9.0 * (1 + 1e-3 * drift / np.abs(drift).max())) / RATE
-    modes = operational_modes(ambient_test(record + 0.3 * record.std() * np.sin(phase), "9 Hz @ pulley 1", BAND))
+    heard = 0.3 * record.std(1, keepdims=True) * np.sin(phase)
+    modes = operational_modes(ambient_test(record + heard, "9 Hz @ pulley 1", BAND))
     assert np.abs(modes.frequency - 9.0).min() > 0.1
     assert any("as of pulley 1, which turns at 9 Hz" in pole.why for pole in modes.rejected)
