@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
@@ -12,8 +11,10 @@ from ident.identify.mode_labels import ModeLabels, label_modes
 from ident.inference.parameters import Parameters
 from ident.measure import Campaign, Measurement
 from ident.measure.covariance import Covariance, Group
+from ident.modal.ambient_test import AmbientTest
 from ident.modal.estimate import Modes, modes_of, together
 from ident.modal.modal_test import ModalTest
+from ident.modal.operational import OperationalModes, operational_modes
 from ident.text import one_line
 
 
@@ -26,25 +27,19 @@ class IdentifiedModes:
         labels: what each is called, and how sure.
     """
 
-    modes: Modes
+    modes: Modes | OperationalModes
     labels: ModeLabels
-
-    @property
-    def fitted(self) -> Complex[np.ndarray, "O I F"]:
-        """Frequency responses of the modes [1/kg], at the lines within the band."""
-        frf = self.modes.frf
-        return self.modes.model.accelerance(2j * np.pi * frf.frequency + frf.decay)
 
 
 def identify_modes(
     arm: Arm,
-    tests: Sequence[ModalTest],
+    tests: Sequence[ModalTest | AmbientTest],
     parameters: Parameters,
     *,
     near: Mapping[int, tuple[float, ...]] | None = None,
     seed: int = 0,
 ) -> tuple[IdentifiedModes, ...]:
-    """Identify and name the modes of each posture; their covariances are scaled by the scatter of all hits together.
+    """Identify and name the modes of each posture; those with a hammer are scaled by the scatter of all hits.
 
     Args:
         arm: with the points at which was measured.
@@ -61,23 +56,31 @@ def identify_modes(
         if not 1 <= number <= len(tests):
             remedy = "postures are numbered as in the report"
             raise InputError(Problem("modes", f"posture {number}", f"1 to {len(tests)}", remedy))
-    modes = together([_modes(test, near.get(number)) for number, test in enumerate(tests, 1)])
+    modes = _together([_modes(test, near.get(number)) for number, test in enumerate(tests, 1)])
     return tuple(
         IdentifiedModes(each, label_modes(arm, test.posture, each, parameters, test.load, seed=seed))
         for test, each in zip(tests, modes, strict=True)
     )
 
 
-def _modes(test: ModalTest, near: tuple[float, ...] | None) -> Modes:
+def _modes(test: ModalTest | AmbientTest, near: tuple[float, ...] | None) -> Modes | OperationalModes:
     try:
-        return modes_of(test.frf, near=near)
+        return operational_modes(test, near=near) if isinstance(test, AmbientTest) else modes_of(test.frf, near=near)
     except InputError as error:
         where = one_line(", ".join(test.files))
         problems = (Problem(where, each.got, each.expected, each.remedy, each.column) for each in error.problems)
         raise InputError(problems) from None
 
 
-def modal_campaign(name: str, tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes]) -> Campaign:
+def _together(every: Sequence[Modes | OperationalModes]) -> list[Modes | OperationalModes]:
+    """Return the modes with those of hammer tests scaled by the scatter of all hits."""
+    hammer = iter(together([modes for modes in every if isinstance(modes, Modes)]))
+    return [next(hammer) if isinstance(modes, Modes) else modes for modes in every]
+
+
+def modal_campaign(
+    name: str, tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes]
+) -> Campaign:
     """Return the campaign of the modes that have a name; a doubtful one is no row, as it could be matched wrongly.
 
     Of each posture the frequencies, then the damping ratios, whose errors are correlated as the modes' are.
@@ -107,7 +110,7 @@ def _correlation(each: IdentifiedModes) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, ((whole + whole.T) / 2).tolist()))
 
 
-def _rows(test: ModalTest, each: IdentifiedModes) -> Iterator[Measurement]:
+def _rows(test: ModalTest | AmbientTest, each: IdentifiedModes) -> Iterator[Measurement]:
     modes = each.modes
     for kind, values, sigma in zip(
         ("frequency", "damping_ratio"), (modes.frequency, modes.damping), modes.sigma, strict=True

@@ -9,6 +9,7 @@ from typing import Any
 from ident.errors import InputError, Problem
 from ident.measure.campaign import DRIVE_STATES, drive_state_problems
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
+from ident.measure.speeds import Speed, parse_speeds
 from ident.measure.table import (
     Findings,
     Record,
@@ -23,10 +24,12 @@ from ident.measure.text import parse_number
 from ident.text import did_you_mean, one_line, quoted
 from ident.units import si_factor
 
-FORCE, RESPONSE, TIME, IGNORED = "force", "response", "time", "ignore"
-ROLES = (FORCE, RESPONSE, TIME, IGNORED)
-"""What a channel may be for: the force, a response to it, the times of the samples, or nothing."""
-QUANTITIES = {FORCE: ("force",), RESPONSE: ("acceleration", "velocity", "length"), TIME: ("time",)}
+FORCE, RESPONSE, REFERENCE, TIME, IGNORED = "force", "response", "reference", "time", "ignore"
+ROLES = (FORCE, RESPONSE, REFERENCE, TIME, IGNORED)
+"""What a channel may be for: the force, a response to it, in a test without force a response with which all others are
+correlated, the times of the samples, or nothing."""
+_MOTION = ("acceleration", "velocity", "length")
+QUANTITIES = {FORCE: ("force",), RESPONSE: _MOTION, REFERENCE: _MOTION, TIME: ("time",)}
 """What a channel of each role may measure; a length is a displacement."""
 FRAMES = ("base", "body")
 """In which frame a direction has its components: the base's, or that of the body which carries the point."""
@@ -47,6 +50,7 @@ COLUMNS = (
     "decay",
     "load",
     "drives",
+    "harmonics",
     "note",
 )
 """Names of the columns, beside the joint angles `q1 [deg]`, ...; `position [mm]` has its unit in the header."""
@@ -78,6 +82,7 @@ class ChannelRow:
         decay: [1/s] by which the analyser's own exponential window has faded the response.
         load: what hung on the arm, sensors included.
         drives: what held the motors.
+        harmonics: what turned, and how fast, during a test without force.
     """
 
     where: str
@@ -98,11 +103,12 @@ class ChannelRow:
     decay: float = 0.0
     load: Load = OWN_WEIGHT
     drives: str = DRIVE_STATES[0]
+    harmonics: tuple[Speed, ...] = ()
 
     @property
     def counts(self) -> bool:
         """Whether it is a force or a response."""
-        return self.role in (FORCE, RESPONSE)
+        return self.role in (FORCE, RESPONSE, REFERENCE)
 
 
 @dataclass(frozen=True)
@@ -236,6 +242,7 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
         "decay": number("decay") or 0.0,
         "load": mine.attempt(where, "load", Load.parse, cell.get("load", ""), decimal=decimal),
         "drives": cell.get("drives", "").lower() or DRIVE_STATES[0],
+        "harmonics": mine.attempt(where, "harmonics", parse_speeds, cell.get("harmonics", ""), decimal) or (),
     }
 
 
@@ -274,7 +281,7 @@ def _lacks(cell: Mapping[str, str], fields: Mapping[str, Any]) -> Iterator[Probl
         yield Problem(
             "", quoted(quantity), f"one of {', '.join(QUANTITIES[role])}, of a {role}", "correct it", "quantity"
         )
-    if role in (FORCE, RESPONSE):
+    if role in (FORCE, RESPONSE, REFERENCE):
         yield from drive_state_problems(fields["drives"])
         for name, example in (("point", "a point of the arm"), ("direction", "x, -z, ... or three numbers")):
             if not cell[name]:

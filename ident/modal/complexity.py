@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ident.modal.estimate import Modes
+from ident.modal.modal_parameters import ModalParameters
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class PhasePlane:
     collinearity: float
 
 
-def phase_planes(modes: Modes) -> tuple[PhasePlane, ...]:
+def phase_planes(modes: ModalParameters) -> tuple[PhasePlane, ...]:
     """Return the shape of each mode in the complex plane.
 
     References:
@@ -33,7 +33,7 @@ def phase_planes(modes: Modes) -> tuple[PhasePlane, ...]:
     return tuple(_plane(modes, mode) for mode in range(len(modes.frequency)))
 
 
-def _plane(modes: Modes, mode: int) -> PhasePlane:
+def _plane(modes: ModalParameters, mode: int) -> PhasePlane:
     shape, covariance = modes.shape[:, mode], modes.of_shape([mode])
     parts = np.array([shape.real, shape.imag])
     spread, axes = np.linalg.eigh(parts @ parts.T)

@@ -9,12 +9,13 @@ from jaxtyping import Complex, Float
 from threadpoolctl import threadpool_limits
 
 from ident.errors import InputError, Problem
-from ident.modal.frf import Frf
+from ident.modal.frf import Frf, Place
 from ident.modal.jackknife import Ratio, jackknife, pooled
 from ident.modal.likelihood import Likelihood
 from ident.modal.modal_model import ModalModel
+from ident.modal.modal_parameters import ModalParameters, Rejected
 from ident.modal.noise import WEIGHED, noise_of
-from ident.modal.selection import Rejected, select, starting_model
+from ident.modal.selection import select, starting_model
 from ident.modal.stabilisation import Diagram, diagram_of
 
 FEWEST_LINES = 20
@@ -22,55 +23,47 @@ FEWEST_LINES = 20
 
 
 @dataclass(frozen=True)
-class Modes:
-    """Modes of a test, ascending in frequency, with their joint covariance.
+class Modes(ModalParameters):
+    """Modes of a hammer test, whose shapes are scaled.
+
+    The covariance is scaled by the ratio, and for the weights' own uncertainty. A shape is the product with the motion
+    of the reference of the mode [1/kg].
 
     Attributes:
-        frequency: (m,) [Hz] undamped, |pole| / 2 pi.
-        damping: (m,) [-] damping ratio.
-        shape: (O, m) [1/kg] complex motion of each response, as product with that of the reference of the mode.
         participation: (I, m) [-] complex motion of each reference, one at the reference of the mode.
-        covariance: (n, n) of frequencies, damping ratios, real and imaginary parts of the shapes mode by mode, scaled
-            by the ratio and for the weights' own uncertainty; n = 2 m + 2 O m.
         ratio: of the scatter between hits to the covariance by maximum likelihood, which has scaled it.
         misfit: [-] chi-squared over degrees of freedom: one where the model explains all but the scatter of the hits.
         converged: whether the search for the most probable modes ended by its own criterion.
         model: modes with residuals of those outside the band, among which are modes where they are near.
         frf: the functions within the band.
-        diagram: poles over orders.
-        rejected: poles that were taken for no mode, with why.
     """
 
-    frequency: Float[np.ndarray, "m"]
-    damping: Float[np.ndarray, "m"]
-    shape: Complex[np.ndarray, "O m"]
     participation: Complex[np.ndarray, "I m"]
-    covariance: Float[np.ndarray, "n n"]
     ratio: Ratio
     misfit: float
     converged: bool
     model: ModalModel
     frf: Frf
-    diagram: Diagram
-    rejected: tuple[Rejected, ...]
 
     @property
-    def sigma(self) -> Float[np.ndarray, "2 m"]:
-        """(2, m) [Hz, -] standard deviations of frequencies and damping ratios."""
-        return np.sqrt(np.diag(self.covariance))[: 2 * len(self.frequency)].reshape(2, -1)
+    def responses(self) -> tuple[Place, ...]:
+        """(O,) where and along what was measured."""
+        return self.frf.responses
 
     @property
-    def correlation(self) -> Float[np.ndarray, "k k"]:
-        """(2 m, 2 m) [-] of frequencies, then damping ratios."""
-        count = 2 * len(self.frequency)
-        sd = self.sigma.ravel()
-        return self.covariance[:count, :count] / (sd[:, None] * sd)
+    def doubtful(self) -> bool:
+        """Whether the scatter of the hits contradicts the covariance by maximum likelihood."""
+        return self.ratio.doubtful
 
-    def of_shape(self, modes: Sequence[int]) -> Float[np.ndarray, "k k"]:
-        """Return the joint covariance of the shapes of some modes: real parts, then imaginary ones, mode by mode."""
-        count, outputs = 2 * len(self.frequency), 2 * len(self.shape)
-        at = np.concatenate([count + mode * outputs + np.arange(outputs) for mode in modes])
-        return self.covariance[np.ix_(at, at)]
+    @property
+    def fitted(self) -> Complex[np.ndarray, "O I F"]:
+        """Frequency responses of the modes [1/kg], at the lines within the band."""
+        return self.model.accelerance(2j * np.pi * self.frf.frequency + self.frf.decay)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """[Hz] between which modes were sought."""
+        return float(self.frf.frequency[0]), float(self.frf.frequency[-1])
 
 
 @threadpool_limits.wrap(limits=1)  # matrices are small: threads of BLAS would mostly wait for each other
@@ -137,6 +130,8 @@ def chosen_near(diagram: Diagram, near: Sequence[float]) -> Diagram:
 
 def together(tests: Sequence[Modes]) -> tuple[Modes, ...]:
     """Return the modes of several tests with covariances scaled by the ratio of all of them together."""
+    if not tests:
+        return ()
     ratio = pooled([modes.ratio for modes in tests])
     return tuple(
         replace(modes, covariance=modes.covariance * (ratio.scale / modes.ratio.scale), ratio=ratio) for modes in tests
@@ -153,15 +148,15 @@ def _modes(fit: Likelihood, frf: Frf, diagram: Diagram, rejected: tuple[Rejected
         np.abs(pole) / (2 * np.pi),
         -pole.real / np.abs(pole),
         model.shape[:, order],
-        model.participation[:, order],
         covariance,
+        diagram,
+        rejected,
+        model.participation[:, order],
         ratio,
         fit.chi_squared / fit.freedom,
         fit.converged,
         model,
         frf,
-        diagram,
-        rejected,
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ident.measure.load import Load
 from ident.modal.checks import Check
-from ident.modal.frf import Frf
+from ident.modal.frf import Frf, Place
 
 
 @dataclass(frozen=True)
@@ -68,3 +68,18 @@ class ModalTest:
     rejected: tuple[Rejected, ...]
     checks: tuple[Check, ...]
     remarks: tuple[str, ...]
+
+    @property
+    def responses(self) -> tuple[Place, ...]:
+        """(O,) where and along what was measured."""
+        return self.frf.responses
+
+    @property
+    def hits(self) -> int:
+        """Hits that count."""
+        return len(self.frf.hits) * len(self.frf.references)
+
+    @property
+    def good(self) -> bool:
+        """Whether driving points and reciprocal responses do not contradict each other."""
+        return all(check.good for check in self.checks)

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from ident.modal.frf import Frf
 from ident.modal.likelihood import Likelihood, maximise
 from ident.modal.modal_model import ModalModel
+from ident.modal.modal_parameters import Rejected
 from ident.modal.noise import Noise, channels_of
 from ident.modal.polynomial import Poles
 from ident.modal.residues import model_of
@@ -24,21 +24,6 @@ BEYOND = 0.15
 """How far outside the band a mode is sought first, as a share of its end."""
 MOST_ADDED = 8
 """Modes that are added to those of the diagram at most."""
-
-
-@dataclass(frozen=True)
-class Rejected:
-    """A pole that was taken for no mode.
-
-    Attributes:
-        frequency: [Hz] undamped.
-        damping: [-] damping ratio.
-        why: in words.
-    """
-
-    frequency: float
-    damping: float
-    why: str
 
 
 def starting_model(frf: Frf, noise: Noise, diagram: Diagram) -> ModalModel:

@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from ident.errors import InputError, Problem
-from ident.measure.channels import FORCE, IGNORED, RESPONSE, TIME, ChannelRow, ChannelTable
+from ident.measure.channels import FORCE, IGNORED, REFERENCE, RESPONSE, TIME, ChannelRow, ChannelTable
 from ident.measure.load import Load
 from ident.measure.recordings import Channel, Recording
 from ident.measure.recordings.sampling import even_step
@@ -106,14 +106,18 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
 
 
 def _of_file(name: str, rows: list[ChannelRow], recording: Recording) -> Iterator[Source]:
-    _check_names(name, rows, recording)
+    check_names(name, rows, recording)
     counting = [row for row in rows if row.counts]
     forces = [row for row in counting if row.role == FORCE]
+    for row in counting:
+        if row.role == REFERENCE:
+            got, remedy = "a reference in a test with force", "give it the role response"
+            raise InputError(Problem(row.where, got, "responses to the force", remedy, "role"))
     if not forces:
         got = f"no reference channel of {quoted(name)}"
         remedy = "give the channel of the hammer or the force cell this role"
         raise InputError(Problem(counting[0].where, got, "a channel of role force", remedy, "role"))
-    _check_state(counting)
+    check_state(counting)
     finished = any(channel.reference for channel in recording.channels)
     if len(forces) > 1 and not finished:
         got = f"{len(forces)} forces in {quoted(name)}"
@@ -135,9 +139,9 @@ def _source(
         got = f"no response of {quoted(name)} to {quoted(force.channel)}"
         raise InputError(Problem(force.where, got, "a channel of role response", "add its row to the table", "role"))
     used = [by_name[row.channel] for row in rows] + ([] if finished else [by_name[force.channel]])
-    step = _step(name, every, recording, used, finished)
+    step = sampling_step(name, every, recording, used, finished)
     below = quantity_and_factor(force, used[0].reference_unit)[1] if finished else 1.0
-    responses = tuple(_response(name, row, by_name[row.channel], below) for row in rows)
+    responses = tuple(response_of(name, row, by_name[row.channel], below) for row in rows)
     if len({each.values.shape for each in responses}) > 1:
         got = f"channels of different lengths in {quoted(name)}"
         raise InputError(Problem(rows[0].where, got, "the same length", "export them again together", "channel"))
@@ -145,7 +149,7 @@ def _source(
     if not finished:
         channel = by_name[force.channel]
         _, factor = quantity_and_factor(force, channel.unit)
-        pushed = _finite(name, channel) * factor
+        pushed = finite(name, channel) * factor
         full_scale = _full_scale(force)
     return Source(
         name, force.posture, force.load, force.drives, force.decay, step, used[0].start, _place(force), pushed,
@@ -153,9 +157,10 @@ def _source(
     )  # fmt: skip
 
 
-def _response(name: str, row: ChannelRow, channel: Channel, below: float) -> Response:
+def response_of(name: str, row: ChannelRow, channel: Channel, below: float = 1.0) -> Response:
+    """Return what a channel measured, in SI, of frequency responses over the SI units of the force."""
     quantity, factor = quantity_and_factor(row, channel.unit)
-    values = _finite(name, channel) * (factor / below)
+    values = finite(name, channel) * (factor / below)
     return Response(_place(row), values, ORDER[quantity], _full_scale(row), row.channel)
 
 
@@ -175,7 +180,7 @@ def _place(row: ChannelRow) -> Place:
     return Place(row.point, row.direction)
 
 
-def _finite(name: str, channel: Channel) -> np.ndarray:
+def finite(name: str, channel: Channel) -> np.ndarray:
     """Return the values of a channel, all of which must be numbers."""
     wrong = np.argwhere(~np.isfinite(channel.values))
     if len(wrong):
@@ -186,7 +191,7 @@ def _finite(name: str, channel: Channel) -> np.ndarray:
     return channel.values
 
 
-def _check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None:
+def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None:
     """Refuse rows of channels that a file has not, or that stand twice."""
     problems = []
     for row in rows:
@@ -203,7 +208,7 @@ def _check_names(name: str, rows: list[ChannelRow], recording: Recording) -> Non
         raise InputError(problems)
 
 
-def _check_state(rows: list[ChannelRow]) -> None:
+def check_state(rows: list[ChannelRow]) -> None:
     """Refuse a file whose rows say different postures, loads, states of the drives or windows."""
     for field, column in (("posture", "q1"), ("load", "load"), ("drives", "drives"), ("decay", "decay")):
         for row in rows:
@@ -212,7 +217,9 @@ def _check_state(rows: list[ChannelRow]) -> None:
                 raise InputError(Problem(row.where, got, "the same", remedy, column))
 
 
-def _step(name: str, rows: list[ChannelRow], recording: Recording, used: Iterable[Channel], finished: bool) -> float:
+def sampling_step(
+    name: str, rows: list[ChannelRow], recording: Recording, used: Iterable[Channel], finished: bool = False
+) -> float:
     """Return the step of a file's channels, which must be one, by the file or else by the table."""
     said = {channel.step for channel in used if channel.step}
     times = [row for row in rows if row.role == TIME]

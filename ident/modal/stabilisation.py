@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from scipy.optimize import linear_sum_assignment
 
 from ident.modal.frf import Frf
@@ -95,12 +95,17 @@ def _one_side(frf: Frf, noise: Noise, transposed: bool, size: int) -> Diagram | 
     fit = PolynomialFit(frf, noise, highest, transposed)
     solutions = [_physical(fit.poles(order), frf) for order in range(2, highest + 1)]
     shapes = [_residues(model_of(frf, noise, poles)) if len(poles.pole) else _none(frf) for poles in solutions]
-    numbers = _tracked(solutions, shapes)
-    order, pole, shape, number = (
-        np.concatenate(x, -1)
-        for x in ([np.full(len(p.pole), p.order) for p in solutions], [p.pole for p in solutions], shapes, numbers)
-    )
-    cluster, chosen, passing = _lasting(pole, shape, number, len(solutions))
+    return clustered([each.order for each in solutions], [each.pole for each in solutions], shapes, transposed)
+
+
+def clustered(
+    orders: Sequence[int], poles: Sequence[np.ndarray], shapes: Sequence[np.ndarray], transposed: bool = False
+) -> Diagram:
+    """Return the diagram of the poles and shapes that were found with each order."""
+    numbers = _tracked(poles, shapes)
+    each = [np.full(len(own), order) for order, own in zip(orders, poles, strict=True)]
+    order, pole, shape, number = (np.concatenate(x, -1) for x in (each, poles, shapes, numbers))
+    cluster, chosen, passing = _lasting(pole, shape, number, len(orders))
     return Diagram(order, np.full(len(order), transposed), pole, shape, cluster, chosen, passing)
 
 
@@ -108,10 +113,15 @@ def _none(frf: Frf) -> np.ndarray:
     return np.zeros((len(frf.responses) * len(frf.references), 0), complex)
 
 
+def physical(pole: Complex[np.ndarray, "n"], band: tuple[float, float]) -> Bool[np.ndarray, "n"]:
+    """Tell which poles may be those of modes within a band [Hz]."""
+    frequency, damping = np.abs(pole) / (2 * np.pi), -pole.real / np.abs(pole)
+    inside = (frequency >= band[0]) & (frequency <= band[1]) & (pole.imag > 0)
+    return inside & (damping > 0) & (damping < MOST_DAMPED)
+
+
 def _physical(poles: Poles, frf: Frf) -> Poles:
-    frequency, damping = np.abs(poles.pole) / (2 * np.pi), -poles.pole.real / np.abs(poles.pole)
-    inside = (frequency >= frf.frequency[0]) & (frequency <= frf.frequency[-1]) & (poles.pole.imag > 0)
-    return poles.pick(inside & (damping > 0) & (damping < MOST_DAMPED))
+    return poles.pick(physical(poles.pole, (frf.frequency[0], frf.frequency[-1])))
 
 
 def _residues(model: ModalModel) -> Complex[np.ndarray, "K m"]:
@@ -125,21 +135,21 @@ def distance(poles: tuple[np.ndarray, np.ndarray], shapes: tuple[np.ndarray, np.
     return (apart / NEAR_POLE + (1 - mac(*shapes)) / NEAR_SHAPE) / 2
 
 
-def _tracked(solutions: Sequence[Poles], shapes: Sequence[np.ndarray]) -> list[Int[np.ndarray, "n"]]:
+def _tracked(every: Sequence[np.ndarray], shapes: Sequence[np.ndarray]) -> list[Int[np.ndarray, "n"]]:
     """Return the number of the cluster that each pole of each order goes on with."""
-    last_pole, last_shape = solutions[0].pole, shapes[0]
+    last_pole, last_shape = every[0], shapes[0]
     numbers = [np.arange(len(last_pole))]
-    for poles, shape in zip(solutions[1:], shapes[1:], strict=True):
-        number = np.full(len(poles.pole), -1)
-        apart = distance((poles.pole, last_pole), (shape, last_shape))
+    for pole, shape in zip(every[1:], shapes[1:], strict=True):
+        number = np.full(len(pole), -1)
+        apart = distance((pole, last_pole), (shape, last_shape))
         for new, old in zip(*linear_sum_assignment(np.minimum(apart, 10.0)), strict=True):
             if apart[new, old] < 1:
                 number[new] = old
         fresh = number < 0
         number[fresh] = len(last_pole) + np.arange(fresh.sum())
-        last_pole = np.concatenate([last_pole, poles.pole[fresh]])
+        last_pole = np.concatenate([last_pole, pole[fresh]])
         last_shape = np.concatenate([last_shape, shape[:, fresh]], 1)
-        last_pole[number], last_shape[:, number] = poles.pole, shape
+        last_pole[number], last_shape[:, number] = pole, shape
         numbers.append(number)
     return numbers
 

@@ -9,7 +9,8 @@ from ident.units import si_factor
 
 GRAVITIES = ("g", "G", "gn", "g's")
 """What analysers write for standard gravity, which is a gram for everybody else: the table must say g_0."""
-EXAMPLES = {"force": "N", "response": "m/s^2, g_0, m/s or mm", "time": "s"}
+_MOTION = "m/s^2, g_0, m/s or mm"
+EXAMPLES = {"force": "N", "response": _MOTION, "reference": _MOTION, "time": "s"}
 
 
 def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:

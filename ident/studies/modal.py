@@ -1,4 +1,4 @@
-"""From the files of a hammer test to a campaign: frequency responses, modes with their covariance, labels."""
+"""From the files of a hammer or ambient test to a campaign: modes with their covariance, labels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.measure import Campaign
     from ident.measure.channels import ChannelTable
+    from ident.modal.ambient_test import AmbientTest
     from ident.modal.modal_test import ModalTest, Processing
 
 CHANNELS, ARM = "channels.csv", "arm.toml"
@@ -38,7 +39,9 @@ class ModalOptions(ProblemOptions):
     )
     rest: float = option(1.0, "time [s] between two hits of one record: closer ones are one double hit", above=0.0)
     band: tuple[float, float] | None = option(
-        None, "frequencies LOW:HIGH [Hz]; default: what the hammer excites, to 20 dB below its most", read=reading.band
+        None,
+        "frequencies LOW:HIGH [Hz]; default: what the hammer excites, to 20 dB below its most; from 1 Hz without force",
+        read=reading.band,
     )
 
     modes: dict[str, tuple[float, ...]] = option(
@@ -72,9 +75,9 @@ class SourceFile:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ModalResult(Result):
-    """Frequency responses and modes of a hammer test.
+    """Frequency responses, or spectra of an ambient test, and modes.
 
-    Its figures show each posture's frequency responses, and of which poles its modes were chosen; its table has a row
+    Its figures show each posture's responses, and of which poles its modes were chosen; its table has a row
     for each mode: posture [deg], frequency [Hz], damping ratio, their standard deviations, label.
 
     Attributes:
@@ -87,13 +90,13 @@ class ModalResult(Result):
     """
 
     arm: "ArmFile"
-    tests: "tuple[ModalTest, ...]"
+    tests: "tuple[ModalTest | AmbientTest, ...]"
     identified: "tuple[IdentifiedModes, ...]" = ()
     campaign: "Campaign | None" = None
     files: Mapping[str, SourceFile] = field(default_factory=dict)
     options: ModalOptions = field(default_factory=ModalOptions)
 
-    form = "ident-modal/2"
+    form = "ident-modal/3"
     suffix = ".nc"
     shown = ("tests", "identified", "campaign")
     summary = ("hits", "rejected")
@@ -106,33 +109,43 @@ class ModalResult(Result):
     @property
     def hits(self) -> int:
         """Hits that count."""
-        return sum(len(test.frf.hits) * len(test.frf.references) for test in self.tests)
+        return sum(test.hits for test in self.hammer_tests)
+
+    @property
+    def hammer_tests(self) -> "tuple[ModalTest, ...]":
+        """Those tests whose force was measured."""
+        from ident.modal.modal_test import ModalTest
+
+        return tuple(test for test in self.tests if isinstance(test, ModalTest))
 
     @property
     def rejected(self) -> tuple[str, ...]:
         """Hits that do not count, with the reason."""
-        return tuple(f"{each.file}, hit {each.number}: {each.reason}" for test in self.tests for each in test.rejected)
+        return tuple(
+            f"{each.file}, hit {each.number}: {each.reason}" for test in self.hammer_tests for each in test.rejected
+        )
 
     @property
     def doubtful(self) -> bool:
-        """Whether a driving point, reciprocal responses, or the scatter of the hits contradict each other."""
-        scattered = any(each.modes.ratio.doubtful for each in self.identified)
-        return scattered or any(not check.good for test in self.tests for check in test.checks)
+        """Whether driving points, reciprocal responses or hits contradict each other, or a record is too short."""
+        return any(each.modes.doubtful for each in self.identified) or not all(test.good for test in self.hammer_tests)
 
     @property
     def short(self) -> bool:
         """Whether a search for the most probable modes has not ended."""
-        return any(not each.modes.converged for each in self.identified)
+        from ident.modal.estimate import Modes
+
+        return any(isinstance(each.modes, Modes) and not each.modes.converged for each in self.identified)
 
     def figures(self) -> "dict[str, Figure]":
-        """Return for each posture its frequency responses, how its modes were chosen (`modes`), and `shapes`."""
+        """Return for each posture its responses, how its modes were chosen (`modes`), and `shapes`."""
         from ident.present.figures.argand import argand_figure
-        from ident.present.figures.modal import modal_figure
+        from ident.present.figures.modal import measured_figure
         from ident.present.figures.stabilisation import stabilisation_figure
 
         words = ["" if i == 1 else str(i) for i in range(1, len(self.tests) + 1)]
         found = self.identified or (None,) * len(self.tests)
-        figures = {word: modal_figure(test, each) for word, test, each in zip(words, self.tests, found, strict=True)}
+        figures = {word: measured_figure(test, each) for word, test, each in zip(words, self.tests, found, strict=True)}
         diagrams = {
             f"modes{word}": stabilisation_figure(test, each)
             for word, test, each in zip(words, self.tests, self.identified, strict=False)
@@ -170,7 +183,7 @@ def modal_test(
     arm: "Arm | ArmFile | str | Path | None" = None,
     options: ModalOptions | None = None,
 ) -> ModalResult:
-    """Make frequency responses of the hits of a hammer test, identify the modes, and name them by their shapes.
+    """Identify the modes of a hammer test, or of one without any force, and name them by their shapes.
 
     Args:
         tests: folder of the recordings; other files in it are passed over.
@@ -186,14 +199,14 @@ def modal_test(
     from ident.assess.places import in_base_frame, with_places
     from ident.measure.channel_template import recordings_of
     from ident.measure.channels import ChannelTable, read_channels
-    from ident.modal.hammer import modal_tests
+    from ident.modal.measured import measured_tests
 
     options, folder = ModalOptions.of(options), Path(tests)
     recordings = recordings_of(folder)
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
     arm_file = as_file(arm if arm is not None else folder / ARM, options.soft_base)
     placed = with_places(arm_file.arm, table)
-    measured = modal_tests(in_base_frame(placed, table), recordings, options.processing)
+    measured = measured_tests(in_base_frame(placed, table), recordings, options.processing)
     files = {"channels": SourceFile(table.path, table.sha256)}
     used = {name for test in measured for name in test.files}
     files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
@@ -202,7 +215,7 @@ def modal_test(
 
 
 def _identified(
-    name: str, arm: "Arm", tests: "tuple[ModalTest, ...]", options: ModalOptions
+    name: str, arm: "Arm", tests: "tuple[ModalTest | AmbientTest, ...]", options: ModalOptions
 ) -> "tuple[tuple[IdentifiedModes, ...], Campaign | None]":
     """Return the modes of each test and their campaign, where they are asked for."""
     from ident.assess.identified_modes import identify_modes, modal_campaign

@@ -9,11 +9,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 
 from ident.assess.identified_modes import IdentifiedModes
+from ident.modal.ambient_test import AmbientTest
 from ident.modal.complexity import PhasePlane, phase_planes
 from ident.modal.frf import Place
 from ident.modal.modal_test import ModalTest
 from ident.present.figures.style import BLUE, GREY, ORANGE, PINK, key_below, plain, titled
-from ident.present.text.modal import place_in_words
+from ident.present.text.places import place_in_words
 from ident.present.text.words import cut, degrees
 
 COLUMNS, PANEL = 4, 2.5
@@ -26,7 +27,7 @@ WITHIN = 2.4477
 """Half axes of an ellipse that holds 95 %, in standard deviations."""
 
 
-def argand_figure(test: ModalTest, identified: IdentifiedModes) -> Figure:
+def argand_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) -> Figure:
     """Draw each mode's motion at the responses as arrows in the complex plane, with ellipses that hold 95 %."""
     planes = phase_planes(identified.modes)
     columns = min(COLUMNS, len(planes))
@@ -35,7 +36,7 @@ def argand_figure(test: ModalTest, identified: IdentifiedModes) -> Figure:
         (PANEL * max(columns, 3) + 0.4, PANEL * 1.15 * rows + 1.5), f"Mode shapes at {degrees(test.posture)}"
     )
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    looks = _looks(test.frf.responses)
+    looks = _looks(test.responses)
     for axes, plane, frequency, label in zip(
         panels, planes, identified.modes.frequency, identified.labels.given, strict=False
     ):
@@ -47,7 +48,7 @@ def argand_figure(test: ModalTest, identified: IdentifiedModes) -> Figure:
         axes.set_visible(False)
     handles = [
         Line2D([], [], color=color, marker=end, markersize=4, label=place_in_words(place))
-        for place, (color, end) in zip(test.frf.responses, looks, strict=True)
+        for place, (color, end) in zip(test.responses, looks, strict=True)
     ]
     note = "turned to the real axis and scaled to one at the largest; ellipses hold 95 %"
     key_below(figure, handles, note, columns=6)

@@ -6,9 +6,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ident.assess.identified_modes import IdentifiedModes
+from ident.modal.ambient_test import AmbientTest
+from ident.modal.estimate import Modes
 from ident.modal.modal_test import ModalTest
+from ident.present.figures.ambient import ambient_figure
 from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PINK, key_below, plain, titled
-from ident.present.text.modal import place_in_words
+from ident.present.text.places import place_in_words
 from ident.present.text.words import cut, degrees
 
 WIDTH, PANEL = 9.0, 1.55
@@ -17,6 +20,11 @@ COLORS = (BLUE, ORANGE, PINK, GREY)
 """Colours of the forces."""
 DECADES = 5
 """Decades that a panel shows at most."""
+
+
+def measured_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes | None = None) -> Figure:
+    """Draw what was measured at a posture."""
+    return ambient_figure(test, identified) if isinstance(test, AmbientTest) else modal_figure(test, identified)
 
 
 def modal_figure(test: ModalTest, identified: IdentifiedModes | None = None) -> Figure:
@@ -34,8 +42,8 @@ def modal_figure(test: ModalTest, identified: IdentifiedModes | None = None) -> 
         if o < count:
             _response(upper, test, o)
             _coherence(lower, test, o)
-            if identified:
-                _fitted(upper, identified, o)
+            if identified and isinstance(identified.modes, Modes):
+                _fitted(upper, identified.modes, o)
         else:
             upper.set_visible(False)
             lower.set_visible(False)
@@ -67,10 +75,11 @@ def _response(axes: Axes, test: ModalTest, o: int) -> None:
     axes.set_ylabel("accelerance [1/kg]", fontsize=8)
 
 
-def _fitted(axes: Axes, identified: IdentifiedModes, o: int) -> None:
+def _fitted(axes: Axes, modes: Modes, o: int) -> None:
     """Draw the responses of the identified modes over the measured ones."""
-    frequency = identified.modes.frf.frequency
-    axes.semilogy(frequency, np.abs(identified.fitted[o]).T, color="black", linewidth=0.8, linestyle="--", zorder=3)
+    axes.semilogy(
+        modes.frf.frequency, np.abs(modes.fitted[o]).T, color="black", linewidth=0.8, linestyle="--", zorder=3
+    )
 
 
 def _coherence(axes: Axes, test: ModalTest, o: int) -> None:

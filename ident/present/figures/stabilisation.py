@@ -6,7 +6,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ident.assess.identified_modes import IdentifiedModes
+from ident.modal.ambient_test import AmbientTest
 from ident.modal.modal_test import ModalTest
+from ident.present.figures.ambient import draw_harmonics, draw_size, harmonic_key
 from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, key_below, plain, titled
 from ident.present.text.words import cut, degrees
 
@@ -16,37 +18,44 @@ HIGH = 0.68
 """MAC from which on its number is written in white."""
 
 
-def stabilisation_figure(test: ModalTest, identified: IdentifiedModes) -> Figure:
+def stabilisation_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) -> Figure:
     """Draw the poles of all orders with the clusters that modes were made of, and MAC and names of the modes."""
     figure = titled(SIZE, f"Modes at {degrees(test.posture)}")
     upper, lower = figure.subplots(2, 1, height_ratios=[3, 2])
-    _poles(upper, identified)
+    _poles(upper, test, identified)
     _mac(lower, identified)
+    ambient = isinstance(test, AmbientTest)
     handles = [
         Line2D([], [], linestyle="", marker="o", markersize=4, color=PALE, label="other pole"),
         Line2D([], [], linestyle="", marker="o", markersize=4, color=BLUE, label="pole of a lasting cluster"),
-        Line2D([], [], color=ORANGE, label="mode, by maximum likelihood"),
-        Line2D([], [], color=GREY, label="size of all responses"),
+        Line2D([], [], color=ORANGE, label="mode" if ambient else "mode, by maximum likelihood"),
+        Line2D([], [], color=GREY, label="first singular values" if ambient else "size of all responses"),
+        *(harmonic_key(test) if isinstance(test, AmbientTest) else ()),
     ]
     key_below(figure, handles, "MAC: measured shapes against those of the arm as its file has it", columns=4)
     return figure
 
 
-def _poles(axes: Axes, identified: IdentifiedModes) -> None:
-    """Draw the diagram over the summed size of the responses."""
-    diagram, frf = identified.modes.diagram, identified.modes.frf
+def _poles(axes: Axes, test: ModalTest | AmbientTest, identified: IdentifiedModes) -> None:
+    """Draw the diagram over the size of the responses."""
+    diagram = identified.modes.diagram
     lasting = diagram.cluster >= 0
     axes.plot(diagram.frequency[~lasting], diagram.order[~lasting], "o", color=PALE, markersize=3)
     axes.plot(diagram.frequency[lasting], diagram.order[lasting], "o", color=BLUE, markersize=3)
     for frequency in identified.modes.frequency:
         axes.axvline(frequency, color=ORANGE, linewidth=1.0, zorder=0)
-    axes.set_xlim(0, frf.frequency[-1])
+    axes.set_xlim(0, identified.modes.band[1])
     axes.set_ylim(0, None)
-    axes.set_ylabel("order of the polynomial", fontsize=9)
+    axes.set_ylabel("states" if isinstance(test, AmbientTest) else "order of the polynomial", fontsize=9)
     axes.set_xlabel("frequency [Hz]", fontsize=9)
     plain(axes)
     size = axes.twinx()
-    size.semilogy(frf.frequency, np.sqrt((np.abs(frf.mean) ** 2).sum((0, 1))), color=GREY, linewidth=0.9)
+    if isinstance(test, AmbientTest):
+        draw_size(size, test)
+        draw_harmonics(axes, test)
+    else:
+        every = np.sqrt((np.abs(test.frf.mean) ** 2).sum((0, 1)))
+        size.semilogy(test.frf.frequency, every, color=GREY, linewidth=0.9)
     size.set_yticks([])
     size.minorticks_off()
     plain(size, left=False)

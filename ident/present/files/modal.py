@@ -2,19 +2,20 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ident.assess.identified_modes import IdentifiedModes
 from ident.measure import Campaign, write_campaign
 from ident.measure.covariance import covariance_path
+from ident.modal.ambient_test import AmbientTest
 from ident.modal.modal_test import ModalTest
-from ident.present.text.modal import place_in_words
+from ident.present.text.places import place_in_words
 
 
 def modal_rows(
-    tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes], campaign: Campaign | None
+    tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes], campaign: Campaign | None
 ) -> list[dict[str, Any]]:
     """Return a row for each mode: posture [deg], load, frequency [Hz], damping ratio [-], sd of both, label."""
     return [
@@ -37,31 +38,47 @@ def write_campaign_file(campaign: Campaign, head: Mapping[str, Any], path: Path)
     """Write the campaign, and beside it how the errors of the rows of a posture are correlated."""
     comments = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",
-        "Modes of a hammer test that have a name. of: pole, the undamped frequency is |pole| / 2 pi.",
+        "Modes of a modal test that have a name. of: pole, the undamped frequency is |pole| / 2 pi.",
         f"The errors of the rows of one group are correlated: see {covariance_path(path).name}.",
     ]
     write_campaign(campaign, path, header_comments=comments)
 
 
-def write_netcdf(tests: Sequence[ModalTest], head: Mapping[str, Any], path: Path) -> None:
-    """Write mean accelerance, real and imaginary, and coherence of each test, as `test1`, `test2`, ..."""
+def write_netcdf(tests: Sequence[ModalTest | AmbientTest], head: Mapping[str, Any], path: Path) -> None:
+    """Write mean accelerance, real and imaginary, and coherence of each test, as `test1`, `test2`, ...
+
+    Of an ambient test the singular values of the spectral density.
+    """
     import xarray
 
     data: dict[str, Any] = {}
     for number, test in enumerate(tests, 1):
-        names = (f"response{number}", f"force{number}", f"frequency{number}")
-        mean = test.frf.mean
-        coordinates = {
-            names[0]: [place_in_words(place) for place in test.frf.responses],
-            names[1]: [place_in_words(place) for place in test.frf.references],
-            names[2]: test.frf.frequency,
-        }
-        for word, values, unit in (
-            ("real", mean.real, "1/kg"),
-            ("imaginary", mean.imag, "1/kg"),
-            ("coherence", test.coherence, "1"),
-        ):
-            attributes = {"units": unit, "posture_deg": [math.degrees(angle) for angle in test.posture]}
-            data[f"test{number}_{word}"] = xarray.DataArray(values, coordinates, names, attrs=attributes)
+        each = _densities(number, test) if isinstance(test, AmbientTest) else _responses(number, test)
+        posture = [math.degrees(angle) for angle in test.posture]
+        for name, values, unit, coordinates in each:
+            attributes = {"units": unit, "posture_deg": posture}
+            data[name] = xarray.DataArray(values, coordinates, tuple(coordinates), attrs=attributes)
     dataset = xarray.Dataset(data, attrs={"format": head["format"], "head": json.dumps(head)})
     dataset.to_netcdf(path, engine="h5netcdf")
+
+
+_Written = Iterator[tuple[str, Any, str, dict[str, Any]]]
+"""Name, values, unit and coordinates."""
+
+
+def _responses(number: int, test: ModalTest) -> _Written:
+    mean = test.frf.mean
+    coordinates = {
+        f"response{number}": [place_in_words(place) for place in test.frf.responses],
+        f"force{number}": [place_in_words(place) for place in test.frf.references],
+        f"frequency{number}": test.frf.frequency,
+    }
+    yield f"test{number}_real", mean.real, "1/kg", coordinates
+    yield f"test{number}_imaginary", mean.imag, "1/kg", coordinates
+    yield f"test{number}_coherence", test.coherence, "1", coordinates
+
+
+def _densities(number: int, test: AmbientTest) -> _Written:
+    singular = test.density.singular
+    coordinates = {f"value{number}": range(1, len(singular) + 1), f"frequency{number}": test.density.frequency}
+    yield f"test{number}_singular", singular, "1/Hz", coordinates

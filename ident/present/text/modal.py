@@ -1,4 +1,4 @@
-"""The printed report of a hammer test: each posture's hits and checks, its modes, names, and what is in doubt."""
+"""The printed report of a modal test: each posture's hits or record, its modes, names, and what is in doubt."""
 
 from collections.abc import Iterator, Sequence
 from itertools import chain, zip_longest
@@ -7,8 +7,11 @@ import numpy as np
 
 from ident.assess.identified_modes import IdentifiedModes
 from ident.measure import Campaign
-from ident.modal.frf import Place
+from ident.modal.ambient_test import AmbientTest
+from ident.modal.estimate import Modes
 from ident.modal.modal_test import ModalTest
+from ident.present.text.ambient import ambient_heading, ambient_reliance, ambient_test
+from ident.present.text.places import place_in_words
 from ident.present.text.words import cut, degrees, paragraphs
 
 CORRELATED = 0.3
@@ -16,30 +19,48 @@ CORRELATED = 0.3
 
 
 def modal_report(
-    tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes] = (), campaign: Campaign | None = None
+    tests: Sequence[ModalTest | AmbientTest],
+    identified: Sequence[IdentifiedModes] = (),
+    campaign: Campaign | None = None,
 ) -> str:
     """Return the report: a heading, then each posture with its modes, then what the campaign has."""
     postures = [
-        chain(_test(number, test), _modes(each) if each else ())
+        chain(_state(number, test), _test(test), _modes(each) if each else ())
         for number, (test, each) in enumerate(zip_longest(tests, identified), 1)
     ]
     return paragraphs([_heading(tests), *postures, _campaign(identified, campaign) if campaign else ()])
 
 
-def _heading(tests: Sequence[ModalTest]) -> Iterator[str]:
-    hits = sum(len(test.frf.hits) * len(test.frf.references) for test in tests)
-    rejected = sum(len(test.rejected) for test in tests)
-    states = f"{len(tests)} posture{'s' * (len(tests) > 1)}"
-    yield f"Hammer test at {states}: {hits} hits count, {rejected} {'does' if rejected == 1 else 'do'} not"
-    doubtful = sum(not check.good for test in tests for check in test.checks)
+def _heading(tests: Sequence[ModalTest | AmbientTest]) -> Iterator[str]:
+    hammer = [test for test in tests if isinstance(test, ModalTest)]
+    ambient = [test for test in tests if isinstance(test, AmbientTest)]
+    if hammer:
+        rejected = sum(len(test.rejected) for test in hammer)
+        hits = sum(test.hits for test in hammer)
+        not_counted = f"{rejected} {'does' if rejected == 1 else 'do'} not"
+        yield f"Hammer test at {_postures(hammer)}: {hits} hits count, {not_counted}"
+    if ambient:
+        yield from ambient_heading(ambient, _postures(ambient))
+    doubtful = sum(not check.good for test in hammer for check in test.checks)
     if doubtful:
         fail = "s fail" if doubtful > 1 else " fails"
         yield f"  WARNING: {doubtful} check{fail}, see below: look at directions first"
 
 
-def _test(number: int, test: ModalTest) -> Iterator[str]:
-    frf = test.frf
+def _postures(tests: Sequence[object]) -> str:
+    return f"{len(tests)} posture{'s' * (len(tests) > 1)}"
+
+
+def _state(number: int, test: ModalTest | AmbientTest) -> Iterator[str]:
     yield f"Posture {number}: {degrees(test.posture)}, {cut(str(test.load), 50)}, drives: {test.drives}"
+
+
+def _test(test: ModalTest | AmbientTest) -> Iterator[str]:
+    return ambient_test(test) if isinstance(test, AmbientTest) else _hammer_test(test)
+
+
+def _hammer_test(test: ModalTest) -> Iterator[str]:
+    frf = test.frf
     low, high = frf.frequency[0], frf.frequency[-1]
     step = frf.frequency[1] - frf.frequency[0]
     record = f", records of {test.duration:.4g} s" if test.duration else ", finished frequency responses"
@@ -74,14 +95,19 @@ def _modes(each: IdentifiedModes) -> Iterator[str]:
         yield f"  {i + 1:6d}{numbers}  {float(labels.mac[i].max()):5.2f}  {label or '-'}"
         if why:
             yield f"         NO NAME for mode {i + 1}: {why}"
+    yield from _reliance(modes) if isinstance(modes, Modes) else ambient_reliance(modes)
+    for pole in modes.rejected:
+        yield f"  no mode at {pole.frequency:.2f} Hz: {pole.why}"
+
+
+def _reliance(modes: Modes) -> Iterator[str]:
+    """Yield what the covariance rests on."""
     low, high = modes.ratio.band
     verdict = "beyond" if modes.ratio.doubtful else "within"
     yield (
         f"  scatter of the hits: {modes.ratio.value:.2f} of the variance by maximum likelihood, {verdict} "
         f"{low:.2f} to {high:.2f} (99 %)"
     )
-    for pole in modes.rejected:
-        yield f"  no mode at {pole.frequency:.2f} Hz: {pole.why}"
     if not modes.converged:
         yield "  WARNING: the search for the most probable modes has not ended"
 
@@ -105,12 +131,3 @@ def _campaign(identified: Sequence[IdentifiedModes], made: Campaign) -> Iterator
         words = " and ".join(f"{row.mode} ({row.kind.replace('_', ' ')})" for row in rows)
         yield f"  largest correlation {value:.2f}: {words} at {degrees(rows[0].posture)}"
     yield "  how the rows' errors are correlated lies beside the campaign, where ident fit finds it"
-
-
-def place_in_words(place: Place) -> str:
-    """Write a place as `tip -z`, or with the components of its direction."""
-    axes = np.array(place.direction)
-    along = np.flatnonzero(abs(axes) > 1 - 1e-9)
-    if len(along):
-        return f"{cut(place.point, 12)} {'-' if axes[along[0]] < 0 else ''}{'xyz'[along[0]]}"
-    return f"{cut(place.point, 12)} ({' '.join(f'{each + 0.0:.2g}' for each in axes)})"

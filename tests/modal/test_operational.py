@@ -1,0 +1,181 @@
+"""Modes of ambient vibration: against pyOMA_2 on the same records, against the model's poles, and what is in doubt."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ambient_records import RATE, ambient_test, as_record, shaken
+from scipy.stats import binom
+
+from ident.errors import InputError
+from ident.modal.ambient import ROWS, ambient_tests
+from ident.modal.correlations import correlations_of
+from ident.modal.modal_test import Processing
+from ident.modal.operational import operational_modes
+from ident.modal.subspace import realisations
+
+pytestmark = pytest.mark.slow
+
+BAND = (1.0, 28.0)
+SHARP = (0, 1, 3, 4)
+"""Modes damped by less than 5 %."""
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return shaken(600.0)
+
+
+@pytest.fixture(scope="module")
+def record(arm):
+    return arm.record(np.random.default_rng(11))
+
+
+@pytest.fixture(scope="module")
+def modes(record):
+    return operational_modes(ambient_test(record, band=BAND))
+
+
+@pytest.fixture(scope="module")
+def peer(record):
+    """Poles of pyOMA_2's SSI-cov of the same record, (frequency [Hz], damping ratio) for each order."""
+    before = np.geterr()
+    from pyoma2.functions.ssi import SSI_fast, SSI_poles, build_hank
+
+    np.seterr(**before)  # importing pyOMA_2 switches warnings off
+    scaled = record / record.std(1, keepdims=True)
+    hankel, _ = build_hank(scaled, scaled, ROWS, "cov")
+    _, A, C, _ = SSI_fast(hankel, ROWS, 60, step=2)
+    frequency, damping, *_ = SSI_poles(hankel, A, C, 60, 1 / RATE, step=2)
+    return frequency, damping
+
+
+def test_correlation_functions_are_those_of_their_definition(record):
+    """Sums of blocks against products in a loop."""
+    part = record[:, :400]
+    made = correlations_of([part], (0, 4), 1 / RATE, lags=30, length=100)
+    assert made.blocks.shape[1:] == (6, 2, 30)
+    count = part.shape[1] - 29
+    for lag in (0, 1, 17, 29):
+        expected = part[:, lag : lag + count] @ part[[0, 4], :count].T / count
+        np.testing.assert_allclose(made.mean[..., lag], expected, rtol=0, atol=1e-12 * abs(expected).max())
+    without = made.samples.sum() - made.samples[1]
+    np.testing.assert_allclose(made.without(1), (made.blocks.sum(0) - made.blocks[1]) / without)
+    np.testing.assert_allclose(made.joined(2).mean, made.mean)
+
+
+def test_exact_correlations_give_the_exact_poles():
+    """R(k) = C A^(k-1) G of a known system."""
+    rng = np.random.default_rng(2)
+    poles = 2 * np.pi * np.array([4.0, 4.1, 11.0]) * (-0.02 + 1j)
+    root = np.exp(poles / RATE)
+    shapes, participation = rng.normal(size=(4, 3)) + 0.1j * rng.normal(size=(4, 3)), rng.normal(size=(2, 3))
+    powers = root[:, None] ** np.arange(-1, 59)
+    correlation = 2 * np.einsum("om,rm,mk->ork", shapes, participation, powers).real
+    correlation[..., 0] = rng.normal(size=(4, 2))  # lag 0 has noise and is not used
+    (found,) = realisations(correlation, 1 / RATE, [6])
+    order = np.argsort(np.abs(found.pole))
+    np.testing.assert_allclose(found.pole[order], poles, rtol=1e-6)
+    mac = np.abs(np.sum(found.unit_shape[:, order].conj() * shapes / np.linalg.norm(shapes, axis=0), axis=0))
+    np.testing.assert_allclose(mac, 1, atol=1e-6)
+
+
+def test_poles_of_an_order_are_those_of_pyoma(arm, record, peer):
+    """Those that are modes, of 30 states; what pyOMA_2 leaves out at the ends of the record is a thousandth of it."""
+    scaled = record / record.std(1, keepdims=True)
+    correlations = correlations_of([scaled], range(6), 1 / RATE, 2 * ROWS, 1000)
+    (found,) = realisations(correlations.mean, correlations.step, [30])
+    frequency, damping = (each[:, 15] for each in peer)
+    for k in SHARP:
+        own = found.pole[np.argmin(np.abs(found.pole - arm.poles[k]))]
+        i = np.nanargmin(np.abs(frequency - abs(own) / (2 * np.pi)) + np.abs(damping + own.real / abs(own)))
+        assert frequency[i] == pytest.approx(abs(own) / (2 * np.pi), rel=1e-3)
+        assert damping[i] == pytest.approx(-own.real / abs(own), abs=5e-4)
+
+
+def test_frequencies_are_those_of_pyoma_to_a_thousandth(arm, modes, peer):
+    """Medians over orders, of each mode that is damped by less than 5 %."""
+    frequency, damping = peer
+    for k in SHARP:
+        hertz = modes.frequency[np.argmin(np.abs(modes.frequency - arm.frequency[k]))]
+        apart = np.abs(frequency - arm.frequency[k]) / arm.frequency[k] + np.abs(damping - arm.damping[k])
+        best = np.nanmin(np.where(apart < 0.02, apart, np.nan), axis=0, initial=np.inf, where=np.isfinite(apart))
+        at = np.nanargmin(np.where(np.isfinite(apart), apart, np.inf), axis=0)
+        each = frequency[at, np.arange(len(at))][best < 0.02]
+        assert len(each) >= 15
+        assert np.median(each) == pytest.approx(hertz, rel=1e-3)
+
+
+def test_modes_are_those_of_the_model_within_their_covariance(arm, modes):
+    """Each number within four standard deviations; their rate is in tests/benchmarks/ambient.py."""
+    assert all(np.abs(modes.frequency / arm.frequency[k] - 1).min() < 0.01 for k in SHARP)
+    for i, hertz in enumerate(modes.frequency):
+        j = int(np.argmin(np.abs(arm.frequency - hertz)))
+        assert abs(hertz - arm.frequency[j]) < 4 * modes.sigma[0, i]
+        assert abs(modes.damping[i] - arm.damping[j]) < 4 * modes.sigma[1, i]
+    assert np.linalg.eigvalsh(modes.covariance).min() > -1e-12 * np.trace(modes.covariance)
+    assert not modes.doubtful
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say():
+    """Twelve records of the two sharper modes up to 15 Hz of the straight arm, and the first: 99.9 % band of 95 %."""
+    arm, inside, number = shaken(600.0, (0.0, 0.0, 0.0)), 0, 0
+    for seed in range(12):
+        modes = operational_modes(ambient_test(arm.record(np.random.default_rng(seed)), band=(3.0, 15.0)))
+        for frequency, damping in zip(arm.frequency[:3], arm.damping[:3], strict=True):
+            i = int(np.argmin(np.abs(modes.frequency - frequency)))
+            off = modes.frequency[i] - frequency, modes.damping[i] - damping
+            inside += int((np.abs(off) < 1.96 * modes.sigma[:, i]).sum())
+            number += 2
+    low, high = binom.interval(0.999, number, 0.95)
+    assert number == 72
+    assert low <= inside <= high
+
+
+def test_units_of_responses_do_not_matter(record, modes):
+    """The same record in other units, and one response as a velocity: poles alike, shapes those of accelerations."""
+    factor = np.array([1, 10, 1, 1, 1e3, 1])
+    scaled = operational_modes(ambient_test(record * factor[:, None], band=BAND))
+    np.testing.assert_allclose(scaled.frequency, modes.frequency, rtol=1e-9)
+    ratio = scaled.shape / modes.shape / factor[:, None]
+    np.testing.assert_allclose(ratio, np.broadcast_to(ratio[0], ratio.shape), rtol=0.03)  # medians of other ratios
+    test = ambient_test(record, band=BAND)
+    faster = operational_modes(replace(test, order=(0, 1, 0, 0, 0, 0)))
+    pole = 2 * np.pi * modes.frequency * (-modes.damping + 1j * np.sqrt(1 - modes.damping**2))
+    ratio = faster.shape / modes.shape
+    np.testing.assert_allclose(ratio[1] / ratio[0], pole, rtol=0.03)
+
+
+def test_modes_can_be_chosen_and_what_is_not_there_is_said(record):
+    test = ambient_test(record, band=BAND)
+    chosen = operational_modes(test, near=(15.0, 5.77))
+    np.testing.assert_allclose(chosen.frequency, (5.77, 15.0), rtol=0.01)
+    with pytest.raises(InputError, match="no lasting pole near"):
+        operational_modes(test, near=(9.0,))
+
+
+def test_short_records_are_refused_and_one_reference_is_said(record):
+    with pytest.raises(InputError, match="got 30 s of responses without a force, expected at least 40 s"):
+        ambient_test(record[:, :3000])
+    brief = operational_modes(ambient_test(record[:, :20000], band=BAND))
+    assert brief.doubtful
+    assert any("WARNING: too short a record" in remark for remark in brief.remarks)
+    one = operational_modes(ambient_test(record, references=(2,), band=BAND))
+    assert any("one reference only: modes that coincide are seen as one" in remark for remark in one.remarks)
+    single = operational_modes(ambient_test(record[:1], references=(0,), band=BAND))
+    assert any("one response only" in remark for remark in single.remarks)
+
+
+def test_noise_without_a_mode_is_refused():
+    noise = np.random.default_rng(3).normal(size=(3, 20000))
+    with pytest.raises(InputError, match="without a"):
+        operational_modes(ambient_test(noise))
+
+
+def test_files_of_one_posture_are_one_test(record):
+    halves = [as_record(record[:, :30000]), as_record(record[:, 30000:])]
+    (test,) = ambient_tests(halves, Processing(band=BAND))
+    assert test.files == ("ambient.h5", "ambient.h5")
+    assert test.correlations.duration == pytest.approx(600 - 2 * 0.99)
+    with pytest.raises(InputError, match=r"other references than 'ambient\.h5'"):
+        ambient_tests([halves[0], as_record(record, references=(1,))], Processing())
