@@ -16,11 +16,12 @@ from ident.identify.definitions import NotAllUndamped, definitions_of
 from ident.identify.misfits import misfits, too_many, unknown_names
 from ident.identify.mode_assignment import Named, name_modes
 from ident.identify.repeats import Repeats, repeats, room
+from ident.identify.shapes import Shapes, shapes_of
 from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
-from ident.measure.kinds import DIFFERENCES, ROTATIONS, TWISTS
+from ident.measure.kinds import DIFFERENCES, ROTATIONS, SHAPES, TWISTS
 
-BY_MODE = ("frequency", "damping_ratio")
+BY_MODE = ("frequency", "damping_ratio", *SHAPES)
 State = tuple[tuple[float, ...], Load, str]
 """Posture, load case, and what held the motors."""
 MOST = 20000
@@ -92,6 +93,7 @@ class Conditions(eqx.Module):
         repeats: the rows of each value.
         definitions: what each frequency is, those with a label first.
         servo: (S,) 1 where servos of the arm held its motors, 0 where brakes did; None where they did everywhere.
+        shapes: what the named values that are of shapes say; None where none are.
     """
 
     posture: Float[AnyArray, "joints S"]
@@ -103,6 +105,7 @@ class Conditions(eqx.Module):
     repeats: Repeats
     definitions: NotAllUndamped = None
     servo: Float[AnyArray, "S"] | None = None
+    shapes: Shapes | None = None
 
     @property
     def labelled(self) -> NotAllUndamped:
@@ -131,11 +134,11 @@ class Conditions(eqx.Module):
         state = room(np.arange(self.posture.shape[1]))
         labels = len(named.states)
         read = labels + len(unnamed.states)
-        kinds = np.split(np.arange(read), [named.frequencies, labels])
+        kinds = np.split(np.arange(read), [named.frequencies, labels - named.shapes, labels])
         kinds += [read + own for own in readings.by_kind()]
         values = [room(kind) for kind in kinds]
-        label, other = np.concatenate(values[:2]), values[2] - labels
-        reading = np.concatenate(values[3:]) - read
+        label, other = np.concatenate(values[:3]), values[3] - labels
+        reading = np.concatenate(values[4:]) - read
         place, rows = np.zeros(self.count, int), np.arange(sum(map(len, values)))
         before = np.cumsum([0, *map(len, values)])
         for kind, start in zip(kinds, before, strict=False):
@@ -153,6 +156,7 @@ class Conditions(eqx.Module):
                 len(values[1]),
                 named.patterns,
                 named.top,
+                len(values[2]),
             ),
             Unnamed(unnamed.states[other], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
             readings.of(reading),
@@ -160,8 +164,9 @@ class Conditions(eqx.Module):
             repeats(rows, rows),
             None
             if self.definitions is None
-            else self.definitions[np.concatenate([values[0], values[2] - named.ratios])],
+            else self.definitions[np.concatenate([values[0], values[3] - named.others])],
             None if self.servo is None else np.asarray(self.servo)[state],
+            None if self.shapes is None else jax.device_get(self.shapes).of(values[2] - (labels - named.shapes)),
         )
         return more, np.asarray(self.repeats.first)[np.concatenate(values)], place[order]
 
@@ -192,7 +197,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         raise InputError(Problem(campaign.path, got, f"at most {MOST} different values", remedy))
     place = {key: i for i, key in enumerate(values)}
     order = np.array([place[key] for key in keys])
-    named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1), (2,), (3,)))
+    named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1, 2), (3,), (4,)))
     posture = np.array([posture for posture, *_ in states], float).T
     bound = Conditions(
         posture,
@@ -204,6 +209,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         repeats(order, np.array([first[key] for key in values])),
         definitions_of([campaign.measurements[first[key]] for key in values]),
         _servo(arm, states),
+        shapes_of(arm, [campaign.measurements[key[3]] for key in named if key[0] == 2]),
     )
     return jax.device_put(bound)
 
@@ -217,17 +223,19 @@ def _servo(arm: Arm, states: dict[State, int]) -> Float[np.ndarray, "S"] | None:
 def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple[Any, ...]:
     """Return what a row measured: its group, its state, and what else tells it; the same where rows are repeats.
 
-    Frequencies without a label are of different modes.
+    Frequencies without a label are of different modes. Shapes are no repeats of each other: each has a scale of its own.
     """
     state = states[m.posture, m.load, m.drives]
+    if m.kind in SHAPES:
+        return 2, state, parse_label(m.mode or ""), row
     if m.kind in BY_MODE:
-        return (BY_MODE.index(m.kind), state, parse_label(m.mode), m.of) if m.mode else (2, state, m.value, row)
+        return (BY_MODE.index(m.kind), state, parse_label(m.mode), m.of) if m.mode else (3, state, m.value, row)
     against = states[m.posture, m.reference_load, m.drives] if m.kind in DIFFERENCES else -1
     if m.kind in TWISTS:
         joint = [joint.name for joint in arm.joints].index(m.joint or "")
-        return 3, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), False, True
+        return 4, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), False, True
     point = [point.name for point in arm.points].index(m.point or "")
-    return 3, state, against, point, m.direction, m.kind in ROTATIONS, False
+    return 4, state, against, point, m.direction, m.kind in ROTATIONS, False
 
 
 def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
@@ -254,7 +262,8 @@ def loads_of(arm: Arm, load: Load) -> Loads:
 
 def _named(values: Sequence[tuple[Any, ...]], count: int) -> Named:
     states = np.array([state for _, state, *_ in values], int)
-    return name_modes([label for _, _, label, _ in values], states, count, sum(group for group, *_ in values))
+    groups = [group for group, *_ in values]
+    return name_modes([label for _, _, label, _ in values], states, count, groups.count(1), groups.count(2))
 
 
 def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:

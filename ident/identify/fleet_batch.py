@@ -89,7 +89,8 @@ def _right(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> bool:
         check_values(problem, given.campaign, given.arm, trusted)
     except IdentError:
         return False
-    return problem.in_parts() is None and problem.correlation is None
+    bound = problem.model.conditions.shapes is not None  # to what was measured of one robot
+    return problem.in_parts() is None and problem.correlation is None and not bound
 
 
 def _fitted(group: Sequence[Given], unknowns: Unknowns, size: int, seed: int) -> dict[str, Robot]:

@@ -29,6 +29,7 @@ from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable,
 from ident.identify.parts import Parts as ConditionsInParts
 from ident.identify.parts import in_parts
 from ident.identify.readings import read
+from ident.identify.shapes import read_shapes
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
 
@@ -113,7 +114,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
         off, no = how_far_off(values, hertz, data, chosen), jnp.array(False)
         now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
-        return _values(chain, at, self.conditions, table, chosen, data), jax.lax.stop_gradient(choice)
+        return _values(chain, at, self.conditions, (modes, table), chosen, data), jax.lax.stop_gradient(choice)
 
 
 def _split(parts: ConditionsInParts, held: Held | None) -> list[Held | None]:
@@ -155,11 +156,12 @@ def predict(
     data = None if data is None else conditions.repeats.pooled(data)
     at = static_equilibrium(chain)
     if not len(values.states):
-        return _values(chain, at, conditions, None, None, data)
+        return _values(chain, at, conditions, (None, None), None, data)
     modes = modes_about(chain, at)
     table = by_definition(modes.frequency, chain, at, conditions.definitions)
     hertz = defined(table, values.states, conditions.labelled)
-    return _values(chain, at, conditions, table, most_probable(values, modes, data, 0.0, hertz=hertz), data)
+    chosen = most_probable(values, modes, data, 0.0, hertz=hertz)
+    return _values(chain, at, conditions, (modes, table), chosen, data)
 
 
 def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> Chain:
@@ -179,11 +181,12 @@ def _values(
     chain: Chain,
     at: StaticEquilibrium,
     conditions: Conditions,
-    table: Float[Array, "K m S *batch"] | None,
+    solved: tuple[Modes | None, Float[Array, "K m S *batch"] | None],
     chosen: Array | None,
     data: Data | None,
 ) -> Float[Array, "D *batch"]:
-    """Return all values, given all frequencies (see `by_definition`) and the mode of each labelled value."""
+    """Return all values, given all modes, their frequencies (see `by_definition`) and the mode of each labelled value."""
+    modes, table = solved
     named, unnamed, readings = conditions.named, conditions.unnamed, conditions.readings
     first = named.frequencies
     values: list[Array] = []
@@ -196,7 +199,11 @@ def _values(
     if table is not None and chosen is not None:
         values = [picked(defined(table, named.states[:first], conditions.labelled), chosen[:, :first])]
         if named.ratios:
-            values.append(pick(_damping_ratios(chain, at), chosen[:, first:], named.states[first:]))
+            own = slice(first, first + named.ratios)
+            values.append(pick(_damping_ratios(chain, at), chosen[:, own], named.states[own]))
+        if conditions.shapes is not None and modes is not None:
+            own = slice(first + named.ratios, None)
+            values.append(read_shapes(chain, at.phi, modes, conditions.shapes, named.states[own], chosen[:, own]))
         if unnamed.highest:
             nth, next_one = (lowest_left(conditions, chosen, beyond) for beyond in (0, 1))
             hertz = defined(table, unnamed.states, conditions.unlabelled)

@@ -37,7 +37,7 @@ LONG = 24
 
 
 class Slopes(NamedTuple):
-    """A campaign's predictions [SI] and their derivatives; zero in the rows of damping ratios.
+    """A campaign's predictions [SI] and their derivatives; zero in the rows of damping ratios and shapes.
 
     Attributes:
         predicted: (D,) of the arm itself.
@@ -176,7 +176,7 @@ def _rows(
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
     values = [
         pick(frequency, choice[0][:, :first], named.states[:first]),
-        jnp.zeros(named.ratios),
+        jnp.zeros(named.others),
         pick(frequency, choice[1], unnamed.states),
         reads,
     ]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from ident.errors import InputError, Problem
 from ident.measure.covariance import Correlated, Covariance, correlated
-from ident.measure.kinds import DIFFERENCES, KINDS, ROLES, ROTATIONS, TWISTS
+from ident.measure.kinds import DIFFERENCES, KINDS, ROLES, ROTATIONS, SHAPES, TWISTS
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
 from ident.text import nearest, quoted
 from ident.units import QUANTITIES
@@ -39,7 +39,8 @@ class Measurement:
     Attributes:
         kind: `frequency` (natural frequency [Hz], see `of`), `deflection` [m], `deflection_difference` (under
             `load` minus under `reference_load` [m]), `rotation` [rad], `rotation_difference` [rad], `twist` [rad],
-            `twist_difference` [rad] or `damping_ratio` [-].
+            `twist_difference` [rad], `damping_ratio` [-] or `shape` (how a mode moves `point` along `direction`, over
+            how it moves `reference_point` along `reference_direction` [-], so that scale and sign do not matter).
         posture: (joints,) [rad] joint angles at which the arm was held.
         value: () [Hz, m, rad or -] the measured number.
         sigma: () [as value] its standard deviation.
@@ -48,6 +49,8 @@ class Measurement:
         point: point of the arm whose deflection was read; of a rotation, the point whose body turned.
         direction: (3,) [-] unit vector in the base frame, along which a deflection counts, -z when not given, or about
             which a rotation counts, right-handed.
+        reference_point: point that a shape is counted from.
+        reference_direction: (3,) [-] unit vector in the base frame, likewise.
         joint: joint whose twist was read.
         resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
         repeat: what tells this reading from others of the same, such as its number.
@@ -69,6 +72,8 @@ class Measurement:
     of: str | None = None
     point: str | None = None
     direction: Vector | None = None
+    reference_point: str | None = None
+    reference_direction: Vector | None = None
     joint: str | None = None
     resolution: float = 0.0
     repeat: str = ""
@@ -89,6 +94,7 @@ class Measurement:
         problems = [
             *role_problems(self.kind, given),
             *load_problems(self.kind, self.load, self.reference_load),
+            *reference_problems(self),
             *definition_problems(self.of),
             *drive_state_problems(self.drives),
             *value_problems(self.kind, self.value, self.sigma),
@@ -186,10 +192,13 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
             expected = f"nothing, since a {kind} has no {name}"
             yield Problem("", quoted(given[name]), expected, "empty the cell or correct the kind", name)
     if "point" in ROLES[kind] and "point" not in given:
-        read = "whose body turned" if kind in ROTATIONS else "whose deflection was read"
+        read = "whose body turned" if kind in ROTATIONS else "whose motion was read"
         yield Problem("", "nothing", f"the point {read}", "name a point of the arm", "point")
     if kind in TWISTS and "joint" not in given:
         yield Problem("", "nothing", "the joint whose twist was read", "name a driven joint of the arm", "joint")
+    for name in ROLES[kind] if kind in SHAPES else ():
+        if name != "point" and name not in given:
+            yield Problem("", "nothing", f"the {name.replace('_', ' ')} of a shape", "fill the cell", name)
     if kind in ROTATIONS and "direction" not in given:
         remedy = "give one of x, -z, ... or three numbers"
         yield Problem("", "nothing", "the axis that the rotation is about, right-handed", remedy, "direction")
@@ -201,6 +210,13 @@ def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Probl
         got = f"{quoted(str(reference_load))}, the load itself"
         remedy = "give the two loads of the difference"
         yield Problem("", got, "a reference load that differs from the load", remedy, "reference_load")
+
+
+def reference_problems(m: Measurement) -> Iterator[Problem]:
+    """Find a shape that is counted from the place where it was read."""
+    if m.kind in SHAPES and (m.point, m.direction) == (m.reference_point, m.reference_direction):
+        remedy = "leave the row out: it would be one, whatever the arm"
+        yield Problem("", "the reference itself", "another point or direction", remedy, "reference_point")
 
 
 def definition_problems(of: str | None) -> Iterator[Problem]:
@@ -241,7 +257,7 @@ def resolution_problems(resolution: float) -> Iterator[Problem]:
         yield Problem("", f"{resolution:g}", "a resolution above 0", remedy, "resolution")
 
 
-_ROLE_FIELDS = ("mode", "of", "point", "direction", "joint", "reference_load")
+_ROLE_FIELDS = tuple(dict.fromkeys(name for fields in ROLES.values() for name in fields))
 _RANGES = {"frequency": (0.0, math.inf), "damping_ratio": (0.0, 1.0)}
 
 
@@ -265,6 +281,8 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "point": (m.point or "").strip() or None,
         "joint": (m.joint or "").strip() or None,
         "direction": unit_vector(direction) if direction else None,
+        "reference_point": (m.reference_point or "").strip() or None,
+        "reference_direction": unit_vector(m.reference_direction) if m.reference_direction else None,
         "unit": m.unit.strip() or QUANTITIES[KINDS[m.kind]].si,
         "note": "\n".join(m.note.splitlines()).strip(),
     }

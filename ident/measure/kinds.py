@@ -9,6 +9,7 @@ KINDS = {
     "twist": "rotation",
     "twist_difference": "rotation",
     "damping_ratio": "damping_ratio",
+    "shape": "ratio",
 }
 """Kinds of measurement, each with the quantity it is measured in."""
 
@@ -21,6 +22,7 @@ ROLES = {
     "twist": ("joint",),
     "twist_difference": ("joint", "reference_load"),
     "damping_ratio": ("mode",),
+    "shape": ("mode", "point", "direction", "reference_point", "reference_direction"),
 }
 """The fields that a kind has beside posture, load, value and sigma."""
 
@@ -32,3 +34,6 @@ ROTATIONS = ("rotation", "rotation_difference")
 
 TWISTS = ("twist", "twist_difference")
 """Kinds that encoders on both sides of a joint read: angle of the link less that of the motor over the ratio."""
+
+SHAPES = ("shape",)
+"""Kinds that say how a mode moves a point along a direction, over how it moves the reference along its own."""

@@ -15,7 +15,7 @@ from ident.measure.reading import parse_campaign
 from ident.measure.text import format_number
 from ident.units import si_factor
 
-WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "rotation": "mrad", "damping_ratio": "1"}
+WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "rotation": "mrad", "damping_ratio": "1", "ratio": "1"}
 """Unit in which each measured quantity is written."""
 
 
@@ -95,6 +95,8 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
         ("note", m.note),
     )
     yield "direction", format_direction(m.direction) if m.direction else ""
+    yield "reference_point", m.reference_point or ""
+    yield "reference_direction", format_direction(m.reference_direction) if m.reference_direction else ""
     yield "load", str(m.load) if m.load else ""
     yield "reference_load", str(m.reference_load) if m.reference_load else ""
     yield "drives", m.drives if m.drives != DRIVE_STATES[0] else ""

@@ -11,6 +11,7 @@ KINDS = {
     "rotation_difference": (1e3, "mrad"),
     "twist": (1e3, "mrad"),
     "twist_difference": (1e3, "mrad"),
+    "shape": (1.0, ""),
 }
 MM = 1e3
 """mm in a metre."""
