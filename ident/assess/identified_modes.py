@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
@@ -77,16 +77,20 @@ def _modes(test: ModalTest, near: tuple[float, ...] | None) -> Modes:
         raise InputError(problems) from None
 
 
-def modal_campaign(name: str, tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes]) -> Campaign:
+def modal_campaign(
+    name: str, tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes], *, shapes: bool = False
+) -> Campaign:
     """Return the campaign of the modes that have a name; a doubtful one is no row, as it could be matched wrongly.
 
-    Of each posture the frequencies, then the damping ratios, whose errors are correlated as the modes' are.
+    Of each posture the frequencies, then the damping ratios, then the shapes where they are asked for, whose errors are
+    correlated as the modes' are.
     """
     rows, groups = list[Measurement](), list[Group]()
     for number, (test, each) in enumerate(zip(tests, identified, strict=True), 1):
-        own = list(_rows(test, each))
+        named = _named(each)
+        own = [*_rows(test, each), *(_shape_rows(test, each, named) if shapes else ())]
         if own:
-            group = Group(f"{name} {number}", _correlation(each))
+            group = Group(f"{name} {number}", _correlation(each.modes, _slopes(each.modes, named, shapes)))
             rows += [replace(row, group=group.name, member=place) for place, row in enumerate(own, 1)]
             groups.append(group)
     return Campaign(name=name, measurements=tuple(rows), covariance=Covariance(tuple(groups)) if groups else None)
@@ -96,15 +100,65 @@ def _named(each: IdentifiedModes) -> list[int]:
     return [i for i, label in enumerate(each.labels.given) if label is not None]
 
 
-def _correlation(each: IdentifiedModes) -> tuple[tuple[float, ...], ...]:
-    """Return the correlation of frequencies and damping ratios of the modes that have a name."""
-    count, named = len(each.modes.frequency), _named(each)
-    at = [*named, *(count + i for i in named)]
-    covariance = each.modes.covariance[np.ix_(at, at)]
+def _slopes(modes: Modes, named: Sequence[int], shapes: bool) -> Float[np.ndarray, "r n"]:
+    """Return the derivative of the rows of the modes that have a name by frequencies, damping ratios and shapes."""
+    outputs, count = len(modes.shape), len(modes.frequency)
+    columns = 2 * count + 2 * outputs * count
+    rows = [np.eye(columns)[[*named, *(count + i for i in named)]]]
+    for i in named if shapes else ():
+        own = np.zeros((outputs - 1, columns))
+        own[:, 2 * count + 2 * outputs * i :][:, : 2 * outputs] = _ratios(modes.shape[:, i])[2]
+        rows.append(own)
+    return np.concatenate(rows)
+
+
+def _ratios(shape: Complex[np.ndarray, "O"]) -> tuple[int, Float[np.ndarray, "r"], Float[np.ndarray, "r two_O"]]:
+    """Return the place of the largest motion, the others over it, and their slopes by real and imaginary parts.
+
+    The shape is turned so that it is as real as can be, see `ident.identify.shapes`, and the real parts count.
+    """
+    turn = np.exp(-0.5j * np.angle((shape**2).sum()))
+    turned = shape * turn
+    largest = int(np.argmax(np.abs(turned.real)))
+    angle = turned * turn / (turned**2).sum().real  # its change is that of the imaginary part of its sum with the shape
+    moves = np.eye(len(shape)) * turn - 1j * np.outer(turned.imag, angle)
+    ratio = turned.real / turned.real[largest]
+    parts = np.concatenate([moves.real, -moves.imag], 1)
+    others = np.arange(len(shape)) != largest
+    return largest, ratio[others], ((parts - np.outer(ratio, parts[largest])) / turned.real[largest])[others]
+
+
+def _correlation(modes: Modes, slopes: Float[np.ndarray, "r n"]) -> tuple[tuple[float, ...], ...]:
+    """Return the correlation of numbers that have these derivatives."""
+    covariance = slopes @ modes.covariance @ slopes.T
     sd = np.sqrt(np.diag(covariance))
     whole = covariance / np.outer(sd, sd)
     np.fill_diagonal(whole, 1.0)
     return tuple(map(tuple, ((whole + whole.T) / 2).tolist()))
+
+
+def _shape_rows(test: ModalTest, each: IdentifiedModes, named: Sequence[int]) -> Iterator[Measurement]:
+    """Yield the motion of each response over the largest one, mode by mode."""
+    places = test.frf.responses
+    for i in named:
+        largest, values, slopes = _ratios(each.modes.shape[:, i])
+        sigma = np.sqrt(np.diag(slopes @ each.modes.of_shape([i]) @ slopes.T))
+        others = [place for j, place in enumerate(places) if j != largest]
+        for place, value, sd in zip(others, values.tolist(), sigma.tolist(), strict=True):
+            yield Measurement(
+                kind="shape",
+                posture=test.posture,
+                value=value,
+                sigma=sd,
+                mode=str(each.labels.given[i]),
+                of="pole",
+                point=place.point,
+                direction=place.direction,
+                reference_point=places[largest].point,
+                reference_direction=places[largest].direction,
+                load=test.load,
+                drives=test.drives,
+            )
 
 
 def _rows(test: ModalTest, each: IdentifiedModes) -> Iterator[Measurement]:

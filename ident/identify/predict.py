@@ -203,7 +203,7 @@ def _values(
             values.append(pick(_damping_ratios(chain, at), chosen[:, own], named.states[own]))
         if conditions.shapes is not None and modes is not None:
             own = slice(first + named.ratios, None)
-            values.append(read_shapes(chain, at.phi, modes, conditions.shapes, named.states[own], chosen[:, own]))
+            values.append(read_shapes(chain, at, modes, conditions.shapes, named.states[own], chosen[:, own]))
         if unnamed.highest:
             nth, next_one = (lowest_left(conditions, chosen, beyond) for beyond in (0, 1))
             hertz = defined(table, unnamed.states, conditions.unlabelled)

@@ -197,7 +197,7 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
     if kind in TWISTS and "joint" not in given:
         yield Problem("", "nothing", "the joint whose twist was read", "name a driven joint of the arm", "joint")
     for name in ROLES[kind] if kind in SHAPES else ():
-        if name != "point" and name not in given:
+        if name not in ("of", "point") and name not in given:
             yield Problem("", "nothing", f"the {name.replace('_', ' ')} of a shape", "fill the cell", name)
     if kind in ROTATIONS and "direction" not in given:
         remedy = "give one of x, -z, ... or three numbers"
@@ -213,7 +213,10 @@ def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Probl
 
 
 def reference_problems(m: Measurement) -> Iterator[Problem]:
-    """Find a shape that is counted from the place where it was read."""
+    """Find a shape that is counted from the place where it was read, or of a frequency's definition."""
+    if m.kind in SHAPES and m.of not in (None, "pole"):
+        remedy = "leave the cell empty, or write pole"
+        yield Problem("", quoted(m.of or ""), "undamped, or pole: a shape of the damped mode", remedy, "of")
     if m.kind in SHAPES and (m.point, m.direction) == (m.reference_point, m.reference_direction):
         remedy = "leave the row out: it would be one, whatever the arm"
         yield Problem("", "the reference itself", "another point or direction", remedy, "reference_point")

@@ -22,7 +22,7 @@ ROLES = {
     "twist": ("joint",),
     "twist_difference": ("joint", "reference_load"),
     "damping_ratio": ("mode",),
-    "shape": ("mode", "point", "direction", "reference_point", "reference_direction"),
+    "shape": ("mode", "of", "point", "direction", "reference_point", "reference_direction"),
 }
 """The fields that a kind has beside posture, load, value and sigma."""
 

@@ -48,6 +48,7 @@ class ModalOptions(ProblemOptions):
         read=reading.frequencies,
     )
     no_modes: bool = option(False, "frequency responses only")
+    shapes: bool = option(False, "write the measured shapes into the campaign, as data of a fit")
 
     @property
     def processing(self) -> "Processing":
@@ -213,7 +214,7 @@ def _identified(
     near = {int(number): frequencies for number, frequencies in options.modes.items()}
     parameters = stiffness_parameters(arm, options.unknowns)
     identified = identify_modes(arm, tests, parameters, near=near, seed=options.seed)
-    return identified, modal_campaign(f"{name}.modal", tests, identified)
+    return identified, modal_campaign(f"{name}.modal", tests, identified, shapes=options.shapes)
 
 
 modal = modal_test
