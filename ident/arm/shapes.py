@@ -6,7 +6,6 @@ from jaxtyping import Array, Complex, Float
 
 from ident.arm.chain import Chain
 from ident.arm.linalg import Square
-from ident.arm.mechanics import Phi
 from ident.arm.modes import Linearized, Modes, all_damped_modes
 from ident.arm.motors import point_motion
 from ident.arm.rotations import matmul, transpose
@@ -17,7 +16,7 @@ APART = 1e-8
 
 @jax.custom_jvp
 def turning_shapes(H: Square, M: Square, eigenvalues: Array, shapes: Square) -> Square:
-    """Return all mass-normalised shapes V (n, n, *batch) of H v = l M v, once differentiable by H and M:
+    """Return all mass-normalised shapes V (n, n, *batch) of H v = l M v, once differentiable by H and M.
 
         dv_a = sum_{k /= a} v_k v_k' (dH - l_a dM) v_a / (l_a - l_k) - v_a (v_a' dM v_a) / 2.
 

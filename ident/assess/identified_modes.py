@@ -10,9 +10,10 @@ from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.mode_labels import ModeLabels, label_modes
 from ident.inference.parameters import Parameters
-from ident.measure import Campaign, Measurement
+from ident.measure import DEFINITIONS, Campaign, Measurement
 from ident.measure.covariance import Covariance, Group
 from ident.modal.estimate import Modes, modes_of, together
+from ident.modal.finished import POLE, FinishedModes, FinishedTest
 from ident.modal.modal_test import ModalTest
 from ident.text import one_line
 
@@ -34,6 +35,22 @@ class IdentifiedModes:
         """Frequency responses of the modes [1/kg], at the lines within the band."""
         frf = self.modes.frf
         return self.modes.model.accelerance(2j * np.pi * frf.frequency + frf.decay)
+
+
+@dataclass(frozen=True)
+class NamedModes:
+    """Finished modes of one file.
+
+    Attributes:
+        modes: frequencies, damping ratios and shapes with their standard deviations.
+        labels: what each is called, and how sure.
+    """
+
+    modes: FinishedModes
+    labels: ModeLabels
+
+
+Labelled = IdentifiedModes | NamedModes
 
 
 def identify_modes(
@@ -68,6 +85,16 @@ def identify_modes(
     )
 
 
+def name_modes(
+    arm: Arm, tests: Sequence[FinishedTest], parameters: Parameters, *, seed: int = 0
+) -> tuple[NamedModes, ...]:
+    """Name finished modes of each file, see `identify_modes`."""
+    return tuple(
+        NamedModes(test.modes, label_modes(arm, test.posture, test.modes, parameters, test.load, seed=seed))
+        for test in tests
+    )
+
+
 def _modes(test: ModalTest, near: tuple[float, ...] | None) -> Modes:
     try:
         return modes_of(test.frf, near=near)
@@ -78,7 +105,11 @@ def _modes(test: ModalTest, near: tuple[float, ...] | None) -> Modes:
 
 
 def modal_campaign(
-    name: str, tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes], *, shapes: bool = False
+    name: str,
+    tests: Sequence[ModalTest | FinishedTest],
+    identified: Sequence[Labelled],
+    *,
+    shapes: bool = False,
 ) -> Campaign:
     """Return the campaign of the modes that have a name; a doubtful one is no row, as it could be matched wrongly.
 
@@ -87,24 +118,29 @@ def modal_campaign(
     """
     rows, groups = list[Measurement](), list[Group]()
     for number, (test, each) in enumerate(zip(tests, identified, strict=True), 1):
-        named = _named(each)
-        own = [*_rows(test, each), *(_shape_rows(test, each, named) if shapes else ())]
+        own = [*_rows(test, each), *(_shape_rows(test, each) if shapes else ())]
         if own:
-            group = Group(f"{name} {number}", _correlation(each.modes, _slopes(each.modes, named, shapes)))
+            group = Group(f"{name} {number}", _correlation(each.modes, _slopes(each, shapes)))
             rows += [replace(row, group=group.name, member=place) for place, row in enumerate(own, 1)]
             groups.append(group)
     return Campaign(name=name, measurements=tuple(rows), covariance=Covariance(tuple(groups)) if groups else None)
 
 
-def _named(each: IdentifiedModes) -> list[int]:
+def _named(each: Labelled) -> list[int]:
     return [i for i, label in enumerate(each.labels.given) if label is not None]
 
 
-def _slopes(modes: Modes, named: Sequence[int], shapes: bool) -> Float[np.ndarray, "r n"]:
+def _damped(each: Labelled) -> list[int]:
+    """Return the modes that have a name and a damping ratio."""
+    return [i for i in _named(each) if each.modes.damping[i] > 0]
+
+
+def _slopes(each: Labelled, shapes: bool) -> Float[np.ndarray, "r n"]:
     """Return the derivative of the rows of the modes that have a name by frequencies, damping ratios and shapes."""
+    modes, named = each.modes, _named(each)
     outputs, count = len(modes.shape), len(modes.frequency)
     columns = 2 * count + 2 * outputs * count
-    rows = [np.eye(columns)[[*named, *(count + i for i in named)]]]
+    rows = [np.eye(columns)[[*named, *(count + i for i in _damped(each))]]]
     for i in named if shapes else ():
         own = np.zeros((outputs - 1, columns))
         own[:, 2 * count + 2 * outputs * i :][:, : 2 * outputs] = _ratios(modes.shape[:, i])[2]
@@ -128,7 +164,7 @@ def _ratios(shape: Complex[np.ndarray, "O"]) -> tuple[int, Float[np.ndarray, "r"
     return largest, ratio[others], ((parts - np.outer(ratio, parts[largest])) / turned.real[largest])[others]
 
 
-def _correlation(modes: Modes, slopes: Float[np.ndarray, "r n"]) -> tuple[tuple[float, ...], ...]:
+def _correlation(modes: Modes | FinishedModes, slopes: Float[np.ndarray, "r n"]) -> tuple[tuple[float, ...], ...]:
     """Return the correlation of numbers that have these derivatives."""
     covariance = slopes @ modes.covariance @ slopes.T
     sd = np.sqrt(np.diag(covariance))
@@ -137,10 +173,10 @@ def _correlation(modes: Modes, slopes: Float[np.ndarray, "r n"]) -> tuple[tuple[
     return tuple(map(tuple, ((whole + whole.T) / 2).tolist()))
 
 
-def _shape_rows(test: ModalTest, each: IdentifiedModes, named: Sequence[int]) -> Iterator[Measurement]:
+def _shape_rows(test: ModalTest | FinishedTest, each: Labelled) -> Iterator[Measurement]:
     """Yield the motion of each response over the largest one, mode by mode."""
-    places = test.frf.responses
-    for i in named:
+    places = each.modes.responses
+    for i in _named(each):
         largest, values, slopes = _ratios(each.modes.shape[:, i])
         sigma = np.sqrt(np.diag(slopes @ each.modes.of_shape([i]) @ slopes.T))
         others = [place for j, place in enumerate(places) if j != largest]
@@ -151,7 +187,7 @@ def _shape_rows(test: ModalTest, each: IdentifiedModes, named: Sequence[int]) ->
                 value=value,
                 sigma=sd,
                 mode=str(each.labels.given[i]),
-                of="pole",
+                of=POLE if _of(each) else None,
                 point=place.point,
                 direction=place.direction,
                 reference_point=places[largest].point,
@@ -161,19 +197,25 @@ def _shape_rows(test: ModalTest, each: IdentifiedModes, named: Sequence[int]) ->
             )
 
 
-def _rows(test: ModalTest, each: IdentifiedModes) -> Iterator[Measurement]:
+def _of(each: Labelled) -> str | None:
+    """Return what the frequencies are of a damped mode; None for undamped."""
+    of = each.modes.of if isinstance(each.modes, FinishedModes) else POLE
+    return None if of == DEFINITIONS[0] else of
+
+
+def _rows(test: ModalTest | FinishedTest, each: Labelled) -> Iterator[Measurement]:
     modes = each.modes
     for kind, values, sigma in zip(
         ("frequency", "damping_ratio"), (modes.frequency, modes.damping), modes.sigma, strict=True
     ):
-        for i in _named(each):
+        for i in _named(each) if kind == "frequency" else _damped(each):
             yield Measurement(
                 kind=kind,
                 posture=test.posture,
                 value=float(values[i]),
                 sigma=float(sigma[i]),
                 mode=str(each.labels.given[i]),
-                of="pole" if kind == "frequency" else None,
+                of=_of(each) if kind == "frequency" else None,
                 load=test.load,
                 drives=test.drives,
             )

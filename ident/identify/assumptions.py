@@ -87,9 +87,9 @@ class Assumptions:
 def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     """Say of all that a fit takes for granted how far it might move the answer, and whether the data ask for it.
 
-    Damping ratios are left out: they say next to nothing of a stiffness. So are shapes, and rows with a servo on, where the arm has
-    servos. An arm that has an undriven joint at its foot
-    or within a link takes nothing for granted there. What a discrepancy factor scales is scaled here as well.
+    Damping ratios are left out: they say next to nothing of a stiffness. So are shapes, and rows with a servo on, where
+    the arm has servos. An arm that has an undriven joint at its foot or within a link takes nothing for granted there.
+    What a discrepancy factor scales is scaled here as well.
 
     Args:
         fit: of the campaign.

@@ -223,7 +223,7 @@ def _servo(arm: Arm, states: dict[State, int]) -> Float[np.ndarray, "S"] | None:
 def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple[Any, ...]:
     """Return what a row measured: its group, its state, and what else tells it; the same where rows are repeats.
 
-    Frequencies without a label are of different modes. Shapes are no repeats of each other: each has a scale of its own.
+    Frequencies without a label are of different modes. Shapes are no repeats: each has a scale of its own.
     """
     state = states[m.posture, m.load, m.drives]
     if m.kind in SHAPES:

@@ -17,6 +17,7 @@ from ident.identify.unknowns import Unknowns
 from ident.inference.fit_many import Values, fit_many
 from ident.inference.least_squares import evaluate
 from ident.measure import Campaign
+from ident.measure.kinds import SHAPES
 
 
 class Given(NamedTuple):
@@ -89,7 +90,7 @@ def _right(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> bool:
         check_values(problem, given.campaign, given.arm, trusted)
     except IdentError:
         return False
-    bound = problem.model.conditions.shapes is not None  # to what was measured of one robot
+    bound = any(m.kind in SHAPES for m in given.campaign)  # to what was measured of one robot
     return problem.in_parts() is None and problem.correlation is None and not bound
 
 

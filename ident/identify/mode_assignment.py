@@ -57,7 +57,7 @@ NAMES = tuple((direction, kind) for direction in ("vertical", "lateral") for kin
 
 
 class Named(eqx.Module):
-    """Values of modes that have a label: frequencies, damping ratios, then shapes; what several rows measured is one of them.
+    """Values of modes with a label: frequencies, damping ratios, shapes; what several rows measured is one of them.
 
     Attributes:
         states: (R,) state of each.

@@ -16,6 +16,7 @@ from ident.inference.parameters import Parameters
 from ident.measure import OWN_WEIGHT, Load
 from ident.modal.assignment import likelihoods, pair_probabilities
 from ident.modal.estimate import Modes
+from ident.modal.finished import FinishedModes
 from ident.modal.frf import Place
 from ident.modal.stabilisation import mac
 
@@ -55,7 +56,7 @@ class ModeLabels:
 def label_modes(
     arm: Arm,
     posture: tuple[float, ...],
-    modes: Modes,
+    modes: Modes | FinishedModes,
     parameters: Parameters,
     load: Load = OWN_WEIGHT,
     *,
@@ -81,7 +82,7 @@ def label_modes(
     Raises:
         InputError: a response was measured at a point that the arm has not.
     """
-    directions = _directions(arm, modes.frf.responses)
+    directions = _directions(arm, modes.responses)
     count = min(len(modes.frequency) + MORE, 3 * len(arm.joints), MOST)
     computed = modal_solution(drawn_arms(arm, parameters, draws, seed), posture, load).modes
     hertz, motion = (np.asarray(x) for x in (computed.frequency[:count], computed.motion[:, :, :count]))
@@ -96,7 +97,7 @@ def label_modes(
             for d in range(shapes.shape[-1])
         ]
     )
-    band = modes.frf.frequency[[0, -1]]
+    band = modes.band
     pairs, weight = pair_probabilities(logs, ((frequency > band[0]) & (frequency < band[1])).T)
     names = _names(computed, count, np.flatnonzero(sound))
     labels, probability = _by_label(names, pairs, weight)

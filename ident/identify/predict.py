@@ -185,7 +185,7 @@ def _values(
     chosen: Array | None,
     data: Data | None,
 ) -> Float[Array, "D *batch"]:
-    """Return all values, given all modes, their frequencies (see `by_definition`) and the mode of each labelled value."""
+    """Return all values, given all modes, their frequencies (`by_definition`) and the mode of each labelled value."""
     modes, table = solved
     named, unnamed, readings = conditions.named, conditions.unnamed, conditions.readings
     first = named.frequencies
@@ -199,11 +199,11 @@ def _values(
     if table is not None and chosen is not None:
         values = [picked(defined(table, named.states[:first], conditions.labelled), chosen[:, :first])]
         if named.ratios:
-            own = slice(first, first + named.ratios)
-            values.append(pick(_damping_ratios(chain, at), chosen[:, own], named.states[own]))
+            ratios = slice(first, first + named.ratios)
+            values.append(pick(_damping_ratios(chain, at), chosen[:, ratios], named.states[ratios]))
         if conditions.shapes is not None and modes is not None:
-            own = slice(first + named.ratios, None)
-            values.append(read_shapes(chain, at, modes, conditions.shapes, named.states[own], chosen[:, own]))
+            last = slice(first + named.ratios, None)
+            values.append(read_shapes(chain, at, modes, conditions.shapes, named.states[last], chosen[:, last]))
         if unnamed.highest:
             nth, next_one = (lowest_left(conditions, chosen, beyond) for beyond in (0, 1))
             hertz = defined(table, unnamed.states, conditions.unlabelled)

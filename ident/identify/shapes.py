@@ -132,7 +132,7 @@ def _seen(motion: Inexact[Array, "3 P m S *batch"], shapes: Shapes, states: AnyA
     return (moved * jnp.moveaxis(_lifted(shapes.direction, motion.ndim - 3), 0, 2)).sum(2)
 
 
-def _of_modes(each: Float[Array, "n K m *batch"], chosen: Array) -> Float[Array, "K n *batch"]:
+def _of_modes(each: Float[Array, "n K m *batch"], chosen: AnyArray) -> Float[Array, "K n *batch"]:
     """Return what the chosen mode of each row does."""
     return jnp.moveaxis((each * jnp.moveaxis(chosen, 0, 1)[:, None]).sum(2), 1, 0)
 
@@ -149,7 +149,7 @@ def _compared(
     u: Float[AnyArray, "K n *batch"],
     b: Float[AnyArray, "K n *batch"],
     weight: Float[AnyArray, "n *batch"],
-) -> Float[Array, "K n *batch"]:
+) -> Float[AnyArray, "K n *batch"]:
     """Return the predicted ratios; that of the reference, which is no row, means nothing.
 
     A step t b across u counts for t^2 weight.

@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float
 from threadpoolctl import threadpool_limits
 
 from ident.errors import InputError, Problem
-from ident.modal.frf import Frf
+from ident.modal.frf import Frf, Place
 from ident.modal.jackknife import Ratio, jackknife, pooled
 from ident.modal.likelihood import Likelihood
 from ident.modal.modal_model import ModalModel
@@ -53,6 +53,16 @@ class Modes:
     frf: Frf
     diagram: Diagram
     rejected: tuple[Rejected, ...]
+
+    @property
+    def responses(self) -> tuple[Place, ...]:
+        """Places of the responses."""
+        return self.frf.responses
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest line [Hz]."""
+        return float(self.frf.frequency[0]), float(self.frf.frequency[-1])
 
     @property
     def sigma(self) -> Float[np.ndarray, "2 m"]:

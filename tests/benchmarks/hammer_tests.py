@@ -1,8 +1,8 @@
-"""Labels and stiffnesses of synthetic hammer tests: `python tests/benchmarks/hammer_tests.py [--tests 200] [--kept FILE]`.
+"""Labels and stiffnesses of synthetic hammer tests: `python tests/benchmarks/hammer_tests.py [--tests 200]`.
 
-Each test is the paper's arm with stiffnesses drawn by 20 % about its file's, unknown to the fit, in two postures; in the
-second one the two lowest modes are some percents apart. Two accelerometers along y and z, hits at the tip along both,
-five of each, noise of 1 to 5 % of each frequency response; the responses are those of the equations of motion,
+Each test is the paper's arm with stiffnesses drawn by 20 % about its file's, unknown to the fit, in two postures; in
+the second one the two lowest modes are some percents apart. Two accelerometers along y and z, hits at the tip along
+both, five of each, noise of 1 to 5 % of each frequency response; the responses are those of the equations of motion,
 linearised, with their dampers. Counted: wrong names given with certainty, modes without a certain name, and 95 %
 intervals of fitted stiffnesses that hold the truth, from frequencies and damping ratios alone and with shapes as data.
 """
@@ -139,8 +139,12 @@ def report(found: list[dict]) -> None:
         joint = int((np.array([each[way]["joint"] for each in found]) < chi2.ppf(0.95, off.shape[1])).sum())
         right = int((np.array([each[way]["p"] for each in found]) > 0.05).sum())
         band = binom.interval(0.95, len(found), 0.95)
-        print(f"{way:<7} intervals of stiffnesses {inside} of {number} hold the truth, {low:.0f} to {high:.0f} expected;")
-        print(f"        together {joint}, chi-squared {right} of {len(found)}, {band[0]:.0f} to {band[1]:.0f} expected;")
+        print(
+            f"{way:<7} intervals of stiffnesses {inside} of {number} hold the truth, {low:.0f} to {high:.0f} expected;"
+        )
+        print(
+            f"        together {joint}, chi-squared {right} of {len(found)}, {band[0]:.0f} to {band[1]:.0f} expected;"
+        )
         print(f"        median sd of ln(stiffness) {np.array2string(np.median(sd, 0), precision=5)}")
 
 

@@ -95,9 +95,11 @@ def test_ratios_are_those_of_mujocos_eigenvectors(arm, posed):
         jac=lambda x: other.gravity_hessian(x) + K,
         options={"xtol": 1e-14},
     ).x
-    mu, V = eigh(other.mass_matrix(x), other.gravity_hessian(x) + K)
+    _, V = eigh(other.mass_matrix(x), other.gravity_hessian(x) + K)
     h, shapes = 1e-5, V[:, ::-1][:, :4]
-    moved = np.array([(other.point(x + h * v) - other.point(x - h * v)) / (2 * h) for v in (shapes / np.abs(shapes).max(0)).T])
+    moved = np.array(
+        [(other.point(x + h * v) - other.point(x - h * v)) / (2 * h) for v in (shapes / np.abs(shapes).max(0)).T]
+    )
     campaign = rows(arm, SKEW)
     predicted = evaluate(posed[SKEW, ""]).predicted
     labels = [m.mode for m in campaign if m.kind == "frequency"]
@@ -130,9 +132,7 @@ def test_shapes_tell_joints_apart_that_frequencies_do_not(posed):
     problem = posed[SKEW, ""]
     jacobian = np.asarray(evaluate(problem).jacobian) / np.asarray(problem.sigma)[:, None]
     shapes = np.array(problem.kinds) == "shape"
-    sd = [
-        np.sqrt(np.diag(np.linalg.inv(J.T @ J + np.eye(J.shape[1])))) for J in (jacobian[~shapes], jacobian)
-    ]
+    sd = [np.sqrt(np.diag(np.linalg.inv(J.T @ J + np.eye(J.shape[1])))) for J in (jacobian[~shapes], jacobian)]
     assert (sd[0] > 0.5).any()
     assert (sd[1] < 0.1 * sd[0]).any()
     assert (sd[1][sd[0] > 0.5] < 0.3).any()
@@ -168,8 +168,8 @@ def test_rows_of_shapes_are_written_and_read_again(arm):
     assert parse_campaign(format_campaign(campaign).encode(), "a.csv") == campaign
 
 
-BLANK = dict(kind="shape", posture=SKEW, value=0.5, sigma=0.1, mode="vertical bending 1", point="tip",
-             direction=(1.0, 0.0, 0.0), reference_point="tip", reference_direction=(0.0, 0.0, 1.0))  # fmt: skip
+BLANK = {"kind": "shape", "posture": SKEW, "value": 0.5, "sigma": 0.1, "mode": "vertical bending 1", "point": "tip",
+         "direction": (1.0, 0.0, 0.0), "reference_point": "tip", "reference_direction": (0.0, 0.0, 1.0)}  # fmt: skip
 
 
 @pytest.mark.parametrize(

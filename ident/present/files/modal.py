@@ -6,17 +6,24 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ident.assess.identified_modes import IdentifiedModes
+from ident.assess.identified_modes import IdentifiedModes, Labelled, NamedModes
 from ident.measure import Campaign, write_campaign
 from ident.measure.covariance import covariance_path
+from ident.modal.finished import FinishedTest
 from ident.modal.modal_test import ModalTest
 from ident.present.text.modal import place_in_words
 
 
 def modal_rows(
-    tests: Sequence[ModalTest], identified: Sequence[IdentifiedModes], campaign: Campaign | None
+    tests: Sequence[ModalTest],
+    identified: Sequence[IdentifiedModes],
+    finished: Sequence[FinishedTest],
+    named: Sequence[NamedModes],
+    campaign: Campaign | None,
 ) -> list[dict[str, Any]]:
     """Return a row for each mode: posture [deg], load, frequency [Hz], damping ratio [-], sd of both, label."""
+    pairs: list[tuple[ModalTest | FinishedTest, Labelled]] = [*zip(tests, identified, strict=False)]
+    pairs += zip(finished, named, strict=False)
     return [
         {
             "posture": " ".join(f"{math.degrees(angle) + 0.0:.6g}" for angle in test.posture),
@@ -28,7 +35,7 @@ def modal_rows(
             "label": str(label or ""),
             "probability": float(each.labels.probability[i].max(initial=0.0)),
         }
-        for test, each in zip(tests, identified, strict=False)
+        for test, each in pairs
         for i, label in enumerate(each.labels.given)
     ]
 
@@ -37,7 +44,7 @@ def write_campaign_file(campaign: Campaign, head: Mapping[str, Any], path: Path)
     """Write the campaign, and beside it how the errors of the rows of a posture are correlated."""
     comments = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",
-        "Modes of a hammer test that have a name. of: pole, the undamped frequency is |pole| / 2 pi.",
+        "Modes of a modal test that have a name. of: pole, the undamped frequency is |pole| / 2 pi.",
         f"The errors of the rows of one group are correlated: see {covariance_path(path).name}.",
     ]
     write_campaign(campaign, path, header_comments=comments)
