@@ -27,6 +27,8 @@ FEWEST, MOST = 5, 20
 """Hits at a place: from five on their scatter says what the covariance is; more than twenty are not made."""
 APART = 6.0
 """Standard deviations of a shape by which two modes are to differ: three for each."""
+TRIED = 20000
+"""Sets of places that are all tried."""
 AXES = (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)), ("z", (0.0, 0.0, 1.0)))
 
 
@@ -102,7 +104,7 @@ def with_pins(arm: Arm) -> Arm:
 def hammer_plan(
     arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT, *, modes: int, sensors: int, noise: float
 ) -> HammerPlan:
-    """Choose places by the least auto-MAC: the best pair, then what lowers the largest value most.
+    """Choose places by the least auto-MAC of all sets; of too many: the best pair, then what lowers it most.
 
     References:
         Carne, Dohrmann, "A modal test design strategy for model correlation", IMAC 13, 1995 (least auto-MAC).
@@ -156,7 +158,9 @@ def hits_needed(mac: Float[np.ndarray, "m m"], noise: float) -> int:
 
 
 def _sensors(moved: Float[np.ndarray, "K m"], count: int) -> list[int]:
-    chosen = list(min(combinations(range(len(moved)), 2), key=lambda pair: _worst(moved, list(pair))))
+    whole = math.comb(len(moved), count) <= TRIED
+    sets = combinations(range(len(moved)), count if whole else 2)
+    chosen = list(min(sets, key=lambda each: _worst(moved, list(each))))
     while len(chosen) < count:
         left = [i for i in range(len(moved)) if i not in chosen]
         chosen.append(min(left, key=lambda i: _worst(moved, [*chosen, i])))
