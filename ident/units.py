@@ -48,6 +48,7 @@ QUANTITIES = {
     "velocity": Quantity("m/s", "a velocity unit such as m/s"),
     "acceleration": Quantity("m/s^2", "an acceleration unit such as m/s^2"),
     "damping_ratio": Quantity("1", "1, % or an empty cell"),
+    "ratio": Quantity("1", "1, % or an empty cell"),
 }
 """The quantities by name."""
 
@@ -94,7 +95,7 @@ _WIDTH = re.compile(r"([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)\s*(\S.*)")
 _FRACTIONS = {"": 1.0, "1": 1.0, "-": 1.0, "%": 0.01, "percent": 0.01}
 _SLOPES = {"mm/m": 1e-3, "um/m": 1e-6}
 """How levels show a rotation [rad]: as a slope, the same to a millionth up to 1.7 mm/m."""
-_SPECIAL = {"damping_ratio": _FRACTIONS, "rotation": _SLOPES}
+_SPECIAL = {"damping_ratio": _FRACTIONS, "ratio": _FRACTIONS, "rotation": _SLOPES}
 _FACTOR = r"(?:°|[^\W\d]\w*)(?:(?:\^|\*\*)-?[0-9])?"
 # Checked before pint sees the text: pint would evaluate numbers, and 9**9**9 takes for ever.
 _EXPRESSION = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/ ]\s*{_FACTOR})*")
@@ -151,7 +152,7 @@ def si_factor(unit: str, quantity: str) -> float:
     """
     unit = unit.strip()
     factor = _SPECIAL[quantity].get(unit) if quantity in _SPECIAL else None
-    if factor is None and quantity != "damping_ratio":
+    if factor is None and _SPECIAL.get(quantity) is not _FRACTIONS:
         factor = _factor(unit, quantity)
     if factor is None:
         raise InputError(_wrong_unit(unit, quantity))

@@ -188,7 +188,17 @@ def _damped_eigenvalues_jvp(primals: tuple[Linearized], tangents: tuple[Lineariz
 
 
 def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
-    """Return s, right and left eigenvectors (columns), computed in coordinates in which the mass matrix is 1."""
+    """Return s, right and left eigenvectors (columns) for each undamped mode, ascending."""
+    s, x, y, nearest = all_damped_modes(system)
+    s = jnp.take_along_axis(s, nearest, 0)
+    return s, jnp.take_along_axis(x, nearest[None], 1), jnp.take_along_axis(y, nearest[None], 1)
+
+
+def all_damped_modes(system: Linearized) -> tuple[Array, Array, Array, Array]:
+    """Return all 2n eigenvalues s, right and left eigenvectors (columns), and for each undamped mode which is its own.
+
+    Computed in coordinates in which the mass matrix is 1; scaled so that y' (2 s M + C) x = 1.
+    """
     n, batch = system.M.shape[0], system.M.shape[2:]
     W = inverse_cholesky_factor(system.M)
     K = system.H if system.L is None else system.H + 1j * system.L
@@ -199,9 +209,7 @@ def _damped_modes(system: Linearized) -> tuple[Array, Array, Array]:
     one_by_one = jnp.moveaxis(state.reshape((2 * n, 2 * n, -1)), -1, 0)
     s, right, left = (jnp.moveaxis(out, 0, -1).reshape(out.shape[1:] + batch) for out in jax.lax.map(_eig, one_by_one))
     x, y = matmul(transpose(W), right[:n]), matmul(transpose(W), left[n:])
-    nearest = _nearest_in_shape(system, s, x)
-    s = jnp.take_along_axis(s, nearest, 0)
-    return s, jnp.take_along_axis(x, nearest[None], 1), jnp.take_along_axis(y, nearest[None], 1)
+    return s, x, y, _nearest_in_shape(system, s, x)
 
 
 def _nearest_in_shape(system: Linearized, s: Array, x: Array) -> Array:

@@ -13,7 +13,7 @@ from ident.arm.chain import Loads
 from ident.arm.losses import refuse_losses
 from ident.assess.phases import Unknowns
 from ident.description.file import ArmFile
-from ident.identify.conditions import loads_of
+from ident.identify.loads import loads_of
 from ident.identify.values import Values
 from ident.measure import OWN_WEIGHT, Load, Log
 from ident.vibrate.motion.motion import Motion

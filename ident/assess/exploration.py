@@ -14,7 +14,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.assembly import Moments
 from ident.arm.multibody import Multibody, multibody
 from ident.errors import InputError, Problem
-from ident.identify.conditions import loads_of
+from ident.identify.loads import loads_of
 from ident.measure import Campaign, Load
 from ident.measure.load import Vector
 from ident.text import did_you_mean, quoted

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
-from ident.identify.conditions import loads_of
+from ident.identify.loads import loads_of
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load, Log
 from ident.vibrate.modal.branches import branches

@@ -17,6 +17,7 @@ from ident.identify.uncertain import scaled_inertia
 from ident.inference.fit import Fit
 from ident.inference.score import ScoreTest, asked_for, score_tests
 from ident.measure import Campaign, Measurement
+from ident.measure.kinds import SHAPES
 
 ASSUMED = "assumed"
 DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
@@ -88,9 +89,9 @@ class Assumptions:
 def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     """Say of all that a fit takes for granted how far it might move the answer, and whether the data ask for it.
 
-    Damping ratios are left out: they say next to nothing of a stiffness. So are rows with a servo on, where the arm has
-    servos. An arm that has an undriven joint at its foot
-    or within a link takes nothing for granted there. What a discrepancy factor scales is scaled here as well.
+    Damping ratios are left out: they say next to nothing of a stiffness. So are shapes, and rows with a servo on, where
+    the arm has servos. An arm that has an undriven joint at its foot or within a link takes nothing for granted there.
+    What a discrepancy factor scales is scaled here as well.
 
     Args:
         fit: of the campaign.
@@ -127,7 +128,7 @@ def _conditions(fit: Fit, arm: Arm, campaign: Campaign) -> Conditions:
 
 
 def _left_out(arm: Arm, m: Measurement) -> bool:
-    return m.kind == "damping_ratio" or (bool(arm.servos) and m.drives == "servo")
+    return m.kind in ("damping_ratio", *SHAPES) or (bool(arm.servos) and m.drives == "servo")
 
 
 def _slopes(fit: Fit, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:

@@ -16,7 +16,7 @@ from ident.arm.equilibrium import deflection, static_equilibrium
 from ident.arm.labels import AMBIGUOUS, Label, labels_of_shares, torsion_share, vertical_share
 from ident.arm.modes import modes_about
 from ident.errors import ModelError
-from ident.identify.conditions import bind_loads
+from ident.identify.loads import bind_loads
 from ident.inference.discrepancy import Discrepant
 from ident.inference.parameters import Parameters
 from ident.jit import jit

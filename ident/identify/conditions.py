@@ -10,18 +10,20 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads, body_axes
+from ident.arm.chain import Loads
 from ident.arm.labels import parse_label
 from ident.errors import InputError, Problem
 from ident.identify.definitions import NotAllUndamped, definitions_of
-from ident.identify.misfits import misfits, too_many, unknown_names
+from ident.identify.loads import in_base_axes, load_columns
+from ident.identify.misfits import misfits, too_many
 from ident.identify.mode_assignment import Named, name_modes
 from ident.identify.repeats import Repeats, repeats, room
+from ident.identify.shapes import Shapes, shapes_of
 from ident.inference.parameters import AnyArray
 from ident.measure import Campaign, Load, Measurement
-from ident.measure.kinds import DIFFERENCES, POSITIONS, ROTATIONS, TWISTS
+from ident.measure.kinds import DIFFERENCES, POSITIONS, ROTATIONS, SHAPES, TWISTS
 
-BY_MODE = ("frequency", "damping_ratio")
+BY_MODE = ("frequency", "damping_ratio", *SHAPES)
 State = tuple[tuple[float, ...], Load, str]
 """Posture, load case, and what held the motors."""
 MOST = 20000
@@ -101,6 +103,7 @@ class Conditions(eqx.Module):
         repeats: the rows of each value.
         definitions: what each frequency is, those with a label first.
         servo: (S,) 1 where servos of the arm held its motors, 0 where brakes did; None where they did everywhere.
+        shapes: what the named values that are of shapes say; None where none are.
     """
 
     posture: Float[AnyArray, "joints S"]
@@ -112,6 +115,7 @@ class Conditions(eqx.Module):
     repeats: Repeats
     definitions: NotAllUndamped = None
     servo: Float[AnyArray, "S"] | None = None
+    shapes: Shapes | None = None
 
     @property
     def labelled(self) -> NotAllUndamped:
@@ -140,11 +144,11 @@ class Conditions(eqx.Module):
         state = room(np.arange(self.posture.shape[1]))
         labels = len(named.states)
         read = labels + len(unnamed.states)
-        kinds = np.split(np.arange(read), [named.frequencies, labels])
+        kinds = np.split(np.arange(read), [named.frequencies, labels - named.shapes, labels])
         kinds += [read + own for own in readings.by_kind()]
         values = [room(kind) for kind in kinds]
-        label, other = np.concatenate(values[:2]), values[2] - labels
-        reading = np.concatenate(values[3:]) - read
+        label, other = np.concatenate(values[:3]), values[3] - labels
+        reading = np.concatenate(values[4:]) - read
         place, rows = np.zeros(self.count, int), np.arange(sum(map(len, values)))
         before = np.cumsum([0, *map(len, values)])
         for kind, start in zip(kinds, before, strict=False):
@@ -162,6 +166,7 @@ class Conditions(eqx.Module):
                 len(values[1]),
                 named.patterns,
                 named.top,
+                len(values[2]),
             ),
             Unnamed(unnamed.states[other], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
             readings.of(reading),
@@ -169,8 +174,9 @@ class Conditions(eqx.Module):
             repeats(rows, rows),
             None
             if self.definitions is None
-            else self.definitions[np.concatenate([values[0], values[2] - named.ratios])],
+            else self.definitions[np.concatenate([values[0], values[3] - named.others])],
             None if self.servo is None else np.asarray(self.servo)[state],
+            None if self.shapes is None else jax.device_get(self.shapes).of(values[2] - (labels - named.shapes)),
         )
         return more, np.asarray(self.repeats.first)[np.concatenate(values)], place[order]
 
@@ -201,12 +207,12 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         raise InputError(Problem(campaign.path, got, f"at most {MOST} different values", remedy))
     place = {key: i for i, key in enumerate(values)}
     order = np.array([place[key] for key in keys])
-    named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1), (2,), (3,)))
+    named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1, 2), (3,), (4,)))
     posture = np.array([posture for posture, *_ in states], float).T
     setups = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
     bound = Conditions(
         posture,
-        _columns(arm, [in_base_axes(arm, posture, load) for posture, load, _ in states]),
+        load_columns(arm, [in_base_axes(arm, posture, load) for posture, load, _ in states]),
         _named(named, len(states)),
         _unnamed(unnamed),
         _readings(readings, setups),
@@ -214,6 +220,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         repeats(order, np.array([first[key] for key in values])),
         definitions_of([campaign.measurements[first[key]] for key in values]),
         _servo(arm, states),
+        shapes_of(arm, [campaign.measurements[key[3]] for key in named if key[0] == 2]),
     )
     return jax.device_put(bound)
 
@@ -227,58 +234,26 @@ def _servo(arm: Arm, states: dict[State, int]) -> Float[np.ndarray, "S"] | None:
 def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple[Any, ...]:
     """Return what a row measured: its group, its state, and what else tells it; the same where rows are repeats.
 
-    Frequencies without a label are of different modes.
+    Frequencies without a label are of different modes. Shapes are no repeats: each has a scale of its own.
     """
     state = states[m.posture, m.load, m.drives]
+    if m.kind in SHAPES:
+        return 2, state, parse_label(m.mode or ""), row
     if m.kind in BY_MODE:
-        return (BY_MODE.index(m.kind), state, parse_label(m.mode), m.of) if m.mode else (2, state, m.value, row)
+        return (BY_MODE.index(m.kind), state, parse_label(m.mode), m.of) if m.mode else (3, state, m.value, row)
     against = states[m.posture, m.reference_load, m.drives] if m.kind in DIFFERENCES else -1
     if m.kind in TWISTS:
         joint = [joint.name for joint in arm.joints].index(m.joint or "")
-        return 3, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), "twist", ""
+        return 4, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), "twist", ""
     point = [point.name for point in arm.points].index(m.point or "")
     what = "turn" if m.kind in ROTATIONS else "place" if m.kind in POSITIONS else "move"
-    return 3, state, against, point, m.direction, what, m.setup
-
-
-def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
-    """Return load cases as the arm's equations need them, batch (S).
-
-    Raises:
-        InputError: a payload or point that the arm has not.
-    """
-    problems = [problem for load in loads for problem in unknown_names(arm, load, "", "load")]
-    for load in loads if not problems else ():
-        for _, _, point, body in load.own:
-            remedy = "give it in the base frame: as the arm moves, the body turns"
-            problems += [Problem("", f"a load at {point} along the axes of {body}", "a posture", remedy, "load")]
-    if problems:
-        raise InputError(problems)
-    return _columns(arm, loads)
-
-
-def in_base_axes(arm: Arm, posture: Sequence[float], load: Load) -> Load:
-    """Return a load with all its forces and moments in the base frame, at a posture [rad]."""
-    if not load.own:
-        return load
-    turned: dict[str, list[tuple[Any, str]]] = {"force": [*load.forces], "moment": [*load.moments]}
-    for kind, vector, point, body in load.own:
-        turned[kind].append((tuple((body_axes(arm, np.asarray(posture), body) @ vector).tolist()), point))
-    return Load(load.payloads, load.masses, tuple(turned["force"]), tuple(turned["moment"]))
-
-
-def loads_of(arm: Arm, load: Load) -> Loads:
-    """Return a load case as the arm's equations need it, without batch.
-
-    Raises:
-        InputError: a payload or point that the arm has not.
-    """
-    return jax.tree.map(lambda x: x[..., 0], bind_loads(arm, [load]))
+    return 4, state, against, point, m.direction, what, m.setup
 
 
 def _named(values: Sequence[tuple[Any, ...]], count: int) -> Named:
     states = np.array([state for _, state, *_ in values], int)
-    return name_modes([label for _, _, label, _ in values], states, count, sum(group for group, *_ in values))
+    groups = [group for group, *_ in values]
+    return name_modes([label for _, _, label, _ in values], states, count, groups.count(1), groups.count(2))
 
 
 def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:
@@ -302,21 +277,3 @@ def _readings(values: Sequence[tuple[Any, ...]], setups: Sequence[str]) -> Readi
 def _where(words: Sequence[str], word: str) -> Bool[np.ndarray, "n"] | None:
     """Return where a word stands; None where it stands nowhere."""
     return np.array([each == word for each in words], bool) if word in words else None
-
-
-def _columns(arm: Arm, cases: Sequence[Load]) -> Loads:
-    points, payloads = [p.name for p in arm.points], [p.body.name for p in arm.payloads]
-    share = np.zeros((len(payloads), len(cases)))
-    mass = np.zeros((len(points), len(cases)))
-    force, moment = np.zeros((2, 3, len(points), len(cases)))
-    for state, case in enumerate(cases):
-        for name in case.payloads:
-            share[payloads.index(name), state] = 1
-        for kilograms, name in case.masses:
-            mass[points.index(name), state] += kilograms
-        for vector, name in case.forces:
-            force[:, points.index(name), state] += vector
-        for vector, name in case.moments:
-            moment[:, points.index(name), state] += vector
-    parts = jax.device_put((share, mass, force, moment if moment.any() else None))
-    return Loads(*parts)

@@ -20,7 +20,7 @@ from ident.identify.mode_assignment import FAR
 from ident.inference.problem import InverseProblem
 from ident.inference.verdicts import SUSPICIOUS, farthest
 from ident.measure import Campaign, Measurement
-from ident.measure.kinds import KINDS, POSITIONS
+from ident.measure.kinds import KINDS, POSITIONS, SHAPES
 from ident.text import quoted
 from ident.units import QUANTITIES, si_factor
 
@@ -128,6 +128,7 @@ def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     """Refuse a value that differs from the prediction by more than a factor, even if its sigma is considered."""
     if m.kind in POSITIONS:
         yield from _far_away(m, expected, row)
+    if m.kind in (*POSITIONS, *SHAPES):  # a shape is of either sign, and small where a mode hardly moves a point
         return
     limit = PLAUSIBLE[m.kind]
     low, high = sorted((expected / limit, expected * limit))

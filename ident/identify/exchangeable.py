@@ -5,6 +5,7 @@ from itertools import combinations
 
 from ident.inference.exchange import Moves, Pair
 from ident.measure import Campaign, Measurement
+from ident.measure.kinds import SHAPES
 
 MOST = 300
 """Values up to which all pairs are looked at; of more, those of the values that are farthest off."""
@@ -13,7 +14,8 @@ MOST = 300
 def exchangeable(campaign: Campaign, far_off: Sequence[int] = ()) -> Iterator[Pair]:
     """Yield the places of values of one kind that may be taken for each other: at one posture, or of one name.
 
-    Frequencies without a label are never so at one posture, as their order alone tells them apart.
+    Frequencies without a label are never so at one posture, as their order alone tells them apart. Shapes are not, as
+    what is predicted of one is scaled to what was measured.
 
     Args:
         campaign: what was measured.
@@ -26,7 +28,7 @@ def exchangeable(campaign: Campaign, far_off: Sequence[int] = ()) -> Iterator[Pa
         pairs = sorted({(min(i, j), max(i, j)) for i in far_off for j in range(len(rows)) if i != j})
     for i, j in pairs:
         a, b = rows[i], rows[j]
-        if a.kind == b.kind and (_state(a) == _state(b)) != (_name(a) == _name(b)):
+        if a.kind == b.kind and a.kind not in SHAPES and (_state(a) == _state(b)) != (_name(a) == _name(b)):
             yield i, j
 
 
@@ -58,4 +60,4 @@ def _state(m: Measurement) -> tuple[object, ...]:
 
 
 def _name(m: Measurement) -> tuple[object, ...]:
-    return m.mode, m.point, m.direction, m.joint
+    return m.mode, m.point, m.direction, m.joint, m.reference_point, m.reference_direction

@@ -17,6 +17,7 @@ from ident.identify.unknowns import Unknowns
 from ident.inference.fit_many import Values, fit_many
 from ident.inference.least_squares import evaluate
 from ident.measure import Campaign
+from ident.measure.kinds import SHAPES
 
 
 class Given(NamedTuple):
@@ -102,7 +103,8 @@ def _right(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> bool:
         check_values(problem, given.campaign, given.arm, trusted)
     except IdentError:
         return False
-    return problem.in_parts() is None and problem.correlation is None
+    bound = any(m.kind in SHAPES for m in given.campaign)  # to what was measured of one robot
+    return problem.in_parts() is None and problem.correlation is None and not bound
 
 
 def _fitted(group: Sequence[Given], unknowns: Unknowns, size: int, seed: int) -> dict[str, Robot]:

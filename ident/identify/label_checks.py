@@ -23,7 +23,8 @@ from ident.arm.labels import (
 from ident.arm.modes import modes_about
 from ident.identify.conditions import Conditions, Unnamed, bind
 from ident.identify.mode_assignment import NAMING_SD, Named
-from ident.identify.predict import chains, mode_choice
+from ident.identify.mode_choice import mode_choice
+from ident.identify.predict import chains
 from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
 from ident.jit import RUNS_ONCE, jit

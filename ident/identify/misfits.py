@@ -17,8 +17,9 @@ def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
         yield Problem(m.where, f"{len(m.posture)} joint angles", expected, "add or remove q columns", "posture")
     points = [point.name for point in arm.points]
-    if m.point is not None and m.point not in points:
-        yield _unknown(m.where, "point", m.point, points)
+    for column, name in (("point", m.point), ("reference_point", m.reference_point)):
+        if name is not None and name not in points:
+            yield _unknown(m.where, column, name, points)
     joints = [joint.name for joint in arm.driven]
     if m.joint is not None and m.joint not in joints:
         yield _unknown(m.where, "joint", m.joint, joints)

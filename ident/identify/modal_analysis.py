@@ -20,7 +20,7 @@ from ident.arm.mechanics import Phi, forward_kinematics, point_positions
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
 from ident.arm.motors import motion_of
 from ident.errors import InputError, ModelError, Problem
-from ident.identify.conditions import bind_loads, in_base_axes
+from ident.identify.loads import bind_loads, in_base_axes
 from ident.jit import jit
 from ident.measure import DRIVE_STATES, OWN_WEIGHT, Load
 

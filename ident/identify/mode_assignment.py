@@ -57,7 +57,7 @@ NAMES = tuple((direction, kind) for direction in ("vertical", "lateral") for kin
 
 
 class Named(eqx.Module):
-    """Values of modes that have a label: frequencies, then damping ratios; what several rows measured is one of them.
+    """Values of modes with a label: frequencies, damping ratios, shapes; what several rows measured is one of them.
 
     Attributes:
         states: (R,) state of each.
@@ -66,9 +66,10 @@ class Named(eqx.Module):
         places: (R,) place of its label in the table of labels, ordered by pattern and ordinal.
         asked: (patterns, S) largest ordinal of each pattern that was seen in each state.
         at: (labels, S) the frequency that has the label of each place in each state; -1 for none, as at the last.
-        ratios: how many of them, the last ones, are damping ratios.
+        ratios: how many of them, after the frequencies, are damping ratios.
         patterns: the different pairs of direction and kind, as places in `WORDS`.
         top: largest ordinal of each.
+        shapes: how many of them, the last ones, are of shapes.
     """
 
     states: Int[AnyArray, "R"]
@@ -80,21 +81,28 @@ class Named(eqx.Module):
     ratios: int = eqx.field(static=True)
     patterns: tuple[tuple[int, int], ...] = eqx.field(static=True)
     top: tuple[int, ...] = eqx.field(static=True)
+    shapes: int = eqx.field(static=True, default=0)
+
+    @property
+    def others(self) -> int:
+        """Number of those that are no frequencies."""
+        return self.ratios + self.shapes
 
     @property
     def frequencies(self) -> int:
         """Number of those that are frequencies."""
-        return len(self.states) - self.ratios
+        return len(self.states) - self.others
 
 
-def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, ratios: int) -> Named:
+def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, ratios: int, shapes: int = 0) -> Named:
     """Collect the values that have labels.
 
     Args:
-        labels: of frequencies, then of damping ratios.
+        labels: of frequencies, of damping ratios, then of shapes.
         states: (R,) state of each.
         count: number of states.
         ratios: number of damping ratios.
+        shapes: number of rows of shapes.
     """
     ordinals = np.array([label.ordinal for label in labels], int)
     says = [(WORDS[0].index(label.direction), WORDS[1].index(label.kind)) for label in labels]
@@ -105,9 +113,9 @@ def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, ratios: 
     top = tuple(asked.max(1).tolist())
     places = np.concatenate([[0], np.cumsum(top, dtype=int)])[own] + ordinals - 1
     words = np.array(says, int).reshape(-1, 2)
-    at, first = np.full((sum(top) + 1, count), -1), len(states) - ratios
+    at, first = np.full((sum(top) + 1, count), -1), len(states) - ratios - shapes
     at[places[:first], states[:first]] = np.arange(first)
-    return Named(states, ordinals, words, places, asked, at, ratios, patterns, top)
+    return Named(states, ordinals, words, places, asked, at, ratios, patterns, top, shapes)
 
 
 def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:

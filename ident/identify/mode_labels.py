@@ -15,6 +15,7 @@ from ident.identify.modal_analysis import modal_solution
 from ident.inference.parameters import Parameters
 from ident.measure import OWN_WEIGHT, Load
 from ident.modal.assignment import likelihoods, pair_probabilities
+from ident.modal.finished import FinishedModes
 from ident.modal.frf import Place
 from ident.modal.modal_parameters import ModalParameters
 from ident.modal.stabilisation import mac
@@ -55,7 +56,7 @@ class ModeLabels:
 def label_modes(
     arm: Arm,
     posture: tuple[float, ...],
-    modes: ModalParameters,
+    modes: ModalParameters | FinishedModes,
     parameters: Parameters,
     load: Load = OWN_WEIGHT,
     *,

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, at_posture
@@ -26,10 +26,12 @@ from ident.arm.motors import coordinates, modal_mass
 from ident.identify.conditions import Conditions, Unnamed
 from ident.identify.definitions import NotAllUndamped, by_definition, defined
 from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
+from ident.identify.mode_choice import lowest_left, pick, picked
 from ident.identify.parts import Parts as ConditionsInParts
 from ident.identify.parts import in_parts
 from ident.identify.readings import read
 from ident.identify.setups import Frames, in_base_frame, without_frames
+from ident.identify.shapes import read_shapes
 from ident.identify.uncertain import LOAD, scaled_inertia, scaled_loads
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
@@ -125,7 +127,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
         off, no = how_far_off(values, hertz, data, chosen), jnp.array(False)
         now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
-        return _values(chain, at, conditions, table, chosen, data), jax.lax.stop_gradient(choice)
+        return _values(chain, at, conditions, (modes, table), chosen, data), jax.lax.stop_gradient(choice)
 
 
 def _split(parts: ConditionsInParts, held: Held | None) -> list[Held | None]:
@@ -167,11 +169,12 @@ def predict(
     data = None if data is None else conditions.repeats.pooled(data)
     at = static_equilibrium(chain)
     if not len(values.states):
-        return _values(chain, at, conditions, None, None, data)
+        return _values(chain, at, conditions, (None, None), None, data)
     modes = modes_about(chain, at)
     table = by_definition(modes.frequency, chain, at, conditions.definitions)
     hertz = defined(table, values.states, conditions.labelled)
-    return _values(chain, at, conditions, table, most_probable(values, modes, data, 0.0, hertz=hertz), data)
+    chosen = most_probable(values, modes, data, 0.0, hertz=hertz)
+    return _values(chain, at, conditions, (modes, table), chosen, data)
 
 
 def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> Chain:
@@ -193,11 +196,12 @@ def _values(
     chain: Chain,
     at: StaticEquilibrium,
     conditions: Conditions,
-    table: Float[Array, "K m S *batch"] | None,
+    solved: tuple[Modes | None, Float[Array, "K m S *batch"] | None],
     chosen: Array | None,
     data: Data | None,
 ) -> Float[Array, "D *batch"]:
-    """Return all values, given all frequencies (see `by_definition`) and the mode of each labelled value."""
+    """Return all values, given all modes, their frequencies (`by_definition`) and the mode of each labelled value."""
+    modes, table = solved
     named, unnamed, readings = conditions.named, conditions.unnamed, conditions.readings
     first = named.frequencies
     values: list[Array] = []
@@ -210,7 +214,11 @@ def _values(
     if table is not None and chosen is not None:
         values = [picked(defined(table, named.states[:first], conditions.labelled), chosen[:, :first])]
         if named.ratios:
-            values.append(pick(_damping_ratios(chain, at), chosen[:, first:], named.states[first:]))
+            ratios = slice(first, first + named.ratios)
+            values.append(pick(_damping_ratios(chain, at), chosen[:, ratios], named.states[ratios]))
+        if conditions.shapes is not None and modes is not None:
+            last = slice(first + named.ratios, None)
+            values.append(read_shapes(chain, at, modes, conditions.shapes, named.states[last], chosen[:, last]))
         if unnamed.highest:
             nth, next_one = (lowest_left(conditions, chosen, beyond) for beyond in (0, 1))
             hertz = defined(table, unnamed.states, conditions.unlabelled)
@@ -253,46 +261,3 @@ def _counted(
 def _damping_ratios(chain: Chain, at: StaticEquilibrium) -> Float[Array, "m S *batch"]:
     s = damped_eigenvalues(linearize(chain, at))
     return -s.real / jnp.abs(s)
-
-
-def mode_choice(
-    conditions: Conditions, modes: Modes, chosen: Float[AnyArray, "m R *batch"] | None = None
-) -> tuple[Float[Array, "m R *batch"], Float[Array, "m n *batch"]]:
-    """Return one for the mode that each named value, and each unnamed one, belongs to.
-
-    Args:
-        conditions: from `bind`.
-        modes: all modes of all states.
-        chosen: one for the mode of each named value; by default as the labels alone have it.
-    """
-    if chosen is None:
-        values = conditions.named
-        chosen = most_probable(values, modes, None, 0.0) if len(values.states) else jnp.zeros((len(modes.frequency), 0))
-    return jnp.asarray(chosen), lowest_left(conditions, jnp.asarray(chosen))
-
-
-def lowest_left(
-    conditions: Conditions, chosen: Float[Array, "m R *batch"], beyond: int = 0
-) -> Float[Array, "m n *batch"]:
-    """Return one for the mode of each unnamed value: the lowest ones that no label of the same state has taken.
-
-    Or for the mode so many places beyond it among these.
-    """
-    named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
-    none = jnp.zeros((len(chosen), 1, *chosen.shape[2:]))
-    own = jnp.concatenate([chosen[:, :first], none], 1)
-    free = (own[:, named.at].sum(1) == 0)[:, unnamed.states]
-    ordinal = jnp.reshape(unnamed.ordinals + beyond, (-1,) + (1,) * (chosen.ndim - 2))
-    return (free & (jnp.cumsum(free, 0) == ordinal)).astype(float)
-
-
-def pick(
-    values: Float[Array, "m S *batch"], choice: Float[Array, "m D *batch"], states: Int[AnyArray, "D"]
-) -> Float[Array, "D *batch"]:
-    """Return of each value's state what belongs to its mode; NaN where there is none."""
-    return picked(values[:, states], choice)
-
-
-def picked(values: Float[Array, "m D *batch"], choice: Float[Array, "m D *batch"]) -> Float[Array, "D *batch"]:
-    """Return of each value's modes the one that is chosen; NaN where there is none."""
-    return jnp.where(choice.sum(0) > 0, (values * choice).sum(0), jnp.nan)

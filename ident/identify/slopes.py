@@ -24,7 +24,8 @@ from ident.arm.modes import Modes, modes_about
 from ident.arm.parts import Body
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
-from ident.identify.predict import chains, mode_choice, pick
+from ident.identify.mode_choice import mode_choice, pick
+from ident.identify.predict import chains
 from ident.identify.readings import read
 from ident.jit import RUNS_ONCE, jit
 
@@ -37,7 +38,7 @@ LONG = 24
 
 
 class Slopes(NamedTuple):
-    """A campaign's predictions [SI] and their derivatives; zero in the rows of damping ratios.
+    """A campaign's predictions [SI] and their derivatives; zero in the rows of damping ratios and shapes.
 
     Attributes:
         predicted: (D,) of the arm itself.
@@ -176,7 +177,7 @@ def _rows(
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
     values = [
         pick(frequency, choice[0][:, :first], named.states[:first]),
-        jnp.zeros(named.ratios),
+        jnp.zeros(named.others),
         pick(frequency, choice[1], unnamed.states),
         reads,
     ]

@@ -3,9 +3,9 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from ident.measure.campaign import DEFINITIONS, DRIVE_STATES, Campaign, Measurement
+from ident.measure.campaign import Campaign, Measurement
 from ident.measure.columns import COLUMNS
-from ident.measure.kinds import KINDS
+from ident.measure.kinds import DEFINITIONS, DRIVE_STATES, KINDS
 from ident.measure.load import OWN_WEIGHT, Load, parse_direction
 from ident.measure.reading import parse_campaign, read_campaign
 from ident.measure.writing import format_campaign, write_campaign

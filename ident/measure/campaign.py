@@ -1,30 +1,25 @@
 """What was measured, in SI units: measurements, and the campaign that holds them."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from ident.errors import InputError, Problem
+from ident.measure.cells import (
+    ROLE_FIELDS,
+    definition_problems,
+    drive_state_problems,
+    load_problems,
+    resolution_problems,
+    role_problems,
+    value_problems,
+)
 from ident.measure.covariance import Correlated, Covariance, correlated
-from ident.measure.kinds import DIFFERENCES, KINDS, POSITIONS, ROLES, ROTATIONS, TWISTS
+from ident.measure.kinds import DRIVE_STATES, KINDS, POSITIONS
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
 from ident.measure.setups import NO_SETUPS, Setups, check_name
-from ident.text import nearest, quoted
+from ident.text import quoted
 from ident.units import QUANTITIES
-
-DRIVE_STATES = ("brake", "servo", "off")
-"""What held the motors while it was measured: brakes, the controller, or nothing."""
-
-DEFINITIONS = ("undamped", "pole", "damped", "displacement peak", "acceleration peak")
-"""What a frequency may be of a damped mode, with the pole s, w = |s| and z = -Re s / w the damping ratio.
-
-undamped: that of the arm without damping; pole: w; damped: Im s = w sqrt(1 - z^2); displacement peak: of the mode's
-receptance, w sqrt(1 - 2 z^2); acceleration peak: of its accelerance, w / sqrt(1 - 2 z^2); each divided by 2 pi.
-Ewins, "Modal Testing", 2nd ed. 2000, section 2.4.
-"""
-
-SHARPEST = 1e-6
-"""Least standard deviation, as a share of the value: no arm is as constant, and below it searches take minutes."""
 
 ROUNDING = 12**-0.5
 """Standard deviation of what is rounded to steps of one: uniform within half a step (JCGM 100:2008, F.2.2.1)."""
@@ -40,7 +35,9 @@ class Measurement:
     Attributes:
         kind: `frequency` (natural frequency [Hz], see `of`), `deflection` [m], `deflection_difference` (under
             `load` minus under `reference_load` [m]), `position` [m], `rotation` [rad], `rotation_difference` [rad],
-            `twist` [rad], `twist_difference` [rad] or `damping_ratio` [-].
+            `twist` [rad], `twist_difference` [rad], `damping_ratio` [-] or `shape` (how a mode moves `point` along
+            `direction`, over how it moves `reference_point` along `reference_direction` [-], so that scale and sign do
+            not matter).
         posture: (joints,) [rad] joint angles at which the arm was held.
         value: () [Hz, m, rad or -] the measured number.
         sigma: () [as value] its standard deviation.
@@ -49,6 +46,8 @@ class Measurement:
         point: point of the arm whose deflection was read; of a rotation, the point whose body turned.
         direction: (3,) [-] unit vector in the base frame, along which a deflection counts, -z when not given, or about
             which a rotation counts, right-handed.
+        reference_point: point that a shape is counted from.
+        reference_direction: (3,) [-] unit vector in the base frame, likewise.
         joint: joint whose twist was read.
         setup: what it was measured with, in whose frame the direction counts; empty for the base frame.
         resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
@@ -71,6 +70,8 @@ class Measurement:
     of: str | None = None
     point: str | None = None
     direction: Vector | None = None
+    reference_point: str | None = None
+    reference_direction: Vector | None = None
     joint: str | None = None
     setup: str = ""
     resolution: float = 0.0
@@ -88,10 +89,11 @@ class Measurement:
         _check_kind(self)
         for name, value in _normalised(self).items():
             object.__setattr__(self, name, value)
-        given = {name: str(getattr(self, name)) for name in _ROLE_FIELDS if getattr(self, name)}
+        given = {name: str(getattr(self, name)) for name in ROLE_FIELDS if getattr(self, name)}
         problems = [
             *role_problems(self.kind, given),
             *load_problems(self.kind, self.load, self.reference_load),
+            *reference_problems(self),
             *definition_problems(self.of),
             *drive_state_problems(self.drives),
             *value_problems(self.kind, self.value, self.sigma),
@@ -176,79 +178,14 @@ class Campaign:
         return replace(self, measurements=tuple(m for m in self.measurements if m.kind not in kinds))
 
 
-def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
-    """Find the fields that a kind can't have or lacks.
-
-    Args:
-        kind: a name in `KINDS`.
-        given: text of the fields that were given, by field name.
-
-    Yields:
-        The problems, with the column and no row.
-    """
-    for name in _ROLE_FIELDS:
-        if name in given and name not in ROLES[kind]:
-            expected = f"nothing, since a {kind} has no {name}"
-            yield Problem("", quoted(given[name]), expected, "empty the cell or correct the kind", name)
-    if "point" in ROLES[kind] and "point" not in given:
-        read = "whose body turned" if kind in ROTATIONS else "whose deflection was read"
-        yield Problem("", "nothing", f"the point {read}", "name a point of the arm", "point")
-    if kind in TWISTS and "joint" not in given:
-        yield Problem("", "nothing", "the joint whose twist was read", "name a driven joint of the arm", "joint")
-    if kind in (*ROTATIONS, *POSITIONS) and "direction" not in given:
-        remedy = "give one of x, -z, ... or three numbers"
-        axis = "the axis that the rotation is about, right-handed" if kind in ROTATIONS else "the axis that it is along"
-        yield Problem("", "nothing", axis, remedy, "direction")
-
-
-def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Problem]:
-    """Find a difference between a load and itself."""
-    if kind in DIFFERENCES and load == reference_load:
-        got = f"{quoted(str(reference_load))}, the load itself"
-        remedy = "give the two loads of the difference"
-        yield Problem("", got, "a reference load that differs from the load", remedy, "reference_load")
-
-
-def definition_problems(of: str | None) -> Iterator[Problem]:
-    """Find a word for what a frequency is that means nothing."""
-    if of and of not in DEFINITIONS:
-        remedy = f"write {near}" if (near := nearest(of, DEFINITIONS)) else "correct it, or leave it empty for undamped"
-        yield Problem("", quoted(of), f"one of {', '.join(DEFINITIONS)}", remedy, "of")
-
-
-def drive_state_problems(drives: str) -> Iterator[Problem]:
-    """Find a word for what held the motors that means nothing."""
-    if drives not in DRIVE_STATES:
-        near = nearest(drives, DRIVE_STATES)
-        remedy = f"write {near}" if near else f"correct it, or leave it empty for {DRIVE_STATES[0]}"
-        yield Problem("", quoted(drives), f"one of {', '.join(DRIVE_STATES)}", remedy, "drives")
-
-
-def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
-    """Find values and standard deviations [SI] that can't be."""
-    unit = QUANTITIES[KINDS[kind]].si.removesuffix("1")
-    lowest, highest = _RANGES.get(kind, (-math.inf, math.inf))
-    if not lowest < value < highest:
-        limits = f"between {lowest:g} and {highest:g}" if highest < math.inf else f"above {lowest:g}"
-        expected = f"a finite {kind}" + (f" {limits}" if math.isfinite(lowest) else "")
-        yield Problem("", f"{value:g} {unit}".strip(), expected, "correct the value or its unit", "value")
-    if 0 < sigma < SHARPEST * abs(value) < math.inf:
-        expected = f"a standard deviation of {SHARPEST:g} of the value, or more"
-        yield Problem("", f"{sigma:g} {unit}".strip(), expected, "state how far the value may be off", "sigma")
-    if not 0 < sigma < math.inf:
-        expected, remedy = "a finite standard deviation above 0", "state how far the value may be off"
-        yield Problem("", f"{sigma:g} {unit}".strip(), expected, remedy, "sigma")
-
-
-def resolution_problems(resolution: float) -> Iterator[Problem]:
-    """Find a resolution [SI] that can't be."""
-    if not 0 <= resolution < math.inf:
-        remedy = "give the step of the display in the value's unit, or leave the cell empty"
-        yield Problem("", f"{resolution:g}", "a resolution above 0", remedy, "resolution")
-
-
-_ROLE_FIELDS = ("mode", "of", "point", "direction", "joint", "setup", "reference_load")
-_RANGES = {"frequency": (0.0, math.inf), "damping_ratio": (0.0, 1.0)}
+def reference_problems(m: Measurement) -> Iterator[Problem]:
+    """Find a shape that is counted from the place where it was read, or of a frequency's definition."""
+    if m.kind in SHAPES and m.of not in (None, "pole"):
+        remedy = "leave the cell empty, or write pole"
+        yield Problem("", quoted(m.of or ""), "undamped, or pole: a shape of the damped mode", remedy, "of")
+    if m.kind in SHAPES and (m.point, m.direction) == (m.reference_point, m.reference_direction):
+        remedy = "leave the row out: it would be one, whatever the arm"
+        yield Problem("", "the reference itself", "another point or direction", remedy, "reference_point")
 
 
 def _check_kind(m: Measurement) -> None:
@@ -277,6 +214,8 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "joint": (m.joint or "").strip() or None,
         "setup": m.setup.strip(),
         "direction": unit_vector(direction) if direction else None,
+        "reference_point": (m.reference_point or "").strip() or None,
+        "reference_direction": unit_vector(m.reference_direction) if m.reference_direction else None,
         "unit": m.unit.strip() or QUANTITIES[KINDS[m.kind]].si,
         "note": "\n".join(m.note.splitlines()).strip(),
     }

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError, Problem
-from ident.measure.campaign import DRIVE_STATES, drive_state_problems
+from ident.measure.cells import drive_state_problems
+from ident.measure.kinds import DRIVE_STATES
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.speeds import Speed, parse_speeds
 from ident.measure.table import (

@@ -16,6 +16,8 @@ COLUMNS = (
     "of",
     "point",
     "direction",
+    "reference_point",
+    "reference_direction",
     "joint",
     "setup",
     "load",
@@ -32,7 +34,16 @@ COLUMNS = (
 )
 """Names of the columns, beside the joint angles `q1 [deg]`, `q2 [deg]`, ..."""
 
-NUMERIC_COLUMNS = ("value", "sigma", "relative_sigma", "resolution", "direction", "load", "reference_load")
+NUMERIC_COLUMNS = (
+    "value",
+    "sigma",
+    "relative_sigma",
+    "resolution",
+    "direction",
+    "reference_direction",
+    "load",
+    "reference_load",
+)
 """Columns, beside the joint angles, that hold numbers."""
 
 _ANGLE_COLUMN = re.compile(r"(q[1-9][0-9]{0,2})\s*(?:\[([^\]]*)\])?", re.IGNORECASE)

@@ -10,6 +10,7 @@ KINDS = {
     "twist": "rotation",
     "twist_difference": "rotation",
     "damping_ratio": "damping_ratio",
+    "shape": "ratio",
 }
 """Kinds of measurement, each with the quantity it is measured in."""
 
@@ -23,6 +24,7 @@ ROLES = {
     "twist": ("joint",),
     "twist_difference": ("joint", "reference_load"),
     "damping_ratio": ("mode",),
+    "shape": ("mode", "of", "point", "direction", "reference_point", "reference_direction"),
 }
 """The fields that a kind has beside posture, load, value and sigma."""
 
@@ -37,3 +39,17 @@ POSITIONS = ("position",)
 
 TWISTS = ("twist", "twist_difference")
 """Kinds that encoders on both sides of a joint read: angle of the link less that of the motor over the ratio."""
+
+SHAPES = ("shape",)
+"""Kinds that say how a mode moves a point along a direction, over how it moves the reference along its own."""
+
+DRIVE_STATES = ("brake", "servo", "off")
+"""What held the motors while it was measured: brakes, the controller, or nothing."""
+
+DEFINITIONS = ("undamped", "pole", "damped", "displacement peak", "acceleration peak")
+"""What a frequency may be of a damped mode, with the pole s, w = |s| and z = -Re s / w the damping ratio.
+
+undamped: that of the arm without damping; pole: w; damped: Im s = w sqrt(1 - z^2); displacement peak: of the mode's
+receptance, w sqrt(1 - 2 z^2); acceleration peak: of its accelerance, w / sqrt(1 - 2 z^2); each divided by 2 pi.
+Ewins, "Modal Testing", 2nd ed. 2000, section 2.4.
+"""

@@ -8,17 +8,12 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from ident.errors import InputError, Problem
-from ident.measure.campaign import (
-    Campaign,
-    Measurement,
-    load_problems,
-    role_problems,
-    value_problems,
-)
+from ident.measure.campaign import Campaign, Measurement
+from ident.measure.cells import load_problems, role_problems, value_problems
 from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
 from ident.measure.covariance import Covariance, covariance_path, parse_covariance
 from ident.measure.kinds import KINDS
-from ident.measure.load import Load, parse_direction
+from ident.measure.load import Load, Vector, parse_direction
 from ident.measure.setups import NO_SETUPS, Setups, parse_setups, setups_path
 from ident.measure.table import (
     Findings,
@@ -34,7 +29,7 @@ from ident.measure.text import parse_fraction, parse_number
 from ident.text import nearest, one_line, quoted
 from ident.units import si_factor
 
-AS_TEXT = ("mode", "of", "point", "joint", "setup", "drives", "unit", "repeat", "group", "note")
+AS_TEXT = ("mode", "of", "point", "reference_point", "joint", "setup", "drives", "unit", "repeat", "group", "note")
 """Columns whose text is taken as it is."""
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -171,20 +166,16 @@ def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
     """Read a row's cells into a measurement's fields; None is what can't be read."""
     kind = row.attempt("kind", _known_kind, row["kind"])
     value, sigma = _read_number(row, kind)
-    axis = row["direction"]
     return {
         "kind": kind,
         "posture": tuple(_read_angle(row, name, factor) for name, factor in header.angles.items()),
         "value": value,
         "sigma": sigma,
         "resolution": _read_resolution(row, kind),
-        "direction": row.attempt("direction", parse_direction, axis, row.decimal) if axis else None,
+        **{name: _read_direction(row, name) for name in ("direction", "reference_direction")},
         "load": _read_load(row, "load"),
         "reference_load": _read_load(row, "reference_load"),
-        **{
-            name: row[name]
-            for name in ("mode", "of", "point", "joint", "setup", "drives", "unit", "repeat", "group", "note")
-        },
+        **{name: row[name] for name in AS_TEXT},
     }
 
 
@@ -206,6 +197,10 @@ def _known_kind(text: str) -> str:
         remedy = f"write {suggestion}" if suggestion else "correct the kind"
         raise InputError(Problem("", quoted(text), f"one of {', '.join(KINDS)}", remedy))
     return text.lower()
+
+
+def _read_direction(row: _Row, name: str) -> Vector | None:
+    return row.attempt(name, parse_direction, row[name], row.decimal) if row[name] else None
 
 
 def _read_load(row: _Row, name: str) -> Load | None:

@@ -6,17 +6,17 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ident.files import replace_file
-from ident.measure.campaign import DRIVE_STATES, Campaign, Measurement
+from ident.measure.campaign import Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.covariance import Group, covariance_path, covariance_text
-from ident.measure.kinds import KINDS
+from ident.measure.kinds import DRIVE_STATES, KINDS
 from ident.measure.load import format_direction
 from ident.measure.reading import parse_campaign
 from ident.measure.setups import setups_path, setups_text
 from ident.measure.text import format_number
 from ident.units import si_factor
 
-WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "rotation": "mrad", "damping_ratio": "1"}
+WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "rotation": "mrad", "damping_ratio": "1", "ratio": "1"}
 """Unit in which each measured quantity is written."""
 
 
@@ -104,6 +104,8 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
         ("note", m.note),
     )
     yield "direction", format_direction(m.direction) if m.direction else ""
+    yield "reference_point", m.reference_point or ""
+    yield "reference_direction", format_direction(m.reference_direction) if m.reference_direction else ""
     yield "load", str(m.load) if m.load else ""
     yield "reference_load", str(m.reference_load) if m.reference_load else ""
     yield "drives", m.drives if m.drives != DRIVE_STATES[0] else ""

@@ -11,6 +11,7 @@ from ident.measure.channels import FORCE, IGNORED, REFERENCE, RESPONSE, TIME, Ch
 from ident.measure.load import Load
 from ident.measure.recordings import Channel, Recording
 from ident.measure.recordings.sampling import even_step
+from ident.modal.finished import is_finished
 from ident.modal.frf import Place
 from ident.modal.units import quantity_and_factor
 from ident.text import did_you_mean, one_line, quoted
@@ -77,7 +78,7 @@ class Source:
 
 
 def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[Source, ...]:
-    """Return what the files of a test measured; directions of the table have to be those of the base frame.
+    """Return what the files of a test measured, but for finished modes; the table's directions are of the base frame.
 
     Args:
         table: the channel table.
@@ -94,13 +95,15 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
             problems.append(Problem(row.where, quoted(pattern), expected, remedy, "file"))
     for name, recording in recordings.items():
         rows = [row for row in table.rows if fnmatchcase(name, row.file)]
+        if is_finished(recording):
+            continue
         try:
             found += _of_file(name, rows, recording) if any(row.counts for row in rows) else ()
         except InputError as error:
             problems += error.problems
     if problems:
         raise InputError(problems)
-    if not found:
+    if not found and not any(map(is_finished, recordings.values())):
         raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
     return tuple(found)
 

@@ -224,7 +224,7 @@ def _name(campaign: "Campaign") -> str:
 
 def _checked_path(arm: "ArmFile", options: DiagnoseOptions, path: "Log | str | Path | None") -> "Log | None":
     """Check what can be checked before the posterior is sampled, and return the joint path if there is one."""
-    from ident.identify.conditions import loads_of
+    from ident.identify.loads import loads_of
     from ident.vibrate.response.simulate import refuse_jumps
 
     basis = basis_of(arm, options, path=path)

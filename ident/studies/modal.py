@@ -15,15 +15,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.identified_modes import IdentifiedModes
+    from ident.assess.identified_modes import IdentifiedModes, NamedModes
     from ident.description.file import ArmFile
     from ident.measure import Campaign
     from ident.measure.channels import ChannelTable
     from ident.modal.ambient_test import AmbientTest
+    from ident.modal.finished import FinishedTest
     from ident.modal.modal_test import ModalTest, Processing
 
 CHANNELS, ARM = "channels.csv", "arm.toml"
 """Files beside the recordings that are taken where none are named."""
+FINISHED = ("undamped", "pole", "damped")
+"""What the frequencies of a file of finished modes may be."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +54,17 @@ class ModalOptions(ProblemOptions):
         read=reading.frequencies,
     )
     no_modes: bool = option(False, "frequency responses only")
+    sigma: dict[str, float] = option(
+        {},
+        "standard deviation of finished modes whose file has none, as a share: frequency=0.002; damping_ratio; and"
+        " shape, of its largest motion",
+        repeated=True,
+        read=reading.numbers,
+    )
+    frequency_is: str | None = option(
+        None, "what the frequencies of finished modes are, where their file does not say it", choices=FINISHED
+    )
+    shapes: bool = option(False, "write the measured shapes into the campaign, as data of a fit")
 
     @property
     def processing(self) -> "Processing":
@@ -84,6 +98,8 @@ class ModalResult(Result):
         arm: the arm as its file has it, with the points that the channel table adds.
         tests: what was measured, by posture and load.
         identified: modes of each test; none where they were not asked for.
+        finished: files of finished modes.
+        named: their modes.
         campaign: the modes that have a name, with the correlation of their errors; None where none were asked for.
         files: recordings, by name, and the channel table.
         options: what was asked for.
@@ -92,13 +108,15 @@ class ModalResult(Result):
     arm: "ArmFile"
     tests: "tuple[ModalTest | AmbientTest, ...]"
     identified: "tuple[IdentifiedModes, ...]" = ()
+    finished: "tuple[FinishedTest, ...]" = ()
+    named: "tuple[NamedModes, ...]" = ()
     campaign: "Campaign | None" = None
     files: Mapping[str, SourceFile] = field(default_factory=dict)
     options: ModalOptions = field(default_factory=ModalOptions)
 
     form = "ident-modal/3"
     suffix = ".nc"
-    shown = ("tests", "identified", "campaign")
+    shown = ("tests", "identified", "finished", "named", "campaign")
     summary = ("hits", "rejected")
 
     @property
@@ -199,6 +217,7 @@ def modal_test(
     from ident.assess.places import in_base_frame, with_places
     from ident.measure.channel_template import recordings_of
     from ident.measure.channels import ChannelTable, read_channels
+    from ident.modal.finished import finished_tests
     from ident.modal.measured import measured_tests
 
     options, folder = ModalOptions.of(options), Path(tests)
@@ -208,25 +227,35 @@ def modal_test(
     placed = with_places(arm_file.arm, table)
     measured = measured_tests(in_base_frame(placed, table), recordings, options.processing)
     files = {"channels": SourceFile(table.path, table.sha256)}
-    used = {name for test in measured for name in test.files}
+    finished = finished_tests(in_base_frame(placed, table), recordings, options.sigma, options.frequency_is)
+    used = {name for test in measured for name in test.files} | {name for test in finished for name in test.files}
     files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
-    identified, campaign = _identified(folder.absolute().name, placed, measured, options)
-    return ModalResult(replace(arm_file, arm=placed), measured, identified, campaign, files, options)
+    if not measured and not finished:
+        raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
+    identified, named, campaign = _identified(folder.absolute().name, placed, (measured, finished), options)
+    arm_file = replace(arm_file, arm=placed)
+    return ModalResult(arm_file, measured, identified, finished, named, campaign, files, options)
 
 
 def _identified(
-    name: str, arm: "Arm", tests: "tuple[ModalTest | AmbientTest, ...]", options: ModalOptions
-) -> "tuple[tuple[IdentifiedModes, ...], Campaign | None]":
-    """Return the modes of each test and their campaign, where they are asked for."""
-    from ident.assess.identified_modes import identify_modes, modal_campaign
+    name: str,
+    arm: "Arm",
+    tests: "tuple[tuple[ModalTest | AmbientTest, ...], tuple[FinishedTest, ...]]",
+    options: ModalOptions,
+) -> "tuple[tuple[IdentifiedModes, ...], tuple[NamedModes, ...], Campaign | None]":
+    """Return the modes of each test, those of files of finished ones and their campaign, where they are asked for."""
+    from ident.assess.identified_modes import identify_modes, modal_campaign, name_modes
     from ident.identify.unknowns import stiffness_parameters
 
     if options.no_modes:
-        return (), None
+        return (), (), None
     near = {int(number): frequencies for number, frequencies in options.modes.items()}
     parameters = stiffness_parameters(arm, options.unknowns)
-    identified = identify_modes(arm, tests, parameters, near=near, seed=options.seed)
-    return identified, modal_campaign(f"{name}.modal", tests, identified)
+    measured, finished = tests
+    identified = identify_modes(arm, measured, parameters, near=near, seed=options.seed) if measured else ()
+    named = name_modes(arm, finished, parameters, seed=options.seed)
+    campaign = modal_campaign(f"{name}.modal", (*measured, *finished), (*identified, *named), shapes=options.shapes)
+    return identified, named, campaign
 
 
 modal = modal_test

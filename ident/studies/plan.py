@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.plan import CampaignPlan, PlanSettings
+    from ident.identify.sensor_places import HammerPlan
     from ident.measure import Campaign
 
 
@@ -49,6 +50,13 @@ class PlanOptions(FitOptions):
         repeated=True,
         read=reading.numbers,
     )
+    sensors: int = option(
+        0,
+        "channels of accelerometers at hand: says where to put them, and where to hit how often; 0 to leave that out",
+        low=0,
+        high=60,
+    )
+    hit_noise: float = option(0.1, "standard deviation of one hit's shape, as a share of it", above=0.0, high=1.0)
     draws: int = option(8, "points besides the best estimate over which gains are averaged", low=0, high=1000)
 
     @property
@@ -81,14 +89,16 @@ class PlanResult(Result):
     Attributes:
         arm: the arm as its file has it.
         plan: the batch, what it was chosen from, and what the standard deviations will become.
+        hammer: where to measure and to hit in the hammer tests of the batch; none where no sensors are named.
         options: what was asked for.
     """
 
     arm: "ArmFile"
     plan: "CampaignPlan"
+    hammer: "tuple[HammerPlan, ...]" = ()
     options: PlanOptions = field(default_factory=PlanOptions)
 
-    form = "ident-plan/3"
+    form = "ident-plan/4"
     shown = ("plan",)
     numbers = ("cost",)
     summary = ("cost", "sd")
@@ -98,6 +108,12 @@ class PlanResult(Result):
         """The campaign's name, or the arm's, and what was done with it."""
         fitted = self.plan.fit
         return f"{fitted.campaign.name if fitted else Path(self.arm.path).stem or self.arm.arm.name}.plan"
+
+    def report(self) -> str:
+        """Return the printed plan, with where to measure in its hammer tests if that was asked for."""
+        from ident.present.text.plan import plan_report
+
+        return plan_report(self.plan, self.hammer)
 
     @property
     def campaign(self) -> "Campaign":
@@ -158,10 +174,17 @@ def plan(
         InputError: arm, campaign and options do not fit together.
         ModelError: the campaign can't be fitted, or the arm stands in no posture.
     """
+    import numpy as np
+
     from ident.identify.plan import plan_campaign
+    from ident.identify.sensor_places import hammer_plans
 
     options = PlanOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
     settings = options.settings
     fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign is not None else None
-    return PlanResult(arm_file, plan_campaign(arm_file.arm, fitted, options.unknowns_of(arm_file), settings), options)
+    made = plan_campaign(arm_file.arm, fitted, options.unknowns_of(arm_file), settings)
+    best = made.parameters.by_path(np.asarray(made.parameters.values(made.known.points[0])))
+    places = (options.modes, options.sensors, options.hit_noise)
+    hammer = hammer_plans(arm_file.arm.replace(best), made.batch, *places) if options.sensors else ()
+    return PlanResult(arm_file, made, hammer, options)

@@ -14,7 +14,7 @@ from ident.arm.equilibrium import static_equilibrium
 from ident.arm.mechanics import potential_gradient, unflatten
 from ident.arm.parts import Point
 from ident.errors import InputError
-from ident.identify.conditions import loads_of
+from ident.identify.loads import loads_of
 from ident.measure import Load
 from ident.studies.predict import PredictOptions, predict
 from ident.studies.simulate import SimulateOptions, simulate

@@ -6,7 +6,7 @@ from arms import lcd_arm
 
 from ident.arm.assembly import moments
 from ident.assess.exploration import exploration, mass_of, without
-from ident.identify.conditions import loads_of
+from ident.identify.loads import loads_of
 from ident.measure import Load
 from ident.vibrate.motion.stroke import stroke
 

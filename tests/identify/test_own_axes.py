@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
-from ident.identify.conditions import loads_of
+from ident.identify.loads import loads_of
 from ident.measure import Campaign, Load, Measurement
 
 POSTURE = (0.4, -1.1, 0.3)

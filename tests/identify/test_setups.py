@@ -15,8 +15,8 @@ from ident.arm.equilibrium import static_equilibrium
 from ident.arm.mechanics import point_positions
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
-from ident.identify.conditions import loads_of
 from ident.identify.fit import fit_campaign
+from ident.identify.loads import loads_of
 from ident.measure import Campaign, Load, Measurement, parse_campaign, read_campaign, write_campaign
 from ident.measure.setups import Setup, Setups
 

@@ -24,7 +24,7 @@ from ident.measure import (
     read_campaign,
     write_campaign,
 )
-from ident.measure.kinds import DIFFERENCES, TWISTS
+from ident.measure.kinds import DIFFERENCES, SHAPES, TWISTS
 
 README = Path(__file__).parents[2] / "data" / "README.md"
 
@@ -220,6 +220,10 @@ def measurements(draw):
     fields |= {"posture": draw(st.tuples(*[st.floats(-7, 7)] * 2)), "note": draw(TEXTS)}
     if kind in ("frequency", "damping_ratio"):
         return Measurement(mode=draw(st.none() | TEXTS), drives=draw(st.sampled_from(DRIVE_STATES)), **fields)
+    if kind in SHAPES:
+        places = {"point": draw(NAMES), "reference_point": draw(NAMES) + "0"}
+        ways = {"direction": draw(VECTORS), "reference_direction": draw(VECTORS)}
+        return Measurement(mode=draw(NAMES), of=draw(st.sampled_from((None, "pole"))), **places, **ways, **fields)
     reference = {"reference_load": Load(("reference",))} if kind in DIFFERENCES else {}
     if kind in TWISTS:
         return Measurement(joint=draw(NAMES), **reference, **fields)

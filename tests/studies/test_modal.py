@@ -18,7 +18,7 @@ from ident.arm.mechanics import point_positions, unflatten
 from ident.arm.modes import damped_eigenvalues, linearize, modes
 from ident.description.file import read_arm
 from ident.errors import InputError
-from ident.identify.conditions import loads_of
+from ident.identify.loads import loads_of
 from ident.measure import Load
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording

@@ -42,11 +42,16 @@ class Shape:
         frequency: [Hz] of the mode, undamped or damped as the program that wrote it has it.
         damping_ratio: [-]
         motion: complex motion by channel such as `12:+Z`, of any scale.
+        sigma: standard deviations, where the file has them: of `frequency` [Hz], `damping_ratio` [-], and of real and
+            imaginary part of the motion, by channel.
+        of: what the frequency is, one of `ident.measure.DEFINITIONS`; empty where the file does not say it.
     """
 
     frequency: float
     damping_ratio: float
     motion: Mapping[str, complex]
+    sigma: Mapping[str, float] = field(default_factory=dict)
+    of: str = ""
 
 
 @dataclass(frozen=True)

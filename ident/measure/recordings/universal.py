@@ -121,7 +121,7 @@ def _shape(dataset: Mapping[str, Any]) -> Shape:
         for k in (1, 2, 3)
         for node, value in zip(dataset["node_nums"], dataset.get(f"r{k}", ()), strict=False)
     }
-    return Shape(frequency, ratio, motion)
+    return Shape(frequency, ratio, motion, of="pole" if "eig" in dataset else "")
 
 
 def _places(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[float, float, float]]:

@@ -50,6 +50,7 @@ KIND_STYLES: dict[str, Style] = {
     "twist": {"color": ORANGE, "marker": "<"},
     "twist_difference": {"color": PINK, "marker": ">"},
     "damping_ratio": {"color": GREEN, "marker": "^"},
+    "shape": {"color": GREEN, "marker": "*"},
 }
 RIMMED: Style = {"markersize": 8, "markeredgecolor": "black", "markeredgewidth": 1.8}
 """What lies too far from the fit."""

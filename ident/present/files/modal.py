@@ -6,18 +6,25 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ident.assess.identified_modes import IdentifiedModes
+from ident.assess.identified_modes import IdentifiedModes, Labelled, NamedModes
 from ident.measure import Campaign, write_campaign
 from ident.measure.covariance import covariance_path
 from ident.modal.ambient_test import AmbientTest
+from ident.modal.finished import FinishedTest
 from ident.modal.modal_test import ModalTest
 from ident.present.text.places import place_in_words
 
 
 def modal_rows(
-    tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes], campaign: Campaign | None
+    tests: Sequence[ModalTest | AmbientTest],
+    identified: Sequence[IdentifiedModes],
+    finished: Sequence[FinishedTest],
+    named: Sequence[NamedModes],
+    campaign: Campaign | None,
 ) -> list[dict[str, Any]]:
     """Return a row for each mode: posture [deg], load, frequency [Hz], damping ratio [-], sd of both, label."""
+    pairs: list[tuple[ModalTest | AmbientTest | FinishedTest, Labelled]] = [*zip(tests, identified, strict=False)]
+    pairs += zip(finished, named, strict=False)
     return [
         {
             "posture": " ".join(f"{math.degrees(angle) + 0.0:.6g}" for angle in test.posture),
@@ -29,7 +36,7 @@ def modal_rows(
             "label": str(label or ""),
             "probability": float(each.labels.probability[i].max(initial=0.0)),
         }
-        for test, each in zip(tests, identified, strict=False)
+        for test, each in pairs
         for i, label in enumerate(each.labels.given)
     ]
 

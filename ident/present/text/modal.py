@@ -5,10 +5,11 @@ from itertools import chain, zip_longest
 
 import numpy as np
 
-from ident.assess.identified_modes import IdentifiedModes
+from ident.assess.identified_modes import IdentifiedModes, Labelled, NamedModes
 from ident.measure import Campaign
 from ident.modal.ambient_test import AmbientTest
 from ident.modal.estimate import Modes
+from ident.modal.finished import POLE, FinishedTest
 from ident.modal.modal_test import ModalTest
 from ident.present.text.ambient import ambient_heading, ambient_reliance, ambient_test
 from ident.present.text.places import place_in_words
@@ -21,19 +22,26 @@ CORRELATED = 0.3
 def modal_report(
     tests: Sequence[ModalTest | AmbientTest],
     identified: Sequence[IdentifiedModes] = (),
+    finished: Sequence[FinishedTest] = (),
+    named: Sequence[NamedModes] = (),
     campaign: Campaign | None = None,
 ) -> str:
-    """Return the report: a heading, then each posture with its modes, then what the campaign has."""
+    """Return the report: a heading, each posture with its modes, files of finished ones, then what the campaign has."""
     postures = [
         chain(_state(number, test), _test(test), _modes(each) if each else ())
         for number, (test, each) in enumerate(zip_longest(tests, identified), 1)
     ]
-    return paragraphs([_heading(tests), *postures, _campaign(identified, campaign) if campaign else ()])
+    postures += [chain(_finished(test), _named(each) if each else ()) for test, each in zip_longest(finished, named)]
+    every: tuple[Labelled, ...] = (*identified, *named)
+    return paragraphs([_heading(tests, finished), *postures, _campaign(every, campaign) if campaign else ()])
 
 
-def _heading(tests: Sequence[ModalTest | AmbientTest]) -> Iterator[str]:
+def _heading(tests: Sequence[ModalTest | AmbientTest], finished: Sequence[FinishedTest]) -> Iterator[str]:
     hammer = [test for test in tests if isinstance(test, ModalTest)]
     ambient = [test for test in tests if isinstance(test, AmbientTest)]
+    if finished:
+        modes = sum(len(test.modes.frequency) for test in finished)
+        yield f"Finished modes: {modes} in {len(finished)} file{'s' * (len(finished) > 1)}"
     if hammer:
         rejected = sum(len(test.rejected) for test in hammer)
         hits = sum(test.hits for test in hammer)
@@ -84,17 +92,17 @@ def _hammer_test(test: ModalTest) -> Iterator[str]:
         yield f"  {check.name}, {places}: {100 * check.value:.1f} % (at most {100 * check.limit:.0f} %), {verdict}"
 
 
+def _finished(test: FinishedTest) -> Iterator[str]:
+    """Yield where finished modes come from."""
+    yield f"{cut(test.files[0], 40)}: {degrees(test.posture)}, {cut(str(test.load), 50)}, drives: {test.drives}"
+    places = ", ".join(map(place_in_words, test.modes.responses))
+    yield f"  {len(test.modes.frequency)} modes at {places}; frequencies: {test.modes.of}"
+
+
 def _modes(each: IdentifiedModes) -> Iterator[str]:
-    """Yield the modes of a posture, each with its name or what is in doubt."""
-    modes, labels = each.modes, each.labels
-    yield f"  {'mode':>6s}{'frequency':>12s}{'sd':>9s}{'damping':>10s}{'sd':>9s}  {'MAC':>5s}  name"
-    for i, (label, why) in enumerate(zip(labels.given, labels.why, strict=True)):
-        frequency, damping = modes.frequency[i], 100 * modes.damping[i]
-        sd = modes.sigma[0, i], 100 * modes.sigma[1, i]
-        numbers = f"{frequency:9.4f} Hz{sd[0]:9.4f}{damping:8.3f} %{sd[1]:9.3f}"
-        yield f"  {i + 1:6d}{numbers}  {float(labels.mac[i].max()):5.2f}  {label or '-'}"
-        if why:
-            yield f"         NO NAME for mode {i + 1}: {why}"
+    """Yield the modes of a posture, each with its name or what is in doubt, and how sure they are."""
+    modes = each.modes
+    yield from _named(each)
     yield from _reliance(modes) if isinstance(modes, Modes) else ambient_reliance(modes)
     for pole in modes.rejected:
         yield f"  no mode at {pole.frequency:.2f} Hz: {pole.why}"
@@ -112,11 +120,26 @@ def _reliance(modes: Modes) -> Iterator[str]:
         yield "  WARNING: the search for the most probable modes has not ended"
 
 
-def _campaign(identified: Sequence[IdentifiedModes], made: Campaign) -> Iterator[str]:
+def _named(each: Labelled) -> Iterator[str]:
+    """Yield the modes of a posture, each with its name or what is in doubt."""
+    modes, labels = each.modes, each.labels
+    yield f"  {'mode':>6s}{'frequency':>12s}{'sd':>9s}{'damping':>10s}{'sd':>9s}  {'MAC':>5s}  name"
+    for i, (label, why) in enumerate(zip(labels.given, labels.why, strict=True)):
+        frequency, damping = modes.frequency[i], 100 * modes.damping[i]
+        sd = modes.sigma[0, i], 100 * modes.sigma[1, i]
+        numbers = f"{frequency:9.4f} Hz{sd[0]:9.4f}{damping:8.3f} %{sd[1]:9.3f}"
+        yield f"  {i + 1:6d}{numbers}  {float(labels.mac[i].max()):5.2f}  {label or '-'}"
+        if why:
+            yield f"         NO NAME for mode {i + 1}: {why}"
+
+
+def _campaign(identified: Sequence[Labelled], made: Campaign) -> Iterator[str]:
     """Yield what the campaign has, and which of its errors are correlated most."""
     named = sum(label is not None for each in identified for label in each.labels.given)
     every = sum(len(each.labels.given) for each in identified)
-    yield f"Campaign: {named} of {every} modes have a name: rows of frequency (|pole| / 2 pi) and damping ratio"
+    of = " (|pole| / 2 pi)" if all(m.of == POLE for m in made.of_kind("frequency")) else ""
+    shapes = ", damping ratio and shape" if made.of_kind("shape") else " and damping ratio"
+    yield f"Campaign: {named} of {every} modes have a name: rows of frequency{of}{shapes}"
     if not named:
         return
     pairs = [

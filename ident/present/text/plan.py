@@ -8,6 +8,7 @@ import numpy as np
 from ident.arm.workspace import ANYWHERE
 from ident.identify.experiments import CLOSE, PARTS, RESOLUTION, Experiment
 from ident.identify.plan import CampaignPlan
+from ident.identify.sensor_places import HammerPlan
 from ident.inference.optimal_design import A_OPTIMAL, D_OPTIMAL
 from ident.inference.parameters import Parameter
 from ident.inference.prior_information import OPEN_SD
@@ -20,10 +21,10 @@ COLUMNS = 4
 """Standard deviations that are shown of each parameter, from now on; the last one always is."""
 
 
-def plan_report(plan: CampaignPlan) -> str:
+def plan_report(plan: CampaignPlan, hammer: Sequence[HammerPlan] = ()) -> str:
     """Return the report of a plan."""
-    sections = [_heading, _ranking, _ways, _batch, _intervals, _assumptions]
-    return paragraphs(section(plan) for section in sections)
+    before, after = [_heading, _ranking, _ways, _batch, _intervals], [_assumptions]
+    return paragraphs([*(each(plan) for each in before), _hammer(hammer), *(each(plan) for each in after)])
 
 
 def criterion_in_words(plan: CampaignPlan) -> tuple[str, str]:
@@ -165,6 +166,27 @@ def _from_to(ends: Sequence[str]) -> str:
     if first[0] == last[0] == "factor":
         return kept(f"factor {first[1]} to {last[1]}")
     return kept(f"{first[0]} to {' '.join(last)}" if first[1:] == last[1:] else " to ".join(ends))
+
+
+def _hammer(plans: Sequence[HammerPlan]) -> Iterator[str]:
+    """Yield where to measure and to hit in each hammer test."""
+    if plans:
+        yield "Hammer tests: where to measure and to hit, along the base's axes"
+    for plan in plans:
+        yield f"  {degrees(plan.posture)}{f', {cut(str(plan.load), 40)}' if plan.load else ''}"
+        yield f"    accelerometers: {', '.join(plan.sensors)}"
+        each = "each of " * (len(plan.hits) > 1)
+        yield f"    {plan.count} hits at {each}{' and '.join(plan.hits)}"
+        i, j = plan.most_alike
+        if len(plan.labels) > 1:
+            yield f"    most alike: {plan.labels[i]} and {plan.labels[j]}, auto-MAC {plan.auto_mac[i, j]:.2f}"
+        for i, j in plan.alike:
+            yield f"    NOT TOLD APART: {plan.labels[i]} and {plan.labels[j]}; measure at more places (--sensors)"
+        for i, j in plan.coincide:
+            near = f"{plan.frequency[i]:.3g} and {plan.frequency[j]:.3g} Hz"
+            yield f"    {plan.labels[i]} and {plan.labels[j]} overlap ({near}): two places to hit are needed"
+    if plans:
+        yield "  places are the arm's points and the pins of its joints, which go by the joint's name"
 
 
 def _assumptions(plan: CampaignPlan) -> Iterator[str]:

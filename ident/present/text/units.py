@@ -12,6 +12,7 @@ KINDS = {
     "rotation_difference": (1e3, "mrad"),
     "twist": (1e3, "mrad"),
     "twist_difference": (1e3, "mrad"),
+    "shape": (1.0, ""),
 }
 SETUP, TURN = PREFIX, ".turn."
 """What the numbers of a setup's frame are told by: its place, and how it is turned."""

@@ -14,6 +14,7 @@ from ident.inference.information import Direction, Information
 from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
 from ident.measure.kinds import DIFFERENCES
+from ident.measure.load import format_direction
 from ident.present.text.units import in_read_unit, unit_of
 from ident.text import one_line
 
@@ -136,7 +137,7 @@ def direction_name(direction: Direction, names: Sequence[str], spread: Float[np.
 def short(m: Measurement) -> str:
     """Say in a few words what was measured, with its value."""
     value, unit = in_read_unit(m.kind, m.value)
-    what = m.mode or m.point or m.joint or ""
+    what = _what(m)
     loads = f", {m.load}" if m.load else ""
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES else ""
     defined = f" ({m.of})" if m.of else ""
@@ -146,13 +147,20 @@ def short(m: Measurement) -> str:
 
 def describe(m: Measurement) -> str:
     """Say in a few words what was measured, without its value."""
-    what = m.mode or m.point or m.joint or ""
+    what = _what(m)
     loads = f" {m.load}" if m.load else ""
     held = _held(m)
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES and m.reference_load else ""
     return f"{m.of or ''} {m.kind.replace('_', ' ')} {what}{loads}{against}{held} at {degrees(m.posture)}".replace(
         "  ", " "
     ).strip()
+
+
+def _what(m: Measurement) -> str:
+    if m.direction is None or m.reference_direction is None:
+        return m.mode or m.point or m.joint or ""
+    place, reference = format_direction(m.direction), format_direction(m.reference_direction)
+    return f"{m.point} {place} / {m.reference_point} {reference} of {m.mode}"
 
 
 def _held(m: Measurement) -> str:

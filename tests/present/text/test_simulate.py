@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from ident.assess.basis import Basis
 from ident.assess.simulation import Simulation
 from ident.description.file import read_arm
-from ident.identify.conditions import loads_of
+from ident.identify.loads import loads_of
 from ident.identify.values import Values
 from ident.measure import Load
 from ident.present.figures.simulate import drives_figure, simulate_figure

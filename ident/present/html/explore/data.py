@@ -13,7 +13,7 @@ from ident.measure import Measurement
 from ident.measure.kinds import DIFFERENCES
 from ident.text import one_line
 
-NOT_SHOWN = ("damping_ratio",)
+NOT_SHOWN = ("damping_ratio", "shape")
 """Kinds of measurement that the page does not show beside what it computes."""
 
 

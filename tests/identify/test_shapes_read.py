@@ -1,0 +1,165 @@
+"""Measured shapes: MuJoCo's eigenvectors, finite differences, a crossing, and campaigns that cannot be."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from engines import MujocoArm, stiffness
+from known_shapes import CROSSING, SKEW, rows, with_elbow
+from scipy.linalg import eigh
+from scipy.optimize import root
+
+from ident.assess.identified_modes import _ratios
+from ident.errors import InputError
+from ident.identify.build_problem import build_problem
+from ident.identify.conditions import bind
+from ident.identify.shapes import _compared
+from ident.inference.least_squares import evaluate
+from ident.measure import Campaign, Measurement
+from ident.measure.reading import parse_campaign
+from ident.measure.writing import format_campaign
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return with_elbow()
+
+
+def of_poles(campaign):
+    return tuple(replace(m, of="pole") for m in campaign)
+
+
+@pytest.fixture(scope="module")
+def posed(arm):
+    both = {"": lambda each: each, "pole": of_poles}
+    return {
+        (posture, of): build_problem(arm, Campaign(measurements=change(rows(arm, posture))))
+        for posture in (SKEW, CROSSING)
+        for of, change in both.items()
+    }
+
+
+def start(problem):
+    return np.asarray(problem.parameters.theta(problem.parameters.column("start")))
+
+
+def test_ratios_are_those_of_mujocos_eigenvectors(arm, posed):
+    """Points of the end only, which is where the engine has a site; eigenvectors by LAPACK."""
+    other = MujocoArm(arm, SKEW)
+    K = stiffness(arm, other)
+    x = root(
+        lambda x: other.gravity_gradient(x) + K @ x,
+        np.full(len(K), 1e-3),
+        jac=lambda x: other.gravity_hessian(x) + K,
+        options={"xtol": 1e-14},
+    ).x
+    _, V = eigh(other.mass_matrix(x), other.gravity_hessian(x) + K)
+    h, shapes = 1e-5, V[:, ::-1][:, :4]
+    moved = np.array(
+        [(other.point(x + h * v) - other.point(x - h * v)) / (2 * h) for v in (shapes / np.abs(shapes).max(0)).T]
+    )
+    campaign = rows(arm, SKEW)
+    predicted = evaluate(posed[SKEW, ""]).predicted
+    labels = [m.mode for m in campaign if m.kind == "frequency"]
+    compared = 0
+    for m, value in zip(campaign, predicted, strict=True):
+        if m.kind == "shape" and (m.point, m.reference_point) == ("tip", "tip"):
+            own = moved[labels.index(m.mode)]
+            assert value == pytest.approx(own @ m.direction / (own @ m.reference_direction), abs=1e-7)
+            compared += 1
+    assert compared >= 4
+
+
+@pytest.mark.parametrize("of", ["", "pole"])
+@pytest.mark.parametrize("posture", [SKEW, CROSSING])
+def test_slopes_are_those_of_differences(posed, posture, of):
+    problem = posed[posture, of]
+    theta, found, h = start(problem), evaluate(problem), 1e-5
+    ways = np.eye(len(theta))
+    predict = jax.jit(jax.vmap(lambda t: problem.predict(t)))
+    far = np.asarray(predict(np.concatenate([theta + h * ways, theta - h * ways])))
+    differences = ((far[: len(ways)] - far[len(ways) :]) / (2 * h)).T
+    shapes = np.array(problem.kinds) == "shape"
+    jacobian = np.asarray(found.jacobian)
+    assert np.abs(jacobian[shapes]).max() > 0.1
+    np.testing.assert_allclose(jacobian, differences, atol=2e-8 * np.abs(jacobian).max())
+
+
+def test_shapes_tell_joints_apart_that_frequencies_do_not(posed):
+    """What the data of one posture say of the stiffnesses, in the units of their priors."""
+    problem = posed[SKEW, ""]
+    jacobian = np.asarray(evaluate(problem).jacobian) / np.asarray(problem.sigma)[:, None]
+    shapes = np.array(problem.kinds) == "shape"
+    sd = [np.sqrt(np.diag(np.linalg.inv(J.T @ J + np.eye(J.shape[1])))) for J in (jacobian[~shapes], jacobian)]
+    assert (sd[0] > 0.5).any()
+    assert (sd[1] < 0.1 * sd[0]).any()
+    assert (sd[1][sd[0] > 0.5] < 0.3).any()
+
+
+def test_a_prediction_stays_bounded_where_its_mode_does_not_move_the_reference(arm):
+    """Shapes measured of another mode than the label says: nothing runs away, where a ratio would."""
+    campaign = rows(arm, SKEW)
+    named = {m.mode for m in campaign}
+    moved = tuple(replace(m, mode=dict(zip(named, [*named][1:] + [*named][:1], strict=True))[m.mode]) for m in campaign)
+    exchanged = tuple(m if m.kind == "frequency" else n for m, n in zip(campaign, moved, strict=True))
+    predicted = evaluate(build_problem(arm, Campaign(measurements=exchanged))).predicted
+    for m, value in zip(exchanged, predicted, strict=True):
+        if m.kind == "shape":
+            own = [n.value for n in exchanged if n.kind == "shape" and n.mode == m.mode]
+            whole = 1 + np.square(own).sum()
+            assert abs(value - m.value) <= whole**1.5
+
+
+def test_modes_that_coincide_are_compared_as_their_plane():
+    """Any direction of the plane of two shapes is met where they coincide, none but the own one far from there."""
+    rng = np.random.default_rng(0)
+    u, b = rng.normal(size=(2, 6))
+    y = u + 0.3 * b
+    y = (y / y[0])[:, None]
+    near, far = (np.asarray(_compared(y, u[:, None], b[:, None], np.array([w]))) for w in (0.0, 1e3))
+    np.testing.assert_allclose(near[1:], y[1:], atol=1e-9)
+    assert np.abs(far[1:] - y[1:]).max() > 0.05
+
+
+def test_rows_of_shapes_are_written_and_read_again(arm):
+    campaign = Campaign(measurements=of_poles(rows(arm, SKEW)))
+    assert parse_campaign(format_campaign(campaign).encode(), "a.csv") == campaign
+
+
+BLANK = {"kind": "shape", "posture": SKEW, "value": 0.5, "sigma": 0.1, "mode": "vertical bending 1", "point": "tip",
+         "direction": (1.0, 0.0, 0.0), "reference_point": "tip", "reference_direction": (0.0, 0.0, 1.0)}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"mode": None}, "the mode of a shape"),
+        ({"point": None}, "the point whose motion was read"),
+        ({"reference_point": None}, "the reference point of a shape"),
+        ({"reference_direction": None}, "the reference direction of a shape"),
+        ({"direction": (0.0, 0.0, 1.0)}, "the reference itself"),
+        ({"of": "damped"}, "a shape of the damped mode"),
+        ({"joint": "elbow"}, "a shape has no joint"),
+        ({"kind": "frequency"}, "a frequency has no"),
+    ],
+)
+def test_what_is_no_shape_is_refused(change, said):
+    with pytest.raises(InputError, match=said):
+        Measurement(**{**BLANK, **change})
+
+
+def test_a_reference_that_the_arm_has_not_is_refused(arm):
+    with pytest.raises(InputError, match="reference_point"):
+        bind(arm, Campaign(measurements=(Measurement(**{**BLANK, "reference_point": "wrist"}),)))
+
+
+def test_the_slopes_of_measured_ratios_are_those_of_differences():
+    """From the complex shape that a test gives to the rows of a campaign."""
+    rng = np.random.default_rng(1)
+    shape = (rng.normal(size=5) + 0.1j * rng.normal(size=5)) * np.exp(0.7j)
+    _, _, slopes = _ratios(shape)
+    ways, h = [*np.eye(5), *(1j * np.eye(5))], 1e-6
+    differences = np.array([(_ratios(shape + h * way)[1] - _ratios(shape - h * way)[1]) / (2 * h) for way in ways]).T
+    np.testing.assert_allclose(slopes, differences, atol=1e-8)
+    np.testing.assert_allclose(_ratios(3 * shape * np.exp(1j))[1], _ratios(shape)[1], rtol=1e-12)
