@@ -15,7 +15,7 @@ from ident.measure.cells import (
     value_problems,
 )
 from ident.measure.covariance import Correlated, Covariance, correlated
-from ident.measure.kinds import DRIVE_STATES, KINDS, POSITIONS
+from ident.measure.kinds import DRIVE_STATES, KINDS, POSITIONS, SHAPES
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
 from ident.measure.setups import NO_SETUPS, Setups, check_name
 from ident.text import quoted
