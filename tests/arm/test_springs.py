@@ -20,7 +20,7 @@ from ident.arm.mechanics import flat, potential_derivatives, potential_energy, s
 from ident.arm.modes import modes, natural_frequencies
 from ident.arm.motors import system
 from ident.arm.parts import Body, Joint, Point
-from ident.arm.springs import CubicSpring, Spring
+from ident.arm.springs import CubicSpring, Curves, Spring, bends
 from ident.errors import InputError
 
 NUMBERS = {"ratio2": 1.6, "ratio3": 2.3, "torque1": 4.0, "torque2": 11.0}
@@ -221,6 +221,22 @@ def test_servos_see_the_tangent_as_brakes_do():
     assert float(jnp.abs(H - potential_derivatives(replace(held, curved=None), phi)[1]).max()) > 100
     _, _, on = jax.jit(system)(at_posture(arm, POSTURE, servo=jnp.array(1.0)), phi)
     np.testing.assert_allclose(on[:9, :9], H, rtol=1e-9, atol=1e-6)
+
+
+def test_a_tangent_lies_between_the_stiffnesses_however_near_t1_and_t2_are():
+    rng = np.random.default_rng(5)
+    ratio2, ratio3 = np.exp(rng.uniform(-2, 2, (2, 200)))
+    first = np.exp(rng.uniform(-2, 2, 200))
+    second = first * (1 + np.exp(rng.uniform(-8, 2, 200)))
+    spring = Spring("s", "j", "torsion", ratio2=ratio2, ratio3=ratio3, torque1=first, torque2=second)
+    rise, angle = jnp.asarray([ratio2 - 1, ratio3 - ratio2]), jnp.stack(bends(spring, 1.0))
+    curves = Curves(rise, angle, jnp.zeros(200))
+    low, high = (f(1, f(ratio2, ratio3)) for f in (np.minimum, np.maximum))
+    for share in np.geomspace(1e-3, 10, 400):
+        s = (share * angle[1]) ** 2
+        tangent = np.asarray(1 + curves.secant(s) + curves.steepening(s) * s)
+        assert (tangent > low * (1 - 1e-9)).all()
+        assert (tangent < high * (1 + 1e-9)).all()
 
 
 def pendulum(**springs) -> Arm:

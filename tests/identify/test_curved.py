@@ -9,6 +9,8 @@ import pytest
 from ident.arm.arm import Arm
 from ident.arm.parts import Body, Joint, Point
 from ident.arm.springs import CubicSpring, Spring
+from ident.assess.exploration import exploration
+from ident.errors import InputError
 from ident.identify.check import check_campaign
 from ident.identify.conditions import bind
 from ident.identify.curved import check_springs
@@ -118,6 +120,12 @@ def test_check_tells_whether_the_data_can_tell_the_spring_from_a_straight_one():
     said = "\n".join(springs_in_words([spring]))
     assert "s: NO" in said
     assert "K1 alone" in said
+
+
+def test_a_page_that_computes_with_straight_springs_refuses_others():
+    with pytest.raises(InputError, match=r"a curved spring \(s\)") as refused:
+        exploration(true_arm(), Load())
+    assert "\n" not in str(refused.value)
 
 
 def test_a_straight_springs_cost_is_that_of_the_best_straight_arm():

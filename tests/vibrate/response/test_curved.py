@@ -13,6 +13,7 @@ from ident.arm.arm import Arm
 from ident.arm.parts import Body, Joint, Point
 from ident.arm.springs import CubicSpring, Spring
 from ident.errors import InputError
+from ident.present.text.springs import passages_in_words
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.curved import passages
 from ident.vibrate.response.response import Response
@@ -99,6 +100,8 @@ def test_passing_t1_is_told():
     (passage,) = passages(pendulum(CASES["broken"][0]), exact("broken"))
     assert passage.spring == "s"
     assert passage.low < 90.0 < passage.high
+    said = " ".join(passages_in_words([passage]))
+    assert "the load of s passes T1 = 90 N m" in said
     assert passages(pendulum(CASES["cubic"][0]), exact("cubic")) == ()
     far = Spring("s", "j", "torsion", **BROKEN | {"torque1": 600.0, "torque2": 900.0})
     assert passages(pendulum(far), exact("broken")) == ()
