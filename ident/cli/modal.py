@@ -1,4 +1,4 @@
-"""The command `ident modal`: from the files of a hammer test to a campaign."""
+"""The command `ident modal`: from the files of a hammer or ambient test to a campaign."""
 
 from pathlib import Path
 from typing import Annotated
@@ -26,9 +26,9 @@ def modal_command(
     no_figure: NoFigureOption = False,
     strict: StrictOption = False,
 ) -> None:
-    """Make a campaign of the files of a hammer test: frequency responses, modes with their covariance, names.
+    """Make a campaign of the files of a hammer test, or of one without force: modes with their covariance, names.
 
-    Says which hits do not count, and which modes have no certain name, and why. Writes TESTS.modal.csv (a campaign for
+    Says which hits do not count, which lines are those of what turned, and which modes have no certain name, and why. Writes TESTS.modal.csv (a campaign for
     ident fit), .covariance.csv, .nc, .json and three figures for each posture into the folder given by --out.
     """
     if init:

@@ -19,7 +19,7 @@ from ident.modal.selection import SHARPEST
 from ident.modal.stabilisation import Diagram, clustered, distance, physical
 from ident.modal.subspace import realisations
 
-MOST_STATES = 60
+MOST_STATES = 40
 """States of the highest order."""
 DECAYS = 5.0
 """Decay times of the mode that calms down most slowly in a block."""

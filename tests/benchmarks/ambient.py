@@ -69,9 +69,11 @@ def count(arm, results):
         vector = off.T.ravel()
         squared.append(vector @ np.linalg.solve(modes.covariance[np.ix_(at, at)], vector))
         sizes.append((len(vector), modes.blocks - 1))
-    every = np.concatenate([np.array(own) for own in errors if own])
-    covered("frequencies", every[:, 0])
-    covered("damping ratios", every[:, 1])
+    for name, some in (("all", range(len(errors))), ("below 5 %", np.flatnonzero(arm.damping < 0.05))):
+        own = np.concatenate([np.array(errors[j]) for j in some if errors[j]])
+        print(f"modes damped by: {name}")
+        covered("  frequencies", own[:, 0])
+        covered("  damping ratios", own[:, 1])
     for hertz, ratio, own in zip(arm.frequency, arm.damping, errors, strict=True):
         scaled = np.array(own).reshape(-1, 2)
         inside = (np.abs(scaled) < 1.96).mean(0) if len(own) else np.full(2, np.nan)

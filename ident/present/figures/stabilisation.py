@@ -29,7 +29,7 @@ def stabilisation_figure(test: ModalTest | AmbientTest, identified: IdentifiedMo
         Line2D([], [], linestyle="", marker="o", markersize=4, color=PALE, label="other pole"),
         Line2D([], [], linestyle="", marker="o", markersize=4, color=BLUE, label="pole of a lasting cluster"),
         Line2D([], [], color=ORANGE, label="mode" if ambient else "mode, by maximum likelihood"),
-        Line2D([], [], color=GREY, label="first singular values" if ambient else "size of all responses"),
+        Line2D([], [], color=GREY, label="two first singular values" if ambient else "size of all responses"),
         *(harmonic_key(test) if isinstance(test, AmbientTest) else ()),
     ]
     key_below(figure, handles, "MAC: measured shapes against those of the arm as its file has it", columns=4)
