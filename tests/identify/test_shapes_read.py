@@ -9,13 +9,14 @@ from engines import MujocoArm, stiffness
 from known_shapes import CROSSING, SKEW, rows, with_elbow
 from scipy.linalg import eigh
 from scipy.optimize import root
+from scipy.stats import binom, chi2
 
 from ident.assess.identified_modes import _ratios
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
 from ident.identify.conditions import bind
 from ident.identify.shapes import _compared
-from ident.inference.least_squares import evaluate
+from ident.inference.least_squares import evaluate, solve
 from ident.measure import Campaign, Measurement
 from ident.measure.reading import parse_campaign
 from ident.measure.writing import format_campaign
@@ -163,3 +164,23 @@ def test_the_slopes_of_measured_ratios_are_those_of_differences():
     differences = np.array([(_ratios(shape + h * way)[1] - _ratios(shape - h * way)[1]) / (2 * h) for way in ways]).T
     np.testing.assert_allclose(slopes, differences, atol=1e-8)
     np.testing.assert_allclose(_ratios(3 * shape * np.exp(1j))[1], _ratios(shape)[1], rtol=1e-12)
+
+
+def test_fits_of_noisy_shapes_hold_the_truth_as_often_as_they_say(arm, posed):
+    """Twelve campaigns near the crossing, one search each from the truth; rates: tests/benchmarks/shapes.py."""
+    rng, campaign = np.random.default_rng(7), rows(arm, CROSSING)
+    truth, sigma = start(posed[CROSSING, ""]), np.array([m.sigma for m in campaign])
+    inside, squared = 0, 0.0
+    for _ in range(12):
+        noise = sigma * rng.standard_normal(len(sigma))
+        made = tuple(replace(m, value=m.value + float(e)) for m, e in zip(campaign, noise, strict=True))
+        problem = build_problem(arm, Campaign(measurements=made))
+        end = solve(problem, truth)
+        residuals, slope = problem.weigh(np.asarray(end.predicted), np.asarray(end.jacobian), np.asarray(end.theta))
+        sd = np.sqrt(np.diag(np.linalg.inv(slope.T @ slope)))
+        inside += int((abs(np.asarray(end.theta) - truth) < 1.96 * sd).sum())
+        squared += float(np.square(residuals[: len(campaign)]).sum())
+    assert inside >= binom.ppf(0.001, 12 * len(truth), 0.95)
+    degrees = 12 * (len(campaign) - len(truth))
+    # the pair that nearly coincides says less than its rows, and priors hold what data leave open
+    assert chi2.ppf(0.001, degrees - 24) < squared < chi2.ppf(0.999, degrees + 12 * len(truth))

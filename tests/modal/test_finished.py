@@ -79,6 +79,9 @@ def test_modes_of_a_csv_file_are_named_and_become_a_campaign(folder, known, tmp_
         assert m.value == pytest.approx(expected, abs=1e-9)
         assert m.sigma == pytest.approx(0.02 * np.hypot(1, expected), rel=1e-3)
     assert "finished modes" in result.report().lower()
+    again = ident.load(next((tmp_path / "out").glob("*.modal.nc")))
+    assert again.report() == result.report()
+    assert again.campaign == result.campaign
 
 
 def test_modes_of_a_universal_file_are_those_of_their_poles(folder, known):
