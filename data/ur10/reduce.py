@@ -16,8 +16,8 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist
 HEAD = """\
 # MEASURED: a UR10 of Fraunhofer IPA, by a laser tracker with a 6-D probe (T-Mac) at its flange, no change of payload.
 # Origin: github.com/christianlandgraf/ipa-robot-accuracy (commit 507fba6), Copyright (c) 2021 Christian Landgraf, MIT:
-# LICENSE. C. Landgraf, K. Ernst, G. Schleth, M. Fabritius, M. F. Huber, "A Hybrid Neural Network Approach for Increasing
-# the Absolute Accuracy of Industrial Robots", IEEE CASE 2021, 468-474.
+# LICENSE. C. Landgraf, K. Ernst, G. Schleth, M. Fabritius, M. F. Huber, "A Hybrid Neural Network Approach for
+# Increasing the Absolute Accuracy of Industrial Robots", IEEE CASE 2021, 468-474.
 # Reduced by reduce.py: of series B (the same poses by several joint configurations) every fifth row, of C (random
 # poses) every tenth; joint angles, position of the probe in the tracker's frame, standard deviations of that reading.
 """
