@@ -4,8 +4,8 @@ python data/ur10/gravity.py
 
 Linearised at arm.urdf and arm.joints.toml: position = geometry + sum of c_k times how the probe sags with compliance
 k. The geometry is free: a frame of the tracker for each series, shifts and tilts of every axis, zeros of all angles,
-the place of the probe; then errors of each angle too that come back once and twice a turn, as of an encoder off its centre.
-What that can explain is projected out of everything.
+the place of the probe; then errors of each angle too that come back once and twice a turn, as of an encoder off its
+centre. What that can explain is projected out of everything.
 """
 
 import sys
