@@ -21,7 +21,7 @@ ORIGIN = """<!--
 
 
 def composite(model: mujoco.MjModel) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return mass [kg], mass centre [m] and inertia [kg m^2] about it of a model at angle 0, in its first body's axes."""
+    """Return mass [kg], mass centre [m] and inertia [kg m^2] about it of a model, in the axes of its body 1."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     own = data.xmat[1].reshape(3, 3)

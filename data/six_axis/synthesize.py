@@ -43,8 +43,9 @@ COMMENTS = (
     "SYNTHETIC: computed with ident, not measured on any robot. Made by synthesize.py.",
     "Arm: arm.xml (Kinova Jaco 2), with stiffnesses [N m/rad] that are assumed, and not those of arm.joints.toml:",
     *(f"    {', '.join(STATED[n : n + 3])}" for n in range(0, 12, 3)),
-    "In each of eight postures the lowest three natural frequencies, not labelled, and how far a force moves tip or bar,",
-    "the end of a bar across the hand, in x, y and z, against no force: of a tracker's frame only the directions count.",
+    "In each of eight postures: the lowest three natural frequencies, without labels, and how far a force moves the",
+    "tip, or the end of a bar across the hand, in x, y and z, against no force: of a tracker's frame only directions",
+    "count.",
     f"Noise: normal, {100 * SIGMA_FREQUENCY:g} % of a frequency, {SIGMA_DEFLECTION:g} mm of a deflection;",
     f"numpy default_rng({SEED}).",
 )
