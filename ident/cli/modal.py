@@ -28,8 +28,9 @@ def modal_command(
 ) -> None:
     """Make a campaign of the files of a hammer test, or of one without force: modes with their covariance, names.
 
-    Says which hits do not count, which lines are those of what turned, and which modes have no certain name, and why. Writes TESTS.modal.csv (a campaign for
-    ident fit), .covariance.csv, .nc, .json and three figures for each posture into the folder given by --out.
+    Says which hits do not count, which lines are those of what turned, and which modes have no certain name, and why.
+    Writes TESTS.modal.csv (a campaign for ident fit), .covariance.csv, .nc, .json and three figures for each posture
+    into the folder given by --out.
     """
     if init:
         path, rows = new_channels(tests, channels, arm)
