@@ -17,6 +17,7 @@ COMMENTS = (
     "(frame: base, body), unit, posture q1, q2, ... and load, the sensors' mass included (0.2 kg @ tip).",
     "sensitivity: numbers of the file for one unit; rate [Hz] where the file says none; decay [1/s] of an exponential",
     "window that the analyser has applied. A row without role is left out. `*` in a file's name: any letters.",
+    "Without any force: a column harmonics for what turned meanwhile (2.25 Hz @ pulley 1 + 1450 rpm @ pump).",
 )
 HEAD = ("file", "channel", "role", "point", "direction", "frame", "unit", "sensitivity", "rate", "decay")
 

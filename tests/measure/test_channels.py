@@ -40,7 +40,7 @@ def test_a_row_without_role_is_left_out_however_little_it_says(tmp_path):
     [
         (
             "a.uff,f,hammer,tip,,,z,,,N,,0,",
-            "channels.csv:2, role: got 'hammer', expected one of force, response, time,",
+            "channels.csv:2, role: got 'hammer', expected one of force, response, reference, time,",
         ),
         ("a.uff,f,force,,,,z,,,N,,0,", "channels.csv:2, point: got nothing, expected a point of the arm, of a force"),
         ("a.uff,f,force,tip,,,,,,N,,0,", "channels.csv:2, direction: got nothing, expected x, -z, ..."),
