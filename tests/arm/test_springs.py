@@ -183,6 +183,17 @@ def test_derivatives_of_frequencies_and_deflections_are_differences():
     assert (np.abs(slopes).max(0) > 1e-3).all()
 
 
+def test_a_batch_of_springs_is_as_one_after_the_other():
+    paths = ("j0.k_bend", "s0.torque1", "s2.ratio2", "s1.cubic")
+    factors = np.exp(np.random.default_rng(2).uniform(-0.2, 0.2, (len(paths), 3)))
+    values = {path: float(bent_arm().get(path)) * factor for path, factor in zip(paths, factors, strict=True)}
+    phi, hertz, _ = computed(bent_arm().replace(values), POSTURE[:, None])
+    for n in range(3):
+        alone = computed(bent_arm().replace({path: value[n] for path, value in values.items()}), POSTURE)
+        np.testing.assert_allclose(phi[..., n], alone[0], rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(hertz[..., n], alone[1], rtol=1e-10)
+
+
 def test_unloaded_and_below_t1_the_springs_are_straight():
     arm = curved_arm()
     stiff = arm.replace({f"s{n}.torque1": 1e4 for n in (0, 2, 3)} | {f"s{n}.torque2": 2e4 for n in (0, 2, 3)})
