@@ -31,9 +31,9 @@ def read_mjcf(
     """Return a serial arm from an MJCF file.
 
     Hinges become driven joints with an empty shaft, but for those of bushings that `ident export` has written; bodies
-    welded to one another are one link. MuJoCo's world frame is the base frame; what is fixed to it is left out. A hinge's
-    own stiffness, damping, friction and armature are its motor's, which holds the joint, and are passed over. Geoms are
-    read only where a body's inertia follows from them.
+    welded to one another are one link. MuJoCo's world frame is the base frame; what is fixed to it is left out. The
+    stiffness, damping, friction and armature of a hinge are its motor's, which holds the joint, and are passed over.
+    Geoms are read only where a body's inertia follows from them.
 
     Args:
         path: the MJCF file.
