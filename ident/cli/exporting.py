@@ -22,8 +22,8 @@ def export(
 ) -> None:
     """Write the identified stiffness and damping into the robot's own description, or as JSON.
 
-    MJCF gets three passive hinges before each driven one; URDF a comment, and .joints.toml beside it, by which ident
-    reads it; an arm file the values, with the origin calibrated. Of a posterior the medians are written.
+    MJCF gets three passive hinges before each driven one, URDF a comment, both .joints.toml beside them, by which ident
+    reads them; an arm file the values, with the origin calibrated. Of a posterior the medians are written.
     """
     running.start()
     from ident.studies.export import export as write

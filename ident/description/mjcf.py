@@ -17,6 +17,9 @@ from ident.description.robot import Pair, Pin, Robot, refusal
 from ident.errors import InputError, Problem
 from ident.text import NAME, NAME_RULE, one_line, read_bytes
 
+ENDS = ("tors", "bend_1", "bend_2")
+"""How the hinges of a bushing are called, after the joint: about its axis, and about two directions across it."""
+
 
 def read_mjcf(
     path: str | PathLike[str],
@@ -27,9 +30,10 @@ def read_mjcf(
 ) -> Arm:
     """Return a serial arm from an MJCF file.
 
-    Hinges become driven joints with an empty shaft; bodies welded to one another are one link. MuJoCo's world frame is
-    the base frame; what is fixed to it is left out. A hinge's own stiffness, damping, friction and armature are its
-    motor's, which holds the joint, and are passed over. Geoms are read only where a body's inertia follows from them.
+    Hinges become driven joints with an empty shaft, but for those of bushings that `ident export` has written; bodies
+    welded to one another are one link. MuJoCo's world frame is the base frame; what is fixed to it is left out. The
+    stiffness, damping, friction and armature of a hinge are its motor's, which holds the joint, and are passed over.
+    Geoms are read only where a body's inertia follows from them.
 
     Args:
         path: the MJCF file.
@@ -55,7 +59,7 @@ def mjcf_robot(path: str) -> Robot:
     where = one_line(path)
     model, data = _placed(path, where)
     links = _links(model, where)
-    check_size(model.njnt, where)
+    check_size(sum(map(len, links)), where)
     pins, place = [], np.zeros(3)
     for link in links:
         for joint in link:
@@ -179,11 +183,12 @@ def _links(model: Any, where: str) -> list[list[int]]:
         InputError: nothing moves, the arm branches, or a joint's name is none.
     """
     links: list[list[int]] = []
-    last = 0
+    last, bushings = 0, _bushing_names(model)
     for body in range(1, model.nbody):
         if not model.body_jntnum[body]:
             continue
         joints = [int(model.body_jntadr[body]) + n for n in range(model.body_jntnum[body])]
+        joints = [joint for joint in joints if _joint_name(model, joint) not in bushings]
         if model.body_weldid[model.body_parentid[body]] != last:
             names = " and ".join(_joint_name(model, joint) for joint in (*links[-1][:1], joints[0]))
             raise refusal(where, f"a branch into {names}", "a serial arm", "remove the other arms and fingers")
@@ -193,6 +198,11 @@ def _links(model: Any, where: str) -> list[list[int]]:
         raise refusal(where, "no moving joint", "a hinge", "check the joints of the bodies")
     _check_names(model, where)
     return links
+
+
+def _bushing_names(model: Any) -> set[str]:
+    """Return the names that hinges of bushings have in a file that `ident export` has written."""
+    return {f"{_joint_name(model, joint)}_{end}" for joint in range(model.njnt) for end in ENDS}
 
 
 def _check_names(model: Any, where: str) -> None:

@@ -15,13 +15,11 @@ import numpy as np
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Joint
-from ident.description.mjcf import load_spec
+from ident.description.mjcf import ENDS, load_spec
 from ident.description.robot import refusal
 from ident.description.xml_text import comment, root_start
 from ident.text import one_line, read_bytes
 
-ENDS = ("tors", "bend_1", "bend_2")
-"""How the hinges of a bushing are called, after the joint: about its axis, and about two directions across it."""
 PLAIN = {
     "type": "hinge",
     "armature": "0",
@@ -47,10 +45,11 @@ def mjcf_with_bushings(path: str, arm: Arm, lines: list[str]) -> bytes:
         lines: the comment.
 
     Raises:
-        InputError: the file has changed so that it can't be read, or a joint is not written in it as an element.
+        InputError: the file can't be read any more, has bushings already, or a joint is not written as an element.
     """
     where, data = one_line(path), read_bytes(path, "a robot description (MJCF)")
     spec, root = load_spec(path, where), _tree(Path(path))
+    _check_free(spec, arm, where)
     for joint in arm.joints:
         holder, place = _place(root, joint.name, where)
         turns = _turns(joint, spec.joint(joint.name))
@@ -62,6 +61,14 @@ def mjcf_with_bushings(path: str, arm: Arm, lines: list[str]) -> bytes:
         for name in {"qpos", "qvel"} & key.attrib.keys():
             key.set(name, " ".join(f"0 0 0 {number}" for number in key.attrib[name].split()))
     return data[: root_start(data)] + comment(lines) + ElementTree.tostring(root, encoding="utf-8") + b"\n"
+
+
+def _check_free(spec: Any, arm: Arm, where: str) -> None:
+    """Refuse a file that has bushings already."""
+    taken = [name for joint in arm.joints for end in ENDS if spec.joint(name := f"{joint.name}_{end}")]
+    if taken:
+        got, remedy = f"the hinge {taken[0]}", "write into the file without them (--arm)"
+        raise refusal(where, got, "a robot without bushings", remedy)
 
 
 def _tree(path: Path) -> Any:

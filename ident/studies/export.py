@@ -26,7 +26,7 @@ def export(
     """Write the arm that was identified, in the format that a file's ending names, and return the paths written.
 
     `.xml`: the arm's MJCF with three passive hinges before each driven one, of its bushing's stiffness and damping.
-    `.urdf`: the arm's URDF with the bushings as a comment, and `.joints.toml` beside it, by which ident reads it.
+    `.urdf`: the arm's URDF with the bushings as a comment. Beside both `.joints.toml`, by which ident reads them.
     `.toml`: the arm file with the identified numbers, of the origin `calibrated`. `.json`: the numbers with intervals.
 
     Args:
@@ -93,22 +93,29 @@ def _mjcf(path: Path, own: "ArmFile", arm: "Arm", found: "Identified") -> Mappin
     from ident.description.mjcf_writing import mjcf_with_bushings
 
     _check_kind(path, own, "mujoco", "an arm that was read from MJCF")
-    _only_bushings(path, own, arm)
-    return {path: mjcf_with_bushings(own.path, arm, _comment(arm, found))}
+    beside = _joints(path, own, arm)
+    return {path: mjcf_with_bushings(own.path, arm, _comment(arm, found)), **beside}
 
 
 def _urdf(path: Path, own: "ArmFile", arm: "Arm", found: "Identified") -> Mapping[Path, bytes]:
-    from ident.description.joints_file import beside, joints_text
     from ident.description.xml_text import with_comment
-    from ident.text import decode, read_bytes
+    from ident.text import read_bytes
 
     _check_kind(path, own, "robot", "an arm that was read from URDF")
+    beside = _joints(path, own, arm)
+    return {path: with_comment(read_bytes(own.path, "a robot description (URDF)"), _comment(arm, found)), **beside}
+
+
+def _joints(path: Path, own: "ArmFile", arm: "Arm") -> dict[Path, bytes]:
+    """Return the file of bushings that goes beside a robot description, by which ident reads it again."""
+    from ident.description.joints_file import beside, joints_text
+    from ident.text import decode, read_bytes
+
     changed = _only_bushings(path, own, arm)
-    assert own.bushings, "it was read from URDF"
-    text = decode(read_bytes(own.bushings.path, "the bushings of a robot (TOML)"), one_line(own.bushings.path))
-    joints = joints_text(text, changed, "calibrated", one_line(own.bushings.path))
-    data = with_comment(read_bytes(own.path, "a robot description (URDF)"), _comment(arm, found))
-    return {path: data, beside(str(path)): joints.encode("utf-8")}
+    assert own.bushings, "the arm was read from a robot description"
+    where = one_line(own.bushings.path)
+    text = decode(read_bytes(own.bushings.path, "the bushings of a robot (TOML)"), where)
+    return {beside(str(path)): joints_text(text, changed, "calibrated", where).encode("utf-8")}
 
 
 def _toml(path: Path, own: "ArmFile", arm: "Arm", found: "Identified") -> Mapping[Path, bytes]:

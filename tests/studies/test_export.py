@@ -45,7 +45,7 @@ def urdf(tmp_path_factory):
 
 def test_mjcf_gets_the_fitted_stiffnesses(mjcf, tmp_path):
     _, result, saved = mjcf
-    (written,) = ident.export(saved, tmp_path / "fitted.xml")
+    written, _ = ident.export(saved, tmp_path / "fitted.xml")
     model = mujoco.MjModel.from_xml_path(str(written))
     for path, value in result.parameters.items():
         name, field = path.split(".")
@@ -56,6 +56,16 @@ def test_mjcf_gets_the_fitted_stiffnesses(mjcf, tmp_path):
     assert f"j1.k_bend = {result.parameters['j1.k_bend']:.6g} N m/rad, 95 % interval {low:.4g} to {high:.4g}\n" in head
     assert f"arm.xml, SHA-256 {result.arm.sha256}" in head
     assert f"arm.joints.toml, SHA-256 {result.arm.bushings.sha256}" in head
+
+
+def test_the_written_mjcf_is_read_again_as_the_fitted_arm(mjcf, tmp_path):
+    path, result, saved = mjcf
+    written, _ = ident.export(saved, tmp_path / "fitted.xml")
+    again, before = ident.read_arm(written), ident.read_arm(path).arm.numbers()
+    for name, value in again.arm.numbers().items():
+        assert float(value) == pytest.approx(float(result.parameters.get(name, before[name])), rel=1e-11, abs=1e-12)
+    with pytest.raises(InputError, match=r"fitted\.xml: got the hinge j1_tors, expected a robot without bushings"):
+        ident.export(result, tmp_path / "twice.xml", arm=written)
 
 
 def test_urdf_gets_a_comment_and_is_read_again_with_the_fitted_numbers(urdf, tmp_path):
@@ -120,5 +130,5 @@ def test_another_result_is_refused(mjcf, tmp_path):
 def test_an_arm_that_has_changed_since_is_refused_or_named(mjcf, tmp_path):
     path, result, _ = mjcf
     other = robot_in(tmp_path, ".xml", path.read_text() + "\n", JOINTS)
-    (written,) = ident.export(result, tmp_path / "fitted.xml", arm=other)
+    written, _ = ident.export(result, tmp_path / "fitted.xml", arm=other)
     assert "in doubt: fitted to another arm file, or to this one before it was changed" in written.read_text()
