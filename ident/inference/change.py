@@ -176,6 +176,7 @@ class _Joint:
         sides = ((-0.5, changing), (0.5, changing))
         self.ways = [self._way(names, *side) for names, side in zip(own, sides, strict=True)]
         self.once = [True] * len(own[0]), [name not in own[0] for name in own[1]]
+        self.known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def _way(self, names: Sequence[str], share: float, changing: Sequence[str]) -> Float[np.ndarray, "P joint"]:
         """Return how the parameters of one problem follow from the unknowns of both."""
@@ -231,6 +232,13 @@ class _Joint:
         return np.array([float(values[name]) for name in self.changing])
 
     def _weighed(self, joint: Float[np.ndarray, "joint"]) -> tuple[np.ndarray, np.ndarray]:
+        """Return residuals and derivatives, of each point computed once: SciPy asks for them one after the other."""
+        key = joint.tobytes()
+        if key not in self.known:
+            self.known[key] = self._computed(joint)
+        return self.known[key]
+
+    def _computed(self, joint: Float[np.ndarray, "joint"]) -> tuple[np.ndarray, np.ndarray]:
         residuals, slopes, count = [], [], len(self.names)
         centre = joint.copy()
         centre[count:] = 0.0

@@ -1,10 +1,12 @@
 """An arm on a base that gives, against the closed form of a rigid body on springs and against MuJoCo."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm, random_arm
 from engines import MujocoArm, stiffness
+from jaxtyping import Array
 from scipy.linalg import eigh
 from scipy.optimize import root
 
@@ -27,6 +29,19 @@ def column(height: float, mass: float, com: float, moment: float) -> Arm:
     return Arm("column", (joint,), (Point("top", "joint1", (0.0, 0.0, 2 * com)),))
 
 
+@eqx.filter_jit
+def frequencies(arm: Arm, posture: Array, count: int) -> Array:
+    """The lowest ones [Hz]."""
+    return natural_frequencies(at_posture(arm, posture), count)
+
+
+@eqx.filter_jit
+def moved(arm: Arm, posture: Array) -> Array:
+    """By how much gravity moves each point [m]."""
+    chain = at_posture(arm, posture)
+    return deflection(chain, equilibrium(chain))
+
+
 @pytest.mark.parametrize("height", [0.3, 1.0])
 def test_a_rigid_body_rocks_on_the_base_as_an_inverted_pendulum_on_a_spring(height):
     mass, com, moment, k = 30.0, 0.6, 4.0, 5e4
@@ -37,7 +52,7 @@ def test_a_rigid_body_rocks_on_the_base_as_an_inverted_pendulum_on_a_spring(heig
     spring = k - 9.80665 * (mass * (height + com) + weight * low)
     rocking = np.sqrt(spring / inertia) / (2 * np.pi)
     turning = np.sqrt(2 * k / (moment / 2 + float(pedestal.inertia[2, 2]))) / (2 * np.pi)
-    found = np.asarray(natural_frequencies(at_posture(arm, jnp.zeros(1)), 3))
+    found = np.asarray(frequencies(arm, jnp.zeros(1), 3))
     # the body's own bushing gives 1/20000 and 1/10000 of the compliance
     np.testing.assert_allclose(found, sorted([rocking, rocking, turning]), rtol=2e-4)
 
@@ -53,11 +68,11 @@ def test_nothing_moves_where_the_base_is_put_under_it():
 
 def test_the_stiffer_the_base_the_nearer_to_a_rigid_one():
     arm, posture = lcd_arm(), jnp.array([0.3, -0.6, 0.3])
-    rigid = np.asarray(natural_frequencies(at_posture(arm, posture), 4))
+    rigid = np.asarray(frequencies(arm, posture, 4))
 
     def off(k):
         based = on_soft_base(arm, 0.5).replace({"base.k_bend": k, "base.k_tors": k})
-        return np.abs(np.asarray(natural_frequencies(at_posture(based, posture), 4)) - rigid).max()
+        return np.abs(np.asarray(frequencies(based, posture, 4)) - rigid).max()
 
     assert off(1e10) == pytest.approx(10 * off(1e11), rel=1e-3), "as the compliance"
 
@@ -76,12 +91,12 @@ def test_frequencies_and_deflection_are_those_of_mujoco(seed):
         jac=lambda x: engine.gravity_hessian(x) + K,
         options={"xtol": 1e-14},
     ).x
-    H, chain = engine.gravity_hessian(settled) + K, at_posture(arm, posture)
+    H = engine.gravity_hessian(settled) + K
     inverse = eigh(engine.mass_matrix(settled), (H + H.T) / 2, eigvals_only=True)[::-1]
-    found = np.asarray(natural_frequencies(chain, 12))
+    found = np.asarray(frequencies(arm, posture, 12))
     np.testing.assert_allclose(found, 1 / (2 * np.pi * np.sqrt(inverse)), rtol=1e-8)
-    moved = np.asarray(deflection(chain, equilibrium(chain)))[:, -1]
-    np.testing.assert_allclose(moved, engine.point(settled) - engine.point(0 * settled), rtol=1e-9, atol=1e-12)
+    tip = np.asarray(moved(arm, posture))[:, -1]
+    np.testing.assert_allclose(tip, engine.point(settled) - engine.point(0 * settled), rtol=1e-9, atol=1e-12)
 
 
 def test_asked_for_twice_it_is_put_there_once():

@@ -1,15 +1,16 @@
 """What stiff belts tend to, in closed form: it is not what rigid ones are."""
 
+import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import first_guess_arm, lcd_arm
+from jaxtyping import Array
 from scipy.linalg import eigh
 
 from ident.arm.arm import Arm
 from ident.arm.drive import Belt, Drive
-from ident.arm.multibody import multibody
+from ident.arm.multibody import Multibody, multibody
 from ident.arm.multibody_dynamics import residual
 from ident.arm.multibody_kinematics import Command
 from ident.arm.parts import Body, Joint
@@ -19,17 +20,26 @@ pytestmark = pytest.mark.slow
 SHAFT, LINK, ROTOR, TORSION, RADIUS = 0.4, 9.0, 0.003, 3e4, 0.03
 
 
+@eqx.filter_jit
+def linear(model: Multibody, still: Array, y: Array) -> tuple[Array, Array, Array]:
+    """What is out of balance where all is at rest, and its derivatives by coordinates and by accelerations."""
+    command, none = Command(still, still, still), 0 * y
+
+    def force(y: Array, a: Array) -> Array:
+        return residual(model, command, y, none, a)
+
+    return force(y, none), *jax.jacfwd(force, (0, 1))(y, none)
+
+
 def matrices(arm: Arm, *, elastic: bool) -> tuple[np.ndarray, np.ndarray]:
     """Mass and stiffness about the equilibrium of the unfolded arm."""
-    model = multibody(arm, elastic_belts=elastic)
-    still = jnp.zeros(len(arm.driven))
-    command, none = Command(still, still, still), jnp.zeros(model.size)
-    stiffness = jax.jit(jax.jacfwd(lambda y: residual(model, command, y, none, none)))
-    y = none
+    model, still = multibody(arm, elastic_belts=elastic), np.zeros(len(arm.driven))
+    y = np.zeros(model.size)
     for _ in range(6):
-        y = y - jnp.linalg.solve(stiffness(y), residual(model, command, y, none, none))
-    mass = jax.jacfwd(lambda a: residual(model, command, y, none, a))(none)
-    return np.asarray(mass), np.asarray(stiffness(y))
+        force, stiffness, _ = linear(model, still, y)
+        y = y - np.linalg.solve(stiffness, force)
+    _, stiffness, mass = linear(model, still, y)
+    return np.asarray(mass), np.asarray(stiffness)
 
 
 def frequencies(mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:

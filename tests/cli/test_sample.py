@@ -1,6 +1,7 @@
 """`ident sample` through the command line."""
 
 import json
+import shutil
 
 import pytest
 from arms import DATA
@@ -17,13 +18,45 @@ FEW = ("--starts=1", "--discrepancy=deflection:0.1", "--fix=joint1.k_bend")
 """What all short chains have, here and in `tests/studies/test_sample.py`, so that they need the same programs."""
 
 
-def test_sample_goes_on_where_it_was_and_writes_draws_and_figures(run, tmp_path):
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    """Where a chain that is too short is kept for the tests of this file."""
+    return tmp_path_factory.mktemp("shelf")
+
+
+@pytest.fixture
+def too_short(run, shelf, tmp_path):
+    """What a chain that is too short prints; it is run once, and its files lie in the folder of each test."""
+    if not (shelf / "out").exists():
+        code, out, err = run("sample", DATA / "table1.csv", *FEW, "--steps=500", "--no-figure")
+        assert code == 3, err
+        (shelf / "printed").write_text(out)
+        shutil.copytree(tmp_path / "out", shelf / "out")
+    shutil.copytree(shelf / "out", tmp_path / "out", dirs_exist_ok=True)
+    return (shelf / "printed").read_text()
+
+
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Interrupt a chain behind its second block."""
+
+    def progress(description, total=None):
+        def stop(numbers):
+            for number in numbers:
+                if description == "blocks of steps" and number == 2:
+                    raise KeyboardInterrupt
+                yield number
+
+        return stop
+
+    monkeypatch.setattr(running, "progress", progress)
+
+
+def test_sample_goes_on_where_it_was_and_writes_draws_and_figures(run, too_short, tmp_path):
     import arviz
 
-    code, out, err = run("sample", DATA / "table1.csv", *FEW, "--steps=500", "--no-figure")
-    assert code == 3, err
-    assert "TOO SHORT" in out
-    assert "the same command with more --steps goes on from there" in out
+    assert "TOO SHORT" in too_short
+    assert "the same command with more --steps goes on from there" in too_short
     first = arviz.from_netcdf(tmp_path / "out/table1.sample.nc")
     code, out, _ = run("sample", DATA / "table1.csv", *FEW, "--steps=600", "--ess=100")
     assert code == 3
@@ -40,17 +73,8 @@ def test_sample_goes_on_where_it_was_and_writes_draws_and_figures(run, tmp_path)
     assert draws.sizes["draw"] > first.posterior.sizes["draw"]
 
 
-def test_an_interrupted_run_says_how_it_goes_on(run, tmp_path, monkeypatch):
-    def interrupted(description, total=None):
-        def stop(numbers):
-            for number in numbers:
-                if description == "blocks of steps" and number == 2:
-                    raise KeyboardInterrupt
-                yield number
-
-        return stop
-
-    monkeypatch.setattr(running, "progress", interrupted)
+@pytest.mark.usefixtures("interrupted")
+def test_an_interrupted_run_says_how_it_goes_on(run, tmp_path):
     code, out, err = run("sample", DATA / "table1.csv", *FEW, "--no-figure")
     assert (code, out) == (130, "")
     assert err == "stopped; kept out/table1.sample.part: the same command goes on from there\n"
@@ -66,9 +90,9 @@ def test_long_enough_a_chain_leaves_no_checkpoints(run, tmp_path):
     assert run("sample", DATA / "campaign.csv", *options, "--strict")[0] == 0
 
 
+@pytest.mark.usefixtures("too_short", "interrupted")
 def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
     short = (*FEW, "--steps=500", "--no-figure")
-    assert run("sample", DATA / "table1.csv", *short)[0] == 3
     before = {path: (tmp_path / path).read_bytes() for path in files(tmp_path)}
     code, out, err = run("sample", DATA / "table1.csv", *short, "--seed=1")
     assert (code, out) == (2, "")
@@ -77,7 +101,8 @@ def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
     assert "(--out)" in err
     assert len(err.splitlines()) == 1
     assert {path: (tmp_path / path).read_bytes() for path in files(tmp_path)} == before
-    assert run("sample", DATA / "table1.csv", *short, "--seed=1", "--restart")[0] == 3
+    assert run("sample", DATA / "table1.csv", *short, "--seed=1", "--restart")[0] == 130
+    assert len(list((tmp_path / "out/table1.sample.part").glob("draws*"))) == 2, "begun anew"
 
 
 @pytest.mark.parametrize("command", ["sample", "diagnose"])

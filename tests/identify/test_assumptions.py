@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import equinox as eqx
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
@@ -24,7 +25,7 @@ def campaign_of(arm, *, noise=0.0, sigma=1.0, labels=True):
     """The shipped campaign's rows, measured on an arm."""
     rows = read_campaign(DATA / "lcd_arm" / "campaign.csv").measurements
     rows = tuple(row if labels else replace(row, mode=None) for row in rows)
-    values = np.asarray(predict(arm, {}, bind(arm, Campaign(measurements=rows))))
+    values = np.asarray(eqx.filter_jit(predict)(arm, {}, bind(arm, Campaign(measurements=rows))))
     z = np.random.default_rng(1).standard_normal(len(rows))
     relative = [0.005 if row.kind == "frequency" else 0.02 for row in rows]
     return Campaign(

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from one_program import predicted
 
 from ident.identify.build_problem import build_problem
 from ident.identify.unknowns import Unknowns
@@ -25,7 +25,7 @@ def test_damping_ratios_are_compared_at_the_modes_that_all_data_choose():
     rng = np.random.default_rng(9)
     start = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     truth = start + rng.standard_normal(len(start)) * np.minimum(problem.parameters.normal_sd, 0.15)
-    values = np.asarray(problem.predict(jnp.asarray(truth)))
+    values = predicted(problem, truth)
     sigma = np.array([RELATIVE[m.kind] for m in rows]) * values
     values = values + sigma * rng.standard_normal(len(values))
     measured = (replace(m, value=float(v), sigma=float(s)) for m, v, s in zip(rows, values, sigma, strict=True))

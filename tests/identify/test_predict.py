@@ -129,8 +129,8 @@ def test_a_batch_of_parameters_equals_one_at_a_time():
     campaign = Campaign(measurements=(frequency(4.1, mode="torsion 1"), frequency(5.0, BENT), frequency(6.0, BENT)))
     conditions, parameters = bind(lcd_arm(), campaign), stiffness_parameters(lcd_arm())
     draws = parameters.column("start")[:, None] * np.exp(np.random.default_rng(0).normal(size=(6, 5)) * 0.3)
-    together = predict(lcd_arm(), parameters.by_path(draws), conditions)
-    alone = [predict(lcd_arm(), parameters.by_path(draws[:, i]), conditions) for i in range(5)]
+    values = jax.jit(lambda draws: predict(lcd_arm(), parameters.by_path(draws), conditions))
+    together, alone = values(draws), [values(draws[:, i]) for i in range(5)]
     np.testing.assert_allclose(together, np.stack(alone, 1), rtol=1e-11)
 
 
@@ -203,9 +203,14 @@ def test_an_empty_campaign_is_refused():
 HEAVY = "lateral torsion 2"
 
 
+@jax.jit
+def linearized(posture):
+    return linearize(at_posture(lcd_arm(), posture))
+
+
 def state_matrix_poles(posture):
     """The poles of the damped arm by LAPACK's eigenvalues of the state matrix, of positive imaginary part."""
-    system = linearize(at_posture(lcd_arm(), jnp.asarray(posture)))
+    system = linearized(jnp.asarray(posture))
     M, C, H = (np.asarray(matrix) for matrix in (system.M, system.C, system.H))
     lower = -np.linalg.solve(M, np.concatenate([H, C], 1))
     upper = np.concatenate([np.zeros_like(M), np.eye(len(M))], 1)

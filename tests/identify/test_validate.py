@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from one_program import predicted
 from scipy.stats import binom
 
 from ident import InputError, read_campaign
@@ -29,9 +29,7 @@ def simulated(rng, arm=None):
     """The shipped campaign with other stiffnesses, of the arm or of one that is unlike the model."""
     problem = build_problem(arm or lcd_arm(), CAMPAIGN)
     theta = np.log([float(lcd_arm().get(name)) for name in NAMES]) + 0.2 * rng.standard_normal(len(NAMES))
-    return with_values(
-        np.asarray(problem.predict(jnp.asarray(theta))) + np.asarray(problem.sigma) * rng.standard_normal(len(CAMPAIGN))
-    )
+    return with_values(predicted(problem, theta) + np.asarray(problem.sigma) * rng.standard_normal(len(CAMPAIGN)))
 
 
 def validated(campaign, leave="posture"):

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from chains import Linear
 from scipy.stats import kstest
 
 from ident.inference.change import WIDE, change
@@ -18,10 +19,7 @@ PRIOR = 0.8
 
 def problem(matrix, values, sigma=0.1, names=NAMES):
     """Values that are linear in theta, the logarithm of each parameter."""
-
-    def model(p):
-        return jnp.asarray(matrix) @ jnp.stack([jnp.log(p[name]) for name in names])
-
+    model = Linear(jnp.asarray(matrix, float), names, logarithms=True)
     items = tuple(Parameter((name,), True, 1.0, 1.0, PRIOR) for name in names)
     return InverseProblem(model, values, np.full(len(values), sigma), Parameters(items), ("x",) * len(values))
 

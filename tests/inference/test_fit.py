@@ -71,13 +71,13 @@ def started_at(problem, factor):
 
 
 def test_exact_data_give_all_six_from_any_of_ten_starts():
-    """Within a factor of ten: all soft, all stiff, soft and stiff by turns, and six at random."""
+    """Within a factor of ten: all soft, all stiff, soft and stiff by turns, and six at random; each with few beside."""
     problem = arm_problem(lcd_arm(), exact(shipped()), stiffness_parameters(lcd_arm(), Unknowns(prior_sd=math.inf)))
     truth = np.asarray(problem.parameters.column("start"))
     turns = (-1.0) ** np.arange(6)
     far = [-np.ones(6), np.ones(6), turns, -turns]
     for powers in [*far, *np.random.default_rng(0).uniform(-1, 1, (6, 6))]:
-        found = fit(started_at(problem, 10**powers))
+        found = fit(started_at(problem, 10**powers), starts=3)
         assert found.best.converged
         assert found.information.rank == 6
         assert np.abs(found.best.values / truth - 1).max() < 1e-6
@@ -209,7 +209,7 @@ def test_a_value_is_far_off_only_beyond_its_own_uncertainty(sigma, refused):
 def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():
     first, second, *rest = shipped().of_kind("frequency")
     mistyped = dataclasses.replace(second, value=second.value + 1.0, sigma=second.sigma)
-    result = fit_campaign(lcd_arm(), Campaign(measurements=(first, mistyped, *rest)))
+    result = fit_campaign(lcd_arm(), Campaign(measurements=(first, mistyped, *rest)), starts=4)
     assert result.outliers[1]
     assert result.p_value < 1e-6
     assert result.doubts
@@ -267,7 +267,7 @@ def test_evaluate_predicts_at_the_start():
 
 def test_the_same_seed_gives_the_same_fit():
     problem = arm_problem(lcd_arm(), table_1(), stiffness_parameters(lcd_arm()))
-    first, second = (fit(problem, seed=5) for _ in range(2))
+    first, second = (fit(problem, starts=6, seed=5) for _ in range(2))
     np.testing.assert_array_equal(first.best.theta, second.best.theta)
     assert [o.starts for o in first.optima] == [o.starts for o in second.optima]
 
@@ -284,10 +284,14 @@ def test_a_label_of_no_mode_is_refused_with_its_row_and_the_modes_that_there_are
 # rival optima
 
 
+def square_and_itself(p):
+    return jnp.stack([p["x"] ** 2, p["x"]])
+
+
 def two_wells(sd=np.inf, towards=0.5):
     """A model whose square is measured, so that x = 1 and x = -1 fit alike, but for a second value of that sd."""
     return InverseProblem(
-        lambda p: jnp.stack([p["x"] ** 2, p["x"]]),
+        square_and_itself,
         jnp.array([1.0, towards]),
         jnp.array([0.01, sd]),
         Parameters((Parameter(("x",), False, 0.4, 0.0),)),

@@ -3,6 +3,7 @@
 import os
 import re
 import runpy
+import shutil
 import signal
 import subprocess
 import sys
@@ -49,6 +50,25 @@ def robots(tmp_path_factory):
 @pytest.fixture(scope="module")
 def result(robots):
     return fleet(robots[0], options=FleetOptions(starts=4))
+
+
+@pytest.fixture(scope="module")
+def fitted(robots, tmp_path_factory):
+    """A folder in which each robot's fit is kept, and the fleet that was made of them."""
+    folder = tmp_path_factory.mktemp("fitted") / "kept"
+    return folder, fleet(robots[0], options=QUICK, folder=folder)
+
+
+@pytest.fixture
+def kept(fitted, tmp_path):
+    """A copy of that folder."""
+    return Path(shutil.copytree(fitted[0], tmp_path / "kept"))
+
+
+def forget(robots, kept, name):
+    """Throw away what is kept of a robot."""
+    (one,) = (file for file in kept.iterdir() if str(robots[0] / f"{name}.csv") in file.read_text())
+    one.unlink()
 
 
 def test_what_it_says(result, robots):
@@ -148,7 +168,7 @@ def test_what_data_say_is_free_of_the_prior(robots):
 
 
 def test_another_design_is_none_of_the_fleet(robots, tmp_path):
-    for path in robots[0].glob("robot*.csv"):
+    for path in robots[0].glob("robot00[1-4].csv"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / "arm.toml").write_bytes((robots[0] / "arm.toml").read_bytes())
     own = tmp_path / "other"
@@ -162,22 +182,21 @@ def test_another_design_is_none_of_the_fleet(robots, tmp_path):
 
 
 @pytest.mark.usefixtures("quick_workers")
-def test_what_is_done_is_not_done_again(robots, tmp_path):
-    first = fleet(robots[0], options=QUICK, folder=tmp_path / "kept")
-    before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in (tmp_path / "kept").iterdir()}
+def test_what_is_done_is_not_done_again(robots, fitted, kept):
+    before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in kept.iterdir()}
     assert len(before) == 9
     damaged = min(before)
     damaged.write_bytes(before[damaged][1][:-20])
-    again = fleet(robots[0], options=FleetOptions(starts=4, normal=True, workers=2), folder=tmp_path / "kept")
-    after = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in (tmp_path / "kept").iterdir()}
+    again = fleet(robots[0], options=FleetOptions(starts=4, normal=True, workers=2), folder=kept)
+    after = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in kept.iterdir()}
     assert {path for path in before if before[path][0] != after[path][0]} == {damaged}
     assert {path: text for path, (_, text) in before.items()} == {path: text for path, (_, text) in after.items()}
-    assert again.report() == first.report()
-    fleet(robots[0], options=FleetOptions(starts=2, normal=True), folder=tmp_path / "kept")
-    assert len(list((tmp_path / "kept").iterdir())) == 18, "other options, other files"
+    assert again.report() == fitted[1].report()
+    fleet(robots[0], options=FleetOptions(starts=1, normal=True), folder=kept)
+    assert len(list(kept.iterdir())) == 18, "other options, other files"
 
 
-def test_an_error_that_nobody_expected_costs_one_robot(robots, tmp_path, monkeypatch):
+def test_an_error_that_nobody_expected_costs_one_robot(robots, kept, monkeypatch):
     """It is reported, the others go on, and the next run tries again."""
     from ident.studies import fit as module
 
@@ -189,22 +208,28 @@ def test_an_error_that_nobody_expected_costs_one_robot(robots, tmp_path, monkeyp
         return right(arm, campaign, options)
 
     monkeypatch.setattr(module, "fit", wrong)
-    result = fleet(robots[0], options=QUICK, folder=tmp_path / "kept")
+    for name in ("robot003", "robot004"):
+        forget(robots, kept, name)
+    result = fleet(robots[0], options=QUICK, folder=kept)
     assert set(result.failed) == {"broken", "robot003"}
     assert "(ZeroDivisionError: of a library)" in result.failed["robot003"]
     assert "robot003" in result.report()
     assert result.short
-    assert len(list((tmp_path / "kept").iterdir())) == 8
+    assert len(list(kept.iterdir())) == 8
     monkeypatch.setattr(module, "fit", right)
-    assert set(fleet(robots[0], options=QUICK, folder=tmp_path / "kept").failed) == {"broken"}
+    assert set(fleet(robots[0], options=QUICK, folder=kept).failed) == {"broken"}
 
 
 def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
+    few = tmp_path / "few"
+    few.mkdir()
+    for name in ("arm.toml", "broken.csv", *(f"robot00{i}.csv" for i in range(1, 5))):
+        shutil.copy(robots[0] / name, few)
     line = [
         sys.executable,
         str(SUPPORT / "quick_ident.py"),
         "fleet",
-        str(robots[0]),
+        str(few),
         "--starts=4",
         "--normal",
         "--no-figure",
@@ -213,7 +238,7 @@ def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
 
     def run(out, kill_at=None):
         process = subprocess.Popen([*line, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-        kept = out / f"{robots[0].name}.fleet.robots"
+        kept = out / f"{few.name}.fleet.robots"
         while kill_at is not None and process.poll() is None:
             if kept.exists() and len(list(kept.glob("*.robot"))) >= kill_at:
                 process.send_signal(signal.SIGKILL)
@@ -235,7 +260,8 @@ def files(folder):
     return {path.relative_to(folder): TIME.sub("", path.read_text()) for path in paths}
 
 
-def test_the_command(run, robots, tmp_path):
+def test_the_command(run, robots, kept, tmp_path):
+    shutil.copytree(kept, tmp_path / "out" / f"{robots[0].name}.fleet.robots")
     code, out, _ = run("fleet", robots[0], "--starts=4", "--normal", "--out", tmp_path / "out")
     assert code == 3, "a robot failed"
     name = robots[0].name
@@ -263,12 +289,14 @@ def test_a_folder_without_robots_is_refused(tmp_path, make, words):
         fleet(folder)
 
 
-def test_a_worker_that_is_killed_costs_no_more_than_its_robot(robots, tmp_path, monkeypatch):
+def test_a_worker_that_is_killed_costs_no_more_than_its_robot(robots, kept, tmp_path, monkeypatch):
     """A robot at which the process ends each time is reported as failed; the others are done."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
     hook = "import os, sys\n"
     (tmp_path / "sitecustomize.py").write_text(hook + KILLER.format(name="robot002.csv"))
-    result = fleet(robots[0], options=FleetOptions(starts=4, normal=True, workers=2), folder=tmp_path / "kept")
+    for name in ("robot001", "robot002", "robot003"):
+        forget(robots, kept, name)
+    result = fleet(robots[0], options=FleetOptions(starts=4, normal=True, workers=2), folder=kept)
     assert set(result.failed) == {"broken", "robot002"}
     assert "killed 3 times" in result.failed["robot002"]
     assert len(result.fleet.members) == 7

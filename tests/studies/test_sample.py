@@ -46,12 +46,12 @@ def file(result, tmp_path_factory):
 
 def test_it_is_the_posterior_of_the_fit(result, table_1):
     fitted = fit(lcd_arm(), table_1, FitOptions(**FIT))
-    direct = sample_campaign(fitted.fit, settings=Settings(max_steps=500))
-    np.testing.assert_array_equal(result.sample.sample.theta, direct.sample.theta)
+    direct = sample_campaign(fitted.fit, settings=Settings(max_steps=100)).sample
+    sampled = result.sample.sample
+    np.testing.assert_array_equal(sampled.theta[:100], direct.theta)
     assert result.name == "table1.sample"
     assert not result.enough, "so short a chain is none to trust"
-    draws = np.exp(direct.sample.draws())
-    for name, own in zip(direct.sample.posterior.parameters.names, draws.T, strict=True):
+    for name, own in zip(direct.posterior.parameters.names, np.exp(sampled.draws()).T, strict=True):
         np.testing.assert_allclose(result.draws[name], own, rtol=1e-12)
         assert result.medians[name] == pytest.approx(np.median(own), rel=1e-12)
         assert result.intervals[name] == pytest.approx(tuple(np.quantile(own, (0.025, 0.975))), rel=1e-12)

@@ -1,5 +1,9 @@
 """Models that are no arm: a linear one, and a chain of masses and springs."""
 
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -7,6 +11,18 @@ from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 
 CENTRES, WIDTHS = np.array([0.3, -1.0, 2.0]), np.array([1.0, 0.5, 3.0])
+
+
+class Linear(eqx.Module):
+    """Values A @ (a, b, ...), of the parameters or of their logarithms: one program for all matrices of a shape."""
+
+    A: Any
+    names: tuple[str, ...] = eqx.field(static=True)
+    logarithms: bool = eqx.field(static=True, default=False)
+
+    def __call__(self, parameters: Mapping[str, Any]) -> Any:
+        values = jnp.stack([parameters[name] for name in self.names])
+        return jnp.tensordot(self.A, jnp.log(values) if self.logarithms else values, 1)
 
 
 def linear_problem(seed: int = 0) -> tuple[InverseProblem, np.ndarray, np.ndarray]:
@@ -21,10 +37,7 @@ def linear_problem(seed: int = 0) -> tuple[InverseProblem, np.ndarray, np.ndarra
         Parameter((name,), False, centre, centre, 1.0, width)
         for name, centre, width in zip(names, CENTRES, WIDTHS, strict=True)
     )
-
-    def model(p):
-        return jnp.tensordot(jnp.asarray(A), jnp.stack([p[name] for name in names]), 1)
-
+    model = Linear(jnp.asarray(A), names)
     problem = InverseProblem(model, jnp.asarray(measured), jnp.asarray(sigma), Parameters(items), ("x",) * 4 + ("y",))
     scaled = A * WIDTHS / sigma[:, None]
     covariance = np.linalg.inv(scaled.T @ scaled + np.eye(3))

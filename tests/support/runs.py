@@ -2,9 +2,11 @@
 
 from functools import cache
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from arms import lcd_arm
+from jaxtyping import Array
 from numpy.polynomial import Polynomial
 
 from ident.arm.arm import Arm
@@ -86,7 +88,12 @@ def still(arm: Arm) -> Arm:
 
 def about(arm: Arm, motion: Motion) -> Linearized:
     """The equations about the equilibrium at the start of a motion, from the statics."""
-    return linearize(at_posture(arm, motion(jnp.zeros(()))[0]))
+    return _at(arm, motion(jnp.zeros(()))[0])
+
+
+@eqx.filter_jit
+def _at(arm: Arm, q: Array) -> Linearized:
+    return linearize(at_posture(arm, q))
 
 
 def off(mine: np.ndarray, other: np.ndarray) -> float:
