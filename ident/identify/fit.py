@@ -1,9 +1,10 @@
 """The main job in one call: an arm and a campaign in, a fit out, with what speaks against it."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
 from ident.identify.assumptions import Assumptions, assumptions
@@ -17,7 +18,8 @@ from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
 from ident.inference.exchange import Exchange, exchanges
 from ident.inference.fit import STARTS, Fit, fit, with_stretch
-from ident.measure import Campaign
+from ident.inference.robust import SUSPICIOUS, robust_weights, weighted
+from ident.measure import Campaign, Measurement
 
 FARTHEST = 20
 """Values farthest off of which it is asked, in a large campaign, whether they were taken for others."""
@@ -34,12 +36,29 @@ class CampaignFit(Fit):
         campaign: what was measured.
         assumptions: what it takes for granted, and what that may move; None where no optimum was reached.
         exchanges: which two values, exchanged, would make data fit that do not.
+        weights: (D,) by which each value counts in a robust fit, see `ident.inference.robust`; None in any other.
     """
 
     arm: Arm
     campaign: Campaign
     assumptions: Assumptions | None = None
     exchanges: tuple[Exchange, ...] = ()
+    weights: Float[np.ndarray, "D"] | None = None
+
+    @property
+    def off(self) -> Float[np.ndarray, "D"]:
+        """(predicted - measured) / sigma, with the sigmas as they were said."""
+        return self.residuals if self.weights is None else self.residuals / np.sqrt(self.weights)
+
+    @property
+    def suspicious(self) -> Bool[np.ndarray, "D"]:
+        """Which values are too far off: for so many, or to count for more than half in a robust fit."""
+        return self.outliers if self.weights is None else self.weights < SUSPICIOUS
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a larger chi-squared, see `Fit`; NaN of a robust fit, whose weights hide what is off."""
+        return super().p_value if self.weights is None else np.nan
 
     @property
     def mislabelled(self) -> bool:
@@ -73,8 +92,8 @@ class CampaignFit(Fit):
         They may all be equal, however large their sigmas: the display's steps hide that they are not.
         """
         chi_squared, freedom = self.chi_squared, self.degrees_of_freedom
-        if self.problem.correlation is not None:
-            return chi_squared, freedom
+        if self.problem.correlation is not None or self.weights is not None:
+            return chi_squared, freedom if self.weights is None else 0
         measured, sigma = np.asarray(self.problem.measured), np.asarray(self.problem.sigma)
         for rows in repeated(self.campaign):
             own = [i for i in rows if np.isfinite(sigma[i])]
@@ -112,6 +131,7 @@ def fit_campaign(
     starts: int = STARTS,
     seed: int = 0,
     trusted: Collection[str] = (),
+    robust: str | None = None,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> CampaignFit:
     """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
@@ -123,6 +143,7 @@ def fit_campaign(
         starts: number of starts.
         seed: of the starts.
         trusted: rows whose values are right though implausible, see `check_values`.
+        robust: the loss by which values count less that are too far off.
         progress: wraps the numbers of the starts, to show a bar.
 
     Raises:
@@ -132,13 +153,32 @@ def fit_campaign(
     problem = build_problem(arm, campaign, unknowns)
     check_values(problem, campaign, arm, trusted)
     best = fit(problem, starts=starts, seed=seed, progress=progress)
+    weights = None if robust is None else robust_weights(best, units_of(campaign), robust)
+    if weights is not None:
+        best = fit(weighted(problem, weights), starts=starts, seed=seed)
     weak = (unknowns or Unknowns()).with_prior
     if weak != (unknowns or Unknowns()):
-        compared, _ = cross_predictions(build_problem(arm, campaign, weak), [o.theta for o in best.optima], seed=seed)
+        other = build_problem(arm, campaign, weak)
+        other = other if weights is None else weighted(other, weights)
+        compared, _ = cross_predictions(other, [o.theta for o in best.optima], seed=seed)
         best = with_stretch(replace(best, cross_predictions=compared))
     granted = assumptions(best, arm, campaign) if best.best.converged else None
-    found = CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted)
+    found = CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted, weights=weights)
     return replace(found, exchanges=_suspected(found))
+
+
+def units_of(campaign: Campaign) -> Int[np.ndarray, "D"]:
+    """Return the number of each row's unit: rows of a group, and components of a vector, are one."""
+    units: dict[Hashable, int] = {}
+    return np.array([units.setdefault(_unit(i, m), len(units)) for i, m in enumerate(campaign)], int)
+
+
+def _unit(row: int, m: Measurement) -> Hashable:
+    if m.group:
+        return m.group
+    if m.direction is None or not m.setup:
+        return row
+    return m.kind, m.posture, m.point, m.setup, m.load, m.reference_load, m.drives, m.repeat
 
 
 def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:

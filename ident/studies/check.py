@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.result import Result
 from ident.studies.shared import ProblemOptions, as_campaign, as_file
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class CheckOptions(ProblemOptions):
     """Options of `ident.check`: what is unknown, and what is known of it."""
 
-    takes_uncertain = True
+    refuses: ClassVar[tuple[str, ...]] = ()
 
 
 @dataclass(frozen=True, repr=False, eq=False)

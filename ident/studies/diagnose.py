@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.assess.effort import Effort
 from ident.errors import InputError
@@ -34,6 +34,8 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
     Attributes:
         effort: how much is computed; no flag of the command.
     """
+
+    refuses: ClassVar[tuple[str, ...]] = ("robust",)
 
     limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)

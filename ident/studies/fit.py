@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
@@ -22,9 +22,14 @@ if TYPE_CHECKING:
 class FitOptions(ProblemOptions):
     """Options of `ident.fit`: what is unknown, what is known of it, and how long to search."""
 
-    takes_uncertain = True
+    refuses: ClassVar[tuple[str, ...]] = ()
 
     starts: int = option(16, "starts of the fit, at least", low=1, high=10_000)
+    robust: str | None = option(
+        None,
+        "let values that are too far off count less, by Huber's loss or Student's t: huber or t",
+        choices=("huber", "t"),
+    )
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -157,6 +162,7 @@ def fit(
         starts=options.starts,
         seed=options.seed,
         trusted=tuple(map(str, options.trust_values)),
+        robust=options.robust,
         progress=progress("starts"),
     )
     return FitResult(arm_file, fitted, options)

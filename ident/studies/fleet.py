@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import quote
 
 from ident.errors import InputError, Problem
@@ -39,7 +39,7 @@ class EngineOptions(Options):
 class FleetOptions(EngineOptions, FitOptions):
     """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
 
-    takes_uncertain = False
+    refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust")
 
     batch: int = option(
         1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096

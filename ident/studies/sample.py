@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import Problem
 from ident.studies import reading
@@ -30,6 +30,8 @@ MOST_WALKERS = 20_000
 @dataclass(frozen=True, kw_only=True)
 class SampleOptions(FitOptions):
     """Options of `ident.sample`: what is unknown, what is known of it, and how long to sample."""
+
+    refuses: ClassVar[tuple[str, ...]] = ("robust",)
 
     noise: tuple[str, ...] = option(
         (),

@@ -92,15 +92,14 @@ class ProblemOptions(BaseOptions):
     )
     seed: int = option(0, "seed of all that is drawn at random", low=0, high=1e18)
 
-    takes_uncertain: ClassVar[bool] = False
-    """Whether the study knows of numbers that are not exactly known."""
+    refuses: ClassVar[tuple[str, ...]] = ("uncertain",)
+    """Options that the study does not know of, though those that it shares them with do."""
 
     def problems(self) -> list[Problem]:
-        """Refuse uncertain numbers where a study would leave them out."""
-        refused = bool(self.uncertain) and not self.takes_uncertain
-        remedy = "use it with check, fit, profile or sample"
-        here = Problem("uncertain", ", ".join(self.uncertain), "no uncertain number in this study", remedy)
-        return [*super().problems(), *([here] if refused else [])]
+        """Refuse what this study would leave out."""
+        given = [name for name in self.refuses if getattr(self, name)]
+        remedy = "leave it out; `ident fit` takes it"
+        return [*super().problems(), *(Problem(name, "it", f"no `{name}` in this study", remedy) for name in given)]
 
     def unknowns_of(self, arm: "ArmFile") -> "Unknowns":
         """Return what is unknown of an arm, as identification takes it, with what its file says is not exactly known.
@@ -112,7 +111,7 @@ class ProblemOptions(BaseOptions):
         own = {path: width for path, width in arm.uncertain.items() if path not in {*self.fix, *self.free, *tied}}
         if self.no_uncertain or not own:
             return self.unknowns
-        if not self.takes_uncertain:
+        if "uncertain" in self.refuses:
             got, remedy = f"uncertain numbers, {next(iter(own))} first", "take them as exact (`no_uncertain`)"
             raise InputError(Problem(one_line(arm.path), got, "none in this study", remedy))
         return replace(self.unknowns, uncertain={**own, **self.uncertain})

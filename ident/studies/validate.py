@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class ValidateOptions(FitOptions):
     """Options of `ident.validate`: those of the fit, and what is left out at a time."""
+
+    refuses: ClassVar[tuple[str, ...]] = ("robust",)
 
     leave: str = option(
         "posture",

@@ -89,7 +89,7 @@ def fit_figure(fit: CampaignFit) -> Figure:
         _values(axes, fit, group, shift=group is moved)
     _directions(directions, fit.information)
     residuals, words = _stack(figure, columns[1], heights[1])
-    _residuals(residuals, fit.campaign, fit.residuals, fit.outliers)
+    _residuals(residuals, fit.campaign, fit.off, fit.suspicious)
     _write(words, notes)
     return figure
 

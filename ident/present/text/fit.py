@@ -37,7 +37,8 @@ def fit_report(fit: CampaignFit) -> str:
 
 def _heading(fit: CampaignFit) -> Iterator[str]:
     yield f"Fit of {fit.arm.name} to {fit.campaign.name}"
-    p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ""
+    p = "" if math.isnan(fit.p_value) else f", p = {fit.p_value:.2g}"
+    p += "" if fit.weights is None else ", with robust weights"
     count, beside = len(fit.information.names), int(fit.problem.parameters.nuisance.sum())
     uncertain = f", {beside} uncertain number{'s' * (beside > 1)}" if beside else ""
     yield (

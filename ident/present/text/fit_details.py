@@ -27,29 +27,37 @@ ALL_ROWS = "Measurements, each with its row in the file"
 
 def measurements(fit: CampaignFit) -> Iterator[str]:
     """Yield each measurement beside what is predicted for it; of many, those that are farthest off."""
-    count, z, many = len(fit.campaign), fit.residuals, len(fit.campaign) > EVERY
+    count, z, many = len(fit.campaign), fit.off, len(fit.campaign) > EVERY
     shown = np.sort(np.argsort(-np.abs(z), kind="stable")[:FARTHEST]) if many else np.arange(count)
     head = f"The {FARTHEST} of {count} measurements farthest off, with their rows" if many else ALL_ROWS
     yield f"{head:57s}  measured  predicted      off by"
-    outliers = fit.outliers
+    outliers = fit.suspicious
     for i in shown.tolist():
         m = fit.campaign.measurements[i]
         measured, unit = in_read_unit(m.kind, m.value)
         model, _ = in_read_unit(m.kind, float(fit.predicted[i]))
-        row, mark = m.where.rpartition(":")[2], " <--" if outliers[i] else ""
+        row, mark = m.where.rpartition(":")[2], f" <--{_weight(fit, i)}" if outliers[i] else ""
         numbers = f"{measured:9.4g} {model:10.4g} {unit:3s} {-z[i]:5.2f} sigma{mark}"
         yield f"  {row:>3s}  {cut(describe(m), 50):50s}  {numbers}"
     if many:
         yield from _by_kind(fit)
     yield "  off by: measured less predicted"
-    yield f"  limit for the farthest of {count}: {farthest(count):.1f} sigma; what lies too far off is marked <--"
+    if fit.weights is None:
+        yield f"  limit for the farthest of {count}: {farthest(count):.1f} sigma; what lies too far off is marked <--"
+        return
+    several = int(fit.suspicious.sum())
+    yield f"  robust: {several} of {count} values count for less than half, each marked <-- with its weight."
+
+
+def _weight(fit: CampaignFit, i: int) -> str:
+    return "" if fit.weights is None else f" {fit.weights[i]:.2g}"
 
 
 def _by_kind(fit: CampaignFit) -> Iterator[str]:
     """Yield for each kind how far its values are off."""
-    kinds, outliers = np.array([m.kind for m in fit.campaign]), fit.outliers
+    kinds, outliers = np.array([m.kind for m in fit.campaign]), fit.suspicious
     for kind in dict.fromkeys(kinds.tolist()):
-        z = -fit.residuals[kinds == kind]
+        z = -fit.off[kinds == kind]
         far = int(outliers[kinds == kind].sum())
         numbers = f"off by {z.mean():+.2f} sigma in the mean, {np.sqrt((z**2).mean()):.2f} sigma rms; {far} too far off"
         yield f"  {len(z)} of {kind.replace('_', ' ')}: {numbers}"
