@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from browser import browser, browser_page  # noqa: F401
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
@@ -30,6 +31,8 @@ from reports import too_wide, without_number  # noqa: E402
 from ident import cli  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 
 MAPS, MEMORY = Path("/proc/self/maps"), Path("/proc/self/statm")

@@ -81,8 +81,8 @@ class Load:
         masses: (mass [kg], point name), point masses.
         forces: ((3,) force [N] in the base frame, point name).
         moments: ((3,) moment [N m] in the base frame, right-handed, point whose body it turns).
-        own: forces and moments along the axes of a body as the posture holds it, without elastic rotation. They are
-            constant all the same.
+        own: forces [N] and moments [N m] along the axes of a body as the posture holds it, without elastic rotation.
+            They are constant all the same.
     """
 
     payloads: tuple[str, ...] = ()

@@ -19,7 +19,7 @@ FREE = sorted(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 7), st.floats(1e-3, 1e9), st.booleans(), WORDS, WORDS)
 def test_what_is_written_is_read_back(seed, joints, stiffness, limited, name, note):
     made = random_arm(np.random.default_rng(seed), joints)
@@ -38,7 +38,7 @@ def _changed(joint, stiffness, limited):
     return replace(joint, k_bend=stiffness, k_tors=stiffness / 3, limits=(-1.5, 2.5) if limited else joint.limits)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.dictionaries(st.sampled_from(FREE), st.floats(0.5, 2.0), max_size=8))
 def test_a_file_whose_numbers_are_changed_keeps_all_others(factors):
     values = {path: float(ARM.get(path)) * factor for path, factor in factors.items()}

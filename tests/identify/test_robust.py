@@ -51,8 +51,7 @@ def test_the_optimum_is_that_of_the_loss(loss):
 
     theirs = least_squares(cost, [0.4, 1.2], xtol=1e-12, ftol=1e-12, gtol=1e-12).x
     np.testing.assert_allclose(found, theirs, atol=2e-4)
-    assert (weights[[2, 7, 12]] < 0.3).all()
-    assert (np.delete(weights, [2, 7, 12]) > 0.5).all()
+    assert weights[[2, 7, 12]].max() < 0.2 < np.delete(weights, [2, 7, 12]).min()
 
 
 def test_a_gross_error_is_named_and_hardly_moves_the_answer():

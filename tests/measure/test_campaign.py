@@ -119,7 +119,7 @@ def test_harmless_changes_read_equal(change):
 
 
 @given(st.permutations(range(10)))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_columns_in_any_order_read_equal(order):
     rows = [
         ["kind", "q1 [deg]", "q2 [rad]", "mode", "point", "direction", "load", "value", "unit", "sigma"],
@@ -231,7 +231,7 @@ def measurements(draw):
 
 
 @given(st.lists(measurements(), min_size=1, max_size=5, unique_by=lambda m: m.value), st.booleans())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_what_is_written_reads_back_equal(made, relative):
     text = format_campaign(Campaign(measurements=tuple(made)), relative_sigma=relative)
     read = parse(text)

@@ -23,7 +23,7 @@ from ident.arm.equilibrium import static_equilibrium
 from ident.arm.mechanics import point_positions, unflatten
 from ident.arm.modes import linearize
 from ident.description.file import read_arm
-from ident.identify.conditions import loads_of
+from ident.identify.loads import loads_of
 from ident.measure import Load, to_si
 
 HERE = Path(__file__).parent
