@@ -194,6 +194,7 @@ def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
         "summary": {
             "parameters": {"joint2.k_tors": 3e5, "joint3.k_tors": 3e5, "discrepancy.deflection": 1.1},
             "doubts": [],
+            "scaled": [],
         },
     }
     (tmp_path / "a.fit.json").write_text(json.dumps(document))
