@@ -23,7 +23,7 @@ class Tracked:
     Attributes:
         frequency: (m,) [Hz]
         damping: (m,) [-]
-        shape: (O, m) complex accelerations, one at the largest.
+        shape: (O, m) complex accelerations, one at a response that has much of the mode.
         covariance: (n, n) joint, in the order of `ident.modal.modal_parameters`.
         lost: (m,) whether a pole is another one where a block is left out.
     """
@@ -91,7 +91,7 @@ def _numbers(
     by_order = {each.order: each for each in every}
     numbers, apart = [], []
     for i, chosen in enumerate(diagram.chosen):
-        largest = int(np.argmax(np.abs(_accelerations(test, diagram.pole[chosen], diagram.shape[:, chosen]))))
+        largest = int(np.argmax(np.abs(diagram.shape[:, chosen])))  # of its own motion, whatever its unit
         pairs = [
             _like(by_order[int(diagram.order[k])], diagram, k) for k in np.flatnonzero(diagram.cluster == i).tolist()
         ]

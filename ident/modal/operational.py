@@ -13,7 +13,7 @@ from ident.modal.ambient_test import AmbientTest
 from ident.modal.block_jackknife import Tracked, block_jackknife
 from ident.modal.estimate import chosen_near
 from ident.modal.frf import Place
-from ident.modal.harmonics import turning
+from ident.modal.harmonics import SLIP, turning
 from ident.modal.modal_parameters import ModalParameters, Rejected
 from ident.modal.selection import SHARPEST
 from ident.modal.stabilisation import Diagram, clustered, distance, physical
@@ -29,6 +29,10 @@ FASTEST = 100.0
 """Rate [1/s] by which a mode calms down at most."""
 LEAST_DAMPED = 0.001
 """Damping ratio below which a pole is the line of something that turns."""
+SURE = 2.0
+"""Standard deviations by which a damping ratio has to lie above that, for a pole to be a mode."""
+LIGHT = 0.01
+"""Damping ratio below which the line of what turns may be taken for a mode."""
 VAGUE = 0.5
 """Relative standard deviation of the damping ratio from which on a pole is no mode."""
 CLOSE = 0.05
@@ -37,7 +41,7 @@ CLOSE = 0.05
 
 @dataclass(frozen=True)
 class OperationalModes(ModalParameters):
-    """Modes of an ambient test. Their shapes are not scaled, as no force is known: one is the largest motion.
+    """Modes of an ambient test. Their shapes are not scaled, as no force is known: one is a response that has much of it.
 
     Attributes:
         test: of which they are.
@@ -168,6 +172,9 @@ def _why(
         return "it is lost where a part of the record is left out"
     if frequency_sd > frequency * max(damping, SHARPEST):
         return "its frequency is not known to within its resonance"
+    if damping < LIGHT and damping - SURE * damping_sd < LEAST_DAMPED:
+        uncertain = f"damping ratio {100 * damping:.2f} %, give or take {100 * damping_sd:.2f} %"
+        return f"{uncertain}, may be that of something that turns: name its speed (`harmonics`), or record for longer"
     if damping_sd > VAGUE * damping:
         return f"its damping ratio is not known to within {100 * VAGUE:.0f} %"
     return ""
@@ -194,6 +201,9 @@ def _remarks(test: AmbientTest, found: Tracked, rejected: Sequence[Rejected], de
         for line, name in lines:
             if abs(line - each) < ratio * each:
                 yield f"WARNING: {name} lies within the resonance of the mode at {each:.4g} Hz: repeat at another speed"
+        what = turning(test.speeds, each) if ratio < LIGHT else ""
+        if what and all(abs(line - each) > SLIP * each for line, _ in lines):
+            yield f"WARNING: the mode at {each:.4g} Hz may be that of {what}: repeat at another speed"
 
 
 def _sharp(pole: Rejected) -> bool:

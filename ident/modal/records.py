@@ -52,7 +52,7 @@ def ambient_files(table: ChannelTable, recordings: Mapping[str, Recording]) -> f
     counting = {
         name: [row for row in table.rows if row.counts and fnmatchcase(name, row.file)]
         for name, recording in recordings.items()
-        if not any(channel.reference for channel in recording.channels)
+        if recording.channels and not any(channel.reference for channel in recording.channels)
     }
     pushed = {_state(row) for rows in counting.values() for row in rows if row.role == FORCE}
     return frozenset(name for name, rows in counting.items() if rows and _state(rows[0]) not in pushed)

@@ -51,18 +51,22 @@ def test_a_harmonic_three_percent_beside_a_mode_is_named_and_no_mode(arm, seed):
     for modes in (named, plain):
         assert np.abs(modes.frequency / speed - 1).min() > 1e-3
         assert all(np.abs(modes.frequency / arm.frequency[k] - 1).min() < 0.01 for k in (0, 1, 3))
-    assert any("as of something that turns" in pole.why for pole in plain.rejected)
+    assert any("of something that turns" in pole.why for pole in plain.rejected)
 
 
 @pytest.mark.parametrize("amplitude", [0.3, 1.0])
 def test_a_harmonic_within_a_resonance_is_said(arm, amplitude):
-    """A faint line is no line of the spectrum there, but a pole without damping."""
+    """A faint line is no line of the spectrum there, but a pole of little damping, or none."""
     speed = 1.01 * arm.frequency[0]
     record = arm.record(np.random.default_rng(5), [(speed, amplitude)])
     modes = operational_modes(ambient_test(record, f"{60 * speed:.6g} rpm @ pulley 1", BAND))
-    named = [pole.why for pole in modes.rejected if "as of pulley 1" in pole.why] + list(map(str, modes.test.harmonics))
-    assert len(named) == 1
-    assert any("lies within the resonance of the mode at 5.6" in remark for remark in modes.remarks)
+    said = [*(pole.why for pole in modes.rejected), *map(str, modes.test.harmonics), *modes.remarks]
+    assert any("pulley 1" in each for each in said)
+    if modes.test.harmonics:
+        assert any("lies within the resonance of the mode at 5.6" in remark for remark in modes.remarks)
+    else:
+        doubtful = [each for each in modes.remarks if "may be that of pulley 1, which turns at 5.7" in each]
+        assert any(f"the mode at {modes.frequency[1]:.4g} Hz" in each for each in doubtful)
     assert abs(modes.frequency[0] - arm.frequency[0]) < 4 * modes.sigma[0, 0]
 
 
