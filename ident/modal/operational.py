@@ -41,7 +41,7 @@ CLOSE = 0.05
 
 @dataclass(frozen=True)
 class OperationalModes(ModalParameters):
-    """Modes of an ambient test. Their shapes are not scaled, as no force is known: one is a response that has much of it.
+    """Modes of an ambient test. Shapes are not scaled, as no force is known: one is a response that has much of it.
 
     Attributes:
         test: of which they are.
