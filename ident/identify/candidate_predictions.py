@@ -17,6 +17,7 @@ from ident.arm.labels import AMBIGUOUS, Label, labels_of_shares, torsion_share, 
 from ident.arm.modes import modes_about
 from ident.errors import ModelError
 from ident.identify.loads import bind_loads
+from ident.identify.uncertain import LOAD, scaled_bodies, scaled_inertia, scaled_loads
 from ident.inference.discrepancy import Discrepant
 from ident.inference.parameters import Parameters
 from ident.jit import jit
@@ -209,8 +210,12 @@ def _observe(
     m = min(count + 1, 3 * len(arm.joints))
     kinds = ("frequency",) * m + ("deflection",) + ("share",) * (2 * m)
 
+    scaled = scaled_bodies(arm, [item.name for item in parameters.items if item.nuisance])
+
     def shown(numbers: Mapping[str, Any]) -> Array:
-        chain = at_posture(arm.replace(numbers), posture, _loads_of(arm, load_columns))
+        own = {path: x for path, x in numbers.items() if path != LOAD}
+        loads = scaled_loads(_loads_of(arm, load_columns), numbers.get(LOAD, 1.0))
+        chain = at_posture(scaled_inertia(arm, numbers, scaled).replace(own), posture, loads)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at, m)
         down = -deflection(chain, at.phi)[2, -1:]

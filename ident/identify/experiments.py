@@ -1,12 +1,13 @@
 """What can be measured on an arm, how well, and at what cost: hammer, accelerometers, dial gauge, payload."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ident.arm.arm import Arm
 from ident.arm.labels import Label
 from ident.errors import InputError, Problem
 from ident.identify.candidate_predictions import CandidatePredictions
@@ -196,3 +197,11 @@ def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float],
             expected = "a finite number above 0" if above == 0 else "a finite number >= 0"
             raise InputError(Problem(what, f"{name}={value:g}", expected, "correct it"))
     return {**known, **given}
+
+
+def any_campaign(arm: Arm, loads: Iterable[Load]) -> Campaign:
+    """Return a campaign of what can be planned, to pose a problem with before anything is measured."""
+    still = (0.0,) * len(arm.driven)
+    deflection = Measurement(kind="deflection", posture=still, value=1.0, sigma=1.0, point=arm.points[-1].name)
+    frequency = Measurement(kind="frequency", posture=still, value=1.0, sigma=1.0)
+    return Campaign(measurements=(deflection, *(replace(frequency, load=load) for load in loads)))

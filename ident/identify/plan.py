@@ -15,6 +15,7 @@ from ident.identify.candidate_predictions import CandidatePredictions, distinct_
 from ident.identify.experiments import (
     Experiment,
     Instruments,
+    any_campaign,
     candidate_experiments,
     expected_rows,
     modes_of,
@@ -23,11 +24,18 @@ from ident.identify.experiments import (
 )
 from ident.identify.fit import CampaignFit
 from ident.identify.posture_grid import STEP, posture_grid
+from ident.identify.setups import is_of_setup
 from ident.identify.unknowns import Unknowns
 from ident.inference.optimal_design import D_OPTIMAL, Experiments, Step, criterion, gains, greedy, information_gain
-from ident.inference.parameters import Parameters
-from ident.inference.prior_information import DRAWS, PriorInformation, prior_and_data_information, prior_information
-from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.inference.parameters import Parameter, Parameters
+from ident.inference.prior_information import (
+    DRAWS,
+    PriorInformation,
+    prior_and_data_information,
+    prior_information,
+    sds,
+)
+from ident.measure import OWN_WEIGHT, Campaign, Load
 
 
 @dataclass(frozen=True)
@@ -97,7 +105,7 @@ class CampaignPlan:
     Attributes:
         arm: with the numbers of its file.
         fit: of what is measured already; None for an empty campaign.
-        parameters: the unknowns.
+        parameters: the unknowns, of which the nuisances are not sought.
         known: what is known of them now.
         left_out: draws of the parameters with which the arm would not stand in every posture.
         instruments: what there is to measure with.
@@ -135,11 +143,16 @@ class CampaignPlan:
         return self.settings.criterion
 
     @property
+    def sought(self) -> tuple[Parameter, ...]:
+        """The unknowns that the plan is for."""
+        return tuple(item for item in self.parameters.items if not item.nuisance)
+
+    @property
     def missed(self) -> tuple[str, ...]:
         """The parameters whose standard deviation is above the target at the end of the batch; none without target."""
         last = self.sd[-1]
         wide = (last > self.settings.target) & (self.settings.target > 0)
-        return tuple(name for name, is_wide in zip(self.parameters.names, wide, strict=True) if is_wide)
+        return tuple(name for name, is_wide in zip(self.known.sought, wide, strict=True) if is_wide)
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
@@ -178,8 +191,8 @@ class CampaignPlan:
         return tuple(self.experiments[step.experiment] for step in self.steps)
 
     @property
-    def sd(self) -> Float[np.ndarray, "steps P"]:
-        """Standard deviations of theta at the best estimate, now and after each step."""
+    def sd(self) -> Float[np.ndarray, "steps sought"]:
+        """Standard deviations of each sought theta at the best estimate, now and after each step."""
         return np.array([self.known.sd[0], *(step.sd[0] for step in self.steps)])
 
     def ranked(self, count: int) -> list[int]:
@@ -190,9 +203,9 @@ class CampaignPlan:
             best.setdefault(self.experiments[i].place, int(i))
         return list(best.values())[:count]
 
-    def sd_after(self, experiment: int) -> Float[np.ndarray, "P"]:
+    def sd_after(self, experiment: int) -> Float[np.ndarray, "sought"]:
         """Return the standard deviations at the best estimate after one experiment."""
-        return np.sqrt(np.diag(np.linalg.inv(self.known.information[0] + self.candidates.information[experiment, 0])))
+        return sds(self.known.of_sought(self.known.information[0] + self.candidates.information[experiment, 0]))
 
     def campaign(self) -> Campaign:
         """Return the batch as a campaign of the values that are expected.
@@ -224,7 +237,8 @@ class CampaignPlan:
         experiment = self.batch[step]
         before = self.known.information + sum(self.candidates.information[s.experiment] for s in self.steps[:step])
         rows = row_information(self.predictions, self.instruments)[:, experiment.place, experiment.case]
-        alone = information_gain(before, before + rows).mean(-1)
+        sought = self.known.of_sought
+        alone = information_gain(sought(before), sought(before + rows)).mean(-1)
         frequencies = [
             (str(label), float(nats))
             for (label, counts), nats in zip(modes_of(self.predictions, experiment), alone[:-1], strict=True)
@@ -256,10 +270,12 @@ def plan_campaign(
         raise InputError(Problem(arm.name, "no point", "at least one", remedy))
     instruments = settings.instruments(fit.campaign if fit else Campaign())
     postures, sampled = posture_grid(arm, settings.step, seed=settings.seed)
-    parameters = fit.problem.parameters if fit else build_problem(arm, _any_campaign(arm), unknowns).parameters
-    gain = criterion(settings.criterion, parameters.names)
+    problem = fit.problem if fit else build_problem(arm, any_campaign(arm, settings.loads), unknowns)
+    parameters = Parameters(tuple(item for item in problem.parameters.items if not is_of_setup(item.name)))
     spread = {"draws": settings.draws, "seed": settings.seed}
-    known = prior_and_data_information(fit, **spread) if fit else prior_information(parameters, **spread)
+    known = prior_and_data_information(fit, **spread) if fit else prior_information(problem.parameters, **spread)
+    known = known.without([name for name in known.names if is_of_setup(name)])
+    gain = criterion(settings.criterion, known.sought)
     before = np.array(fit.campaign.postures) if fit else postures[:0]
     predictions, place, measured = distinct_predictions(
         arm, parameters, known.points, np.concatenate([postures, before]), before, instruments.loads, instruments.modes
@@ -282,11 +298,3 @@ def plan_campaign(
         nats=gains(known, candidates, information_gain),
         steps=greedy(known, candidates, settings.count, gain, target=settings.target),
     )
-
-
-def _any_campaign(arm: Arm) -> Campaign:
-    """Return a campaign of both kinds that can be planned, to pose a problem with before anything is measured."""
-    still = (0.0,) * len(arm.driven)
-    frequency = Measurement(kind="frequency", posture=still, value=1.0, sigma=1.0)
-    deflection = Measurement(kind="deflection", posture=still, value=1.0, sigma=1.0, point=arm.points[-1].name)
-    return Campaign(measurements=(frequency, deflection))

@@ -61,9 +61,14 @@ def _stacked(parameters: Mapping[str, Any], names: Sequence[str], part: str, kno
     return jnp.stack(jnp.broadcast_arrays(*rows))
 
 
+def is_of_setup(name: str) -> bool:
+    """Tell whether a parameter says where a setup's frame is."""
+    return name.startswith(PREFIX)
+
+
 def without_frames(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Return the numbers of the arm alone."""
-    return {path: value for path, value in parameters.items() if not path.startswith(PREFIX)}
+    return {path: value for path, value in parameters.items() if not is_of_setup(path)}
 
 
 def in_base_frame(conditions: Conditions, frames: Frames | None, parameters: Mapping[str, Any]) -> Conditions:

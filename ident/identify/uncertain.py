@@ -1,6 +1,6 @@
 """Numbers of an arm, and a common scale of its loads, that are not exactly known: nuisance with a Gaussian prior."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -35,10 +35,10 @@ def uncertain_parameters(arm: Arm, widths: Mapping[str, str]) -> tuple[Parameter
     return tuple(_parameter(arm, path, text) for path, text in widths.items())
 
 
-def scaled_bodies(arm: Arm, widths: Mapping[str, str]) -> tuple[str, ...]:
+def scaled_bodies(arm: Arm, paths: Iterable[str]) -> tuple[str, ...]:
     """Return the bodies whose mass is uncertain: their inertia goes with it."""
     names = {part.name for part in arm.parts() if isinstance(part, Body)}
-    return tuple(name for path in widths if path.endswith(".mass") and (name := path.removesuffix(".mass")) in names)
+    return tuple(name for path in paths if path.endswith(".mass") and (name := path.removesuffix(".mass")) in names)
 
 
 def scaled_inertia(arm: Arm, parameters: Mapping[str, Any], bodies: tuple[str, ...]) -> Arm:

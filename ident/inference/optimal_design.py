@@ -6,7 +6,7 @@ The gains are those of the linear-Gaussian model. With C and C' the covariance o
     a     (tr C - tr C') / P: the mean variance that goes
     NAME  ln sd - ln sd' of that parameter
 
-each averaged over the points of `PriorInformation`.
+each averaged over the points of `PriorInformation`. C is that of the sought parameters, whatever the nuisances are.
 
 References:
     Lindley, "On a measure of the information provided by an experiment", Ann. Math. Stat. 27(4), 1956.
@@ -68,14 +68,14 @@ class Step:
         cost: what it costs.
         nats: () [nat] mean information gain, whatever the criterion.
         gain: () what the criterion says.
-        sd: (T, P) standard deviation of each theta after it, at each point.
+        sd: (T, sought) standard deviation of each sought theta after it, at each point.
     """
 
     experiment: int
     cost: float
     nats: float
     gain: float
-    sd: Float[np.ndarray, "T P"]
+    sd: Float[np.ndarray, "T sought"]
 
 
 def criterion(name: str, names: Sequence[str]) -> Gain:
@@ -105,7 +105,7 @@ def variance_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 def gains(known: PriorInformation, experiments: Experiments, gain: Gain) -> Float[np.ndarray, "C"]:
     """Return what each experiment alone would gain, averaged over the points."""
-    return _gains(known.information, experiments, gain)
+    return _gains(known, known.information, experiments, gain)
 
 
 def greedy(
@@ -129,13 +129,14 @@ def greedy(
     """
     steps: list[Step] = []
     information = known.information
-    while len(steps) < count and not (sds(information[0]) < target).all():
-        per_cost = _gains(information, experiments, gain) / experiments.cost
+    while len(steps) < count and not (sds(known.of_sought(information[0])) < target).all():
+        per_cost = _gains(known, information, experiments, gain) / experiments.cost
         best = int(np.argmax(per_cost))
         after = information + experiments.information[best]
-        nats = float(information_gain(information, after).mean())
+        sought = known.of_sought(after)
+        nats = float(information_gain(known.of_sought(information), sought).mean())
         cost = float(experiments.cost[best])
-        steps.append(Step(best, cost, nats, float(per_cost[best]) * cost, sds(after)))
+        steps.append(Step(best, cost, nats, float(per_cost[best]) * cost, sds(sought)))
         information = after
     return tuple(steps)
 
@@ -153,7 +154,7 @@ def fewest(known: PriorInformation, experiments: Experiments, target: float, mos
         worst, chosen = np.inf, None
         for sets in _chunks(len(experiments), size):
             after = known.information[0] + experiments.information[sets, 0].sum(1)
-            largest = sds(after).max(-1)
+            largest = sds(known.of_sought(after)).max(-1)
             if largest.min() < worst:
                 worst, chosen = float(largest.min()), sets[int(np.argmin(largest))]
         if chosen is not None and worst < target:
@@ -161,8 +162,9 @@ def fewest(known: PriorInformation, experiments: Experiments, target: float, mos
     return None
 
 
-def _gains(information: np.ndarray, experiments: Experiments, gain: Gain) -> np.ndarray:
-    return gain(information, information + experiments.information).mean(-1)
+def _gains(known: PriorInformation, information: np.ndarray, experiments: Experiments, gain: Gain) -> np.ndarray:
+    after = known.of_sought(information + experiments.information)
+    return gain(known.of_sought(information), after).mean(-1)
 
 
 def _chunks(count: int, size: int) -> Iterator[np.ndarray]:

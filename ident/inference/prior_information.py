@@ -1,7 +1,7 @@
 """What is known of the parameters before a plan is made: points where they may lie, and the information there."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -29,20 +29,41 @@ class PriorInformation:
         names: (P,) parameters.
         points: (T, P) theta.
         information: (T, P, P) inverse covariance of theta by prior and data, linearized at each point.
+        nuisance: those parameters that are not sought, but not exactly known.
     """
 
     names: tuple[str, ...]
     points: Float[np.ndarray, "T P"]
     information: Float[np.ndarray, "T P P"]
+    nuisance: tuple[str, ...] = ()
 
     @property
-    def sd(self) -> Float[np.ndarray, "T P"]:
-        """Standard deviation of each theta at each point."""
-        return sds(self.information)
+    def sought(self) -> tuple[str, ...]:
+        """The other parameters."""
+        return tuple(name for name in self.names if name not in self.nuisance)
+
+    @property
+    def sd(self) -> Float[np.ndarray, "T sought"]:
+        """Standard deviation of each sought theta at each point."""
+        return sds(self.of_sought(self.information))
+
+    def of_sought(self, information: Float[np.ndarray, "*batch P P"]) -> Float[np.ndarray, "*batch sought sought"]:
+        """Return the inverse covariance of the sought parameters alone, whatever the nuisances are."""
+        return marginal(information, [self.names.index(name) for name in self.sought])
 
     def at(self, chosen: np.ndarray) -> "PriorInformation":
         """Return what is known at some of the points."""
-        return PriorInformation(self.names, self.points[chosen], self.information[chosen])
+        return replace(self, points=self.points[chosen], information=self.information[chosen])
+
+    def without(self, names: Sequence[str]) -> "PriorInformation":
+        """Return what is known of the parameters other than these, whatever these are."""
+        kept = [i for i, name in enumerate(self.names) if name not in names]
+        return PriorInformation(
+            tuple(self.names[i] for i in kept),
+            self.points[:, kept],
+            marginal(self.information, kept),
+            tuple(name for name in self.nuisance if name not in names),
+        )
 
 
 def sds(information: Float[np.ndarray, "*batch P P"]) -> Float[np.ndarray, "*batch P"]:
@@ -50,12 +71,21 @@ def sds(information: Float[np.ndarray, "*batch P P"]) -> Float[np.ndarray, "*bat
     return np.sqrt(np.diagonal(np.linalg.inv(information), axis1=-2, axis2=-1))
 
 
+def marginal(information: Float[np.ndarray, "*batch P P"], kept: Sequence[int]) -> Float[np.ndarray, "*batch K K"]:
+    """Return the inverse covariance of some parameters, those of the others being integrated out."""
+    others = [i for i in range(information.shape[-1]) if i not in kept]
+    own, between = information[..., kept, :][..., kept], information[..., others, :][..., kept]
+    if not others:
+        return own
+    return own - between.swapaxes(-1, -2) @ np.linalg.solve(information[..., others, :][..., others], between)
+
+
 def prior_information(parameters: Parameters, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
     """Return what the priors say before anything is measured; see `_normal_prior`."""
     centre, sd = _normal_prior(parameters)
     information = np.diag(1 / sd**2)
     points = _spread(centre, np.diag(sd**2), draws, seed)
-    return PriorInformation(parameters.names, points, np.repeat(information[None], len(points), 0))
+    return _known(parameters, points, np.repeat(information[None], len(points), 0))
 
 
 def prior_and_data_information(fit: Fit, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
@@ -65,7 +95,12 @@ def prior_and_data_information(fit: Fit, *, draws: int = DRAWS, seed: int = 0) -
     best, prior = fit.best.theta, np.diag(1 / sd**2)
     scaled = fit.problem.scaled(np.asarray(fit.jacobian))
     points = _spread(best, np.linalg.inv(scaled.T @ scaled + prior), draws, seed)
-    return PriorInformation(parameters.names, points, fisher(scaled_jacobians(fit.problem, points)) + prior)
+    return _known(parameters, points, fisher(scaled_jacobians(fit.problem, points)) + prior)
+
+
+def _known(parameters: Parameters, points: np.ndarray, information: np.ndarray) -> PriorInformation:
+    nuisance = tuple(item.name for item in parameters.items if item.nuisance)
+    return PriorInformation(parameters.names, points, information, nuisance)
 
 
 def scaled_jacobians(problem: InverseProblem, points: Iterable[np.ndarray]) -> Float[np.ndarray, "T D P"]:
@@ -85,10 +120,11 @@ def fisher(scaled: Float[np.ndarray, "*batch D P"]) -> Float[np.ndarray, "*batch
 def _normal_prior(parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """Return means and standard deviations of the normal priors that stand for the parameters' own in a plan.
 
-    A flat prior is replaced by a normal one of about its width, none by one of `OPEN_SD`.
+    A flat prior is replaced by a normal one of about its width, none by one of `OPEN_SD`; a nuisance without a prior is
+    known by the data alone.
     """
     centre = np.asarray(parameters.theta(parameters.column("centre")))
-    return centre, np.where(parameters.proper, parameters.normal_sd, OPEN_SD)
+    return centre, np.where(parameters.proper | parameters.nuisance, parameters.normal_sd, OPEN_SD)
 
 
 def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> np.ndarray:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import log1p, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions(FitOptions):
     """Options of `ident.plan`: what to choose from, for what, and what is unknown."""
-
-    refuses: ClassVar[tuple[str, ...]] = ("uncertain",)
 
     count: int = option(4, "experiments in the batch, at most", low=1, high=100, short="-k")
     criterion: str = option(
@@ -128,13 +126,13 @@ class PlanResult(Result):
     @property
     def sd(self) -> Mapping[str, tuple[float, ...]]:
         """Standard deviation of each parameter, now and after each experiment: of ln(value) [-] of a positive one."""
-        names = self.plan.parameters.names
+        names = self.plan.known.sought
         return {name: tuple(map(float, column)) for name, column in zip(names, self.plan.sd.T, strict=True)}
 
     @property
     def sd_at_draws(self) -> Mapping[str, tuple[float, ...]]:
         """Standard deviation at the end of the batch, at other draws of what is not known: of ln(value) [-]."""
-        names, end = self.plan.parameters.names, self.plan.steps[-1].sd if self.plan.steps else self.plan.known.sd
+        names, end = self.plan.known.sought, self.plan.steps[-1].sd if self.plan.steps else self.plan.known.sd
         return {name: tuple(map(float, column[1:])) for name, column in zip(names, end.T, strict=True)}
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
@@ -186,5 +184,6 @@ def plan(
     made = plan_campaign(arm_file.arm, fitted, options.unknowns_of(arm_file), settings)
     best = made.parameters.by_path(np.asarray(made.parameters.values(made.known.points[0])))
     places = (options.modes, options.sensors, options.hit_noise)
-    hammer = hammer_plans(arm_file.arm.replace(best), made.batch, *places) if options.sensors else ()
+    sought = {path: best[path] for item in made.sought for path in item.paths if path in arm_file.arm.paths()}
+    hammer = hammer_plans(arm_file.arm.replace(sought), made.batch, *places) if options.sensors else ()
     return PlanResult(arm_file, made, hammer, options)

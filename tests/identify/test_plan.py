@@ -172,6 +172,32 @@ def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     np.testing.assert_allclose(found.information.sd, then.sd[-1], rtol=1e-4)
 
 
+def test_what_is_not_exactly_known_widens_what_is_promised_as_it_does_the_next_fit():
+    """A mass, a length and the scale of the loads; a setup's frame of the campaign is no part of what is planned."""
+    load = Load.parse("40 N -z @ tip")
+    unknowns = Unknowns(uncertain={"fingers.mass": "10%", "joint3.offset.x": "20mm", "load": "5%"})
+    settings = PlanSettings(step=math.radians(90.0), draws=0, count=2, loads=(load,))
+    first = plan_campaign(loose_arm(), None, unknowns, settings)
+    exact = plan_campaign(loose_arm(), None, None, settings)
+    assert [item.name for item in first.sought] == list(exact.known.names)
+    assert (first.sd[-1] > exact.sd[-1]).all()
+    found = fit_campaign(loose_arm(), first.campaign(), unknowns, starts=2)
+    sought = [found.problem.parameters.names.index(name) for name in first.known.sought]
+    np.testing.assert_allclose(found.information.sd[sought], first.sd[-1], rtol=2e-3)
+    again = plan_campaign(loose_arm(), found, settings=settings)
+    np.testing.assert_allclose(again.sd[0], found.information.sd[sought], rtol=1e-6)
+
+
+def test_what_is_known_of_some_is_what_is_known_of_all_with_the_others_integrated_out():
+    A = np.random.default_rng(4).normal(size=(9, 4))
+    whole = PriorInformation(tuple("abcd"), np.zeros((1, 4)), (A.T @ A)[None], ("b",))
+    covariance = np.linalg.inv(A.T @ A)
+    np.testing.assert_allclose(whole.sd[0], np.sqrt(np.diag(covariance))[[0, 2, 3]])
+    left = whole.without(["d"])
+    assert (left.names, left.sought) == (tuple("abc"), ("a", "c"))
+    np.testing.assert_allclose(np.linalg.inv(left.information[0]), covariance[:3, :3])
+
+
 def test_visits_to_one_state_are_entered_once_as_means():
     plan = plan_campaign(
         loose_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=9, costs={"dial": 3.0})

@@ -17,6 +17,7 @@ from ident.errors import InputError
 from ident.identify.build_problem import build_problem
 from ident.identify.fit import fit_campaign
 from ident.identify.loads import loads_of
+from ident.identify.plan import PlanSettings, plan_campaign
 from ident.measure import Campaign, Load, Measurement, parse_campaign, read_campaign, write_campaign
 from ident.measure.setups import Setup, Setups
 
@@ -106,6 +107,15 @@ def test_a_free_frame_costs_what_projecting_it_out_costs():
     assert fit.degrees_of_freedom == len(J) - 6 - 3
     assert fit.information.rank == 6
     assert not fit.doubts
+
+
+def test_a_plan_goes_on_from_what_is_read_in_a_frame_that_was_found():
+    found = fit_campaign(lcd_arm(), tracked("deflection_difference", 3e-5), starts=1)
+    plan = plan_campaign(lcd_arm(), found, settings=PlanSettings(step=np.pi / 2, draws=2, count=1))
+    assert plan.known.names == tuple(name for name in found.problem.parameters.names if not name.startswith("setup:"))
+    own = [found.problem.parameters.names.index(name) for name in plan.known.names]
+    np.testing.assert_allclose(plan.sd[0], found.information.sd[own], rtol=1e-6)
+    assert (plan.sd[-1] < plan.sd[0]).all()
 
 
 def test_a_known_frame_is_no_unknown_and_one_with_a_prior_is_one_of_six():

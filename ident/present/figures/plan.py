@@ -156,9 +156,9 @@ def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
 def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
     """Draw the standard deviations of theta at the best estimate, now and after each experiment."""
     sd, experiments = 100 * plan.sd, range(len(plan.steps) + 1)
-    parts = list(dict.fromkeys(name.split(".")[0] for name in plan.known.names))
+    parts = list(dict.fromkeys(name.split(".")[0] for name in plan.known.sought))
     entries: dict[str, Any] = {}
-    for i, name in enumerate(plan.known.names):
+    for i, name in enumerate(plan.known.sought):
         colour = COLOURS[parts.index(name.split(".")[0]) % len(COLOURS)]
         style: dict[str, Any] = {
             "color": colour,

@@ -121,7 +121,7 @@ def _row(plan: CampaignPlan, i: int, where: str | None = None) -> str:
 
 def _most(plan: CampaignPlan, before: np.ndarray, after: np.ndarray) -> str:
     place = int(np.argmax(before / after))
-    item = plan.parameters.items[place]
+    item = plan.sought[place]
     return f"{item.name} to {sd_in_words(item, after[place])}"
 
 
@@ -140,7 +140,7 @@ def _batch(plan: CampaignPlan) -> Iterator[str]:
 
 
 def _intervals(plan: CampaignPlan) -> Iterator[str]:
-    items = plan.parameters.items
+    items = plan.sought
     width = max(18, *(len(cut(item.name, 38)) for item in items))
     shown = sorted({*range(min(COLUMNS, len(plan.sd))), len(plan.sd) - 1})
     steps = "".join(f"{f'after {i}' if i else 'now':>11s}" for i in shown)
@@ -204,5 +204,7 @@ def _assumptions(plan: CampaignPlan) -> Iterator[str]:
     out = f"; {plan.left_out} more were left out, as the arm would not stand" if plan.left_out else ""
     yield f"  gains are means over the best estimate and {draws} draws about it{out} (--draws); the standard"
     yield "  deviations hold at the best estimate, linearized there: they say nothing of other optima"
+    if plan.known.nuisance:
+        yield f"  not exactly known, and allowed for: {', '.join(plan.known.nuisance)}"
     if not plan.parameters.proper.all():
         yield f"  where a parameter has no prior, a factor of {math.exp(OPEN_SD):.0f} is taken for one sd"
