@@ -18,7 +18,7 @@ from ident.identify.unknowns import Unknowns
 from ident.inference.least_squares import evaluate
 from ident.measure import Campaign, Load, Measurement, read_campaign
 from ident.studies.fit import FitOptions
-from ident.studies.plan import PlanOptions
+from ident.studies.fleet import FleetOptions
 
 MASS, OFFSET = "link2.mass", "joint2.offset.x"
 WIDTHS = {MASS: "5%", OFFSET: "2mm", "load": "1%"}
@@ -129,7 +129,7 @@ def test_what_the_file_says_acts_by_default(tmp_path):
     assert FitOptions(free={MASS: 0.1}).unknowns_of(arm).uncertain == {}
     assert FitOptions(no_uncertain=True).unknowns_of(arm).uncertain == {}
     with pytest.raises(InputError, match="none in this study; take them as exact"):
-        PlanOptions().unknowns_of(arm)
+        FleetOptions().unknowns_of(arm)
 
 
 def test_the_check_counts_them_as_noise():
