@@ -49,7 +49,7 @@ class CutArm(eqx.Module):
     def link_end(self, place: int) -> Float[Array, "3"]:
         """Return where a link ends, from its joint's bushing [m]."""
         _, *hinges = self.pieces(place)
-        return 2 * self.arm.joints[hinges[0]].offset if hinges else _end(self.arm, place)
+        return 2 * self.arm.joints[hinges[0]].offset if hinges else end_of(self.arm, place)
 
 
 def cut(arm: Arm) -> CutArm:
@@ -59,7 +59,7 @@ def cut(arm: Arm) -> CutArm:
     the hinge, whose axis is along the link. The base's hinge is below bushing 1 by half the longest distance between
     neighbouring bushings, its axis along the base frame's z.
     """
-    ends = [np.asarray(_end(arm, n)) for n in range(len(arm.joints))]
+    ends = [np.asarray(end_of(arm, n)) for n in range(len(arm.joints))]
     height = float(max(np.linalg.norm(end) for end in ends[:-1] or ends)) / 2
     joints, hinges, own = list[Joint](), list[Hinge](), list[int]()
     at, cuts = np.zeros(3), dict[str, np.ndarray]()
@@ -88,7 +88,7 @@ def _middle(name: str) -> str:
     return f"{name}/middle"
 
 
-def _end(arm: Arm, place: int) -> Float[Array, "3"]:
+def end_of(arm: Arm, place: int) -> Float[Array, "3"]:
     """Return where a link ends, from its bushing [m]: at the last point, or else body; there, if it carries nothing."""
     if place + 1 < len(arm.joints):
         return arm.joints[place + 1].offset

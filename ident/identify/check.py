@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from ident.inference.cross_prediction import CrossPrediction, contradicting, cro
 from ident.inference.identifiability import Check, check
 from ident.measure import Campaign
 
+if TYPE_CHECKING:
+    from ident.identify.explanations import Explanations
+
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignCheck(Check):
@@ -31,6 +35,7 @@ class CampaignCheck(Check):
         changing: at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
         springs: the curved springs of the arm, with the eyes of the campaign.
         repeats: pairs of rows that measured the same and contradict each other; refused unless one is trusted.
+        explanations: what would reconcile the data, see `ident.identify.explanations`; None where that was not asked.
     """
 
     arm: Arm
@@ -41,6 +46,7 @@ class CampaignCheck(Check):
     changing: Mapping[int, float]
     springs: tuple[SpringCheck, ...]
     repeats: tuple[tuple[int, int], ...]
+    explanations: "Explanations | None" = None
 
     @property
     def contradictory(self) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -21,6 +22,9 @@ from ident.inference.fit import STARTS, Fit, fit, with_stretch
 from ident.inference.robust import SUSPICIOUS, robust_weights, weighted
 from ident.measure import Campaign, Measurement
 
+if TYPE_CHECKING:
+    from ident.identify.explanations import Explanations
+
 FARTHEST = 20
 """Values farthest off of which it is asked, in a large campaign, whether they were taken for others."""
 NAMED = 30
@@ -37,6 +41,7 @@ class CampaignFit(Fit):
         assumptions: what it takes for granted, and what that may move; None where no optimum was reached.
         exchanges: which two values, exchanged, would make data fit that do not.
         weights: (D,) by which each value counts in a robust fit, see `ident.inference.robust`; None in any other.
+        explanations: what would reconcile the data, see `ident.identify.explanations`; None where that was not asked.
     """
 
     arm: Arm
@@ -44,6 +49,7 @@ class CampaignFit(Fit):
     assumptions: Assumptions | None = None
     exchanges: tuple[Exchange, ...] = ()
     weights: Float[np.ndarray, "D"] | None = None
+    explanations: "Explanations | None" = None
 
     @property
     def off(self) -> Float[np.ndarray, "D"]:

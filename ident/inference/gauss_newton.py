@@ -29,7 +29,9 @@ Look = Callable[[Float[np.ndarray, "P"], Any], "End"]
 Weigh = Callable[["End"], tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R P"]]]
 
 
-def minimum(look: Look, weigh: Weigh, start: Float[np.ndarray, "P"], held: Any, to_the_end: bool) -> "tuple[End, bool]":
+def minimum(
+    look: Look, weigh: Weigh, start: Float[np.ndarray, "P"], held: Any, to_the_end: bool, steps: int = MAX_STEPS
+) -> "tuple[End, bool]":
     """Minimise a sum of squares from a start; return where, and whether it has ended before it ran out of steps.
 
     Args:
@@ -38,13 +40,16 @@ def minimum(look: Look, weigh: Weigh, start: Float[np.ndarray, "P"], held: Any, 
         start: theta.
         held: what the model holds at the first point.
         to_the_end: whether it goes on where the model would choose anew.
+        steps: at most.
     """
     here, damping = look(start, held), 0.0
-    for _ in range(MAX_STEPS):
+    for _ in range(steps):
         residuals, slope = weigh(here)
         if not (np.isfinite(here.cost) and np.isfinite(slope).all() and (to_the_end or here.choice.settled)):
             return here, True
-        if _length(residuals, slope) < SHORT or damping > MOST:
+        if damping > MOST:
+            return here, True
+        if _length(residuals, slope) < SHORT:
             return _along_the_line(here, _step(residuals, slope, 0.0), weigh), True
         step = _step(residuals, slope, damping)
         there = look(here.theta + step, here.choice.held)

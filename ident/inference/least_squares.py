@@ -1,5 +1,6 @@
 """One search: Levenberg-Marquardt from one start, and the model with its Jacobian at a point."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -55,6 +56,23 @@ def look(problem: InverseProblem, theta: Float[AnyArray, "P"], held: Any) -> End
     here = _searched(problem, theta, held, TO_THE_END, NOTHING)[0]
     residuals, slope = (np.asarray(part) for part in problem.weigh(here.predicted, here.jacobian, np.asarray(theta)))
     return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+
+
+def looker(problem: InverseProblem) -> Callable[[Float[np.ndarray, "P"], Any], tuple[np.ndarray, np.ndarray, Choice]]:
+    """Return what looks at a problem at theta, with what the model holds: predictions, their Jacobian, the choice."""
+    large = problem.in_parts()
+    if large is not None:
+        unheld = (problem if len(large.problems) > 1 else large.problems[0]).unheld()
+        return lambda theta, held: _in_parts(large, theta, unheld if held is None else held)
+    padded, places, _ = problem.padded()
+    unheld = padded.unheld()
+
+    def look(theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
+        found = jax.device_get(_with_jacobian(padded, theta, unheld if held is None else held))
+        predicted, jacobian, choice = found
+        return predicted[places], jacobian[places], choice._replace(cost=choice.cost[places])
+
+    return look
 
 
 def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> InverseProblem:

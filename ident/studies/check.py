@@ -1,10 +1,11 @@
 """Say what a campaign can tell about each parameter, before any solving."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ident.studies.options import option
 from ident.studies.result import Result
 from ident.studies.shared import ProblemOptions, as_campaign, as_file
 
@@ -22,6 +23,8 @@ class CheckOptions(ProblemOptions):
     """Options of `ident.check`: what is unknown, and what is known of it."""
 
     refuses: ClassVar[tuple[str, ...]] = ()
+
+    no_explain: bool = option(False, "where data contradict each other, do not search for what would reconcile them")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -96,11 +99,12 @@ def check(
 
     options = CheckOptions.of(options)
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
-    checked = check_campaign(
-        arm_file.arm,
-        campaign,
-        options.unknowns_of(arm_file),
-        seed=options.seed,
-        trusted=tuple(map(str, options.trust_values)),
-    )
+    unknowns, trusted = options.unknowns_of(arm_file), tuple(map(str, options.trust_values))
+    checked = check_campaign(arm_file.arm, campaign, unknowns, seed=options.seed, trusted=trusted)
+    if checked.contradictory and not options.no_explain:
+        from ident.identify.explanations import explain
+        from ident.identify.fit import fit_campaign
+
+        fitted = fit_campaign(arm_file.arm, campaign, unknowns, seed=options.seed, trusted=trusted)
+        checked = replace(checked, explanations=explain(fitted, unknowns))
     return CheckResult(arm_file, checked, options)

@@ -35,7 +35,7 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
         effort: how much is computed; no flag of the command.
     """
 
-    refuses: ClassVar[tuple[str, ...]] = ("robust",)
+    refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
 
     limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)

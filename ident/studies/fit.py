@@ -1,7 +1,7 @@
 """Fit the joint stiffnesses to a campaign, and say what the data support."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.assumptions import Assumptions
+    from ident.identify.explanations import Explanations
     from ident.identify.fit import CampaignFit
+    from ident.identify.unknowns import Unknowns
     from ident.inference.cross_prediction import CrossPrediction
     from ident.measure import Campaign
 
@@ -30,6 +32,7 @@ class FitOptions(ProblemOptions):
         "let values that are too far off count less, by Huber's loss or Student's t: huber or t",
         choices=("huber", "t"),
     )
+    no_explain: bool = option(False, "where data are in doubt, do not search for what would reconcile them")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -99,6 +102,11 @@ class FitResult(Result):
         return {each.kind: each for each in self.fit.cross_predictions}
 
     @property
+    def explanations(self) -> "Explanations | None":
+        """What would reconcile data that are in doubt, most plausible first; None where nothing was searched for."""
+        return self.fit.explanations
+
+    @property
     def assumptions(self) -> "Assumptions | None":
         """What is taken for granted: how far each may move a value, and whether the data ask for it."""
         return self.fit.assumptions
@@ -155,14 +163,24 @@ def fit(
 
     options = FitOptions.of(options)
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
+    unknowns = options.unknowns_of(arm_file)
     fitted = fit_campaign(
         arm_file.arm,
         campaign,
-        options.unknowns_of(arm_file),
+        unknowns,
         starts=options.starts,
         seed=options.seed,
         trusted=tuple(map(str, options.trust_values)),
         robust=options.robust,
         progress=progress("starts"),
     )
-    return FitResult(arm_file, fitted, options)
+    return FitResult(arm_file, explained(fitted, unknowns, not options.no_explain, progress), options)
+
+
+def explained(fit: "CampaignFit", unknowns: "Unknowns", wanted: bool, progress: Progress) -> "CampaignFit":
+    """Return a fit with what would reconcile its data, where they are in doubt and that is wanted."""
+    from ident.identify.explanations import explain, in_doubt
+
+    if not (wanted and in_doubt(fit)):
+        return fit
+    return replace(fit, explanations=explain(fit, unknowns, progress=progress("explanations")))

@@ -39,7 +39,7 @@ class EngineOptions(Options):
 class FleetOptions(EngineOptions, FitOptions):
     """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
 
-    refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust")
+    refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust", "no_explain")
 
     batch: int = option(
         1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import log1p, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class PlanOptions(FitOptions):
     """Options of `ident.plan`: what to choose from, for what, and what is unknown."""
+
+    refuses: ClassVar[tuple[str, ...]] = ("no_explain",)
 
     count: int = option(4, "experiments in the batch, at most", low=1, high=100, short="-k")
     criterion: str = option(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies import reading
 from ident.studies.fit import FitOptions
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class ProfileOptions(FitOptions):
     """Options of `ident.profile`: those of the fit, which parameters are profiled, and how far."""
+
+    refuses: ClassVar[tuple[str, ...]] = ("no_explain",)
 
     parameter: tuple[str, ...] = option(
         (), "parameter to profile, default: all; may be repeated", repeated=True, read=reading.names

@@ -31,7 +31,7 @@ MOST_WALKERS = 20_000
 class SampleOptions(FitOptions):
     """Options of `ident.sample`: what is unknown, what is known of it, and how long to sample."""
 
-    refuses: ClassVar[tuple[str, ...]] = ("robust",)
+    refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
 
     noise: tuple[str, ...] = option(
         (),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class ValidateOptions(FitOptions):
     """Options of `ident.validate`: those of the fit, and what is left out at a time."""
 
-    refuses: ClassVar[tuple[str, ...]] = ("robust",)
+    refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
 
     leave: str = option(
         "posture",

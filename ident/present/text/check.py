@@ -14,6 +14,7 @@ from ident.inference.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.text.agreement import agreement, dependence_on_priors
 from ident.present.text.directions import in_words, spread_in_words
+from ident.present.text.explanations import explanations_in_words
 from ident.present.text.springs import springs_in_words
 from ident.present.text.units import in_read_unit, unit_of
 from ident.present.text.words import (
@@ -53,6 +54,7 @@ def check_report(check: CampaignCheck) -> str:
         _measurements(check),
         _labels(check),
         _agreement(check),
+        explanations_in_words(check.explanations, check.campaign),
     ]
     return paragraphs(sections)
 

@@ -1,0 +1,263 @@
+"""What would reconcile data that contradict each other, or the model: a list that a person can act on.
+
+Each thing that may be otherwise than arm file and campaign say is set free by itself, all unknowns fitted anew. What
+then fits is ranked by how plausible the change is that it takes; where nothing does by itself, pairs are tried.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ident.arm.arm import Arm
+from ident.arm.base import on_soft_base
+from ident.identify.alternatives import KINDS
+from ident.identify.assumptions import KINDS as ASSUMED
+from ident.identify.assumptions import Assumption
+from ident.identify.fit import CampaignFit
+from ident.identify.inquiry import LIKELY, RIDGES, Cause, Inquiry, inquire
+from ident.identify.slips import slips
+from ident.identify.telling import LEADING, Telling, Told, telling
+from ident.identify.unknowns import Unknowns
+from ident.inference.verdicts import SUSPICIOUS
+from ident.measure import Campaign
+
+SLIP = 2.6
+"""Standard deviations that a slip of the pen counts as, one in a hundred campaigns; assumed."""
+SINGLE = 40
+"""Numbers up to which each is searched for; of more, those with which a linear model gains most."""
+ROWS = 6
+"""Values farthest off, each of which may be wrong by itself."""
+PAIRED, PAIRS = 8, 4
+"""Numbers that are paired, those of the largest gain; and pairs that are searched for."""
+SOFT = ("base rocks", "base turns")
+
+
+@dataclass(frozen=True)
+class Change:
+    """One thing that would have to be otherwise.
+
+    Attributes:
+        kind: a kind of number (`alternatives.KINDS`), of assumption (`assumptions.KINDS`), or `value`, `exchange`, `on`
+            and `off` for slips: a wrong value, two values exchanged, a payload that was on or off.
+        of: the number's body, link, spring or kind of measurement; the payload; the joint.
+        rows: places of the rows that a slip is about.
+        amount: what it would have to be: a factor, a share or, of a value, what it should read [SI]; NaN for none.
+        sd: of ln(factor), or of the share, by data and priors.
+        off: [sd] by how much that is more than plausible.
+    """
+
+    kind: str
+    of: str = ""
+    rows: tuple[int, ...] = ()
+    amount: float = math.nan
+    sd: float = math.nan
+    off: float = SLIP
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Changes that together would reconcile the data, or would not.
+
+    Attributes:
+        changes: them.
+        cost: sum of squares of data and priors that is left.
+        fits: whether nothing speaks against the data any more.
+        wrong_sign: whether a spring would have to soften, as none does.
+        linear: whether it is an estimate along a straight line from the fit, not a fit of its own.
+    """
+
+    changes: tuple[Change, ...]
+    cost: float
+    fits: bool
+    wrong_sign: bool = False
+    linear: bool = False
+
+    @property
+    def off(self) -> float:
+        """By how much it is more than plausible [sd]."""
+        return math.hypot(*(change.off for change in self.changes))
+
+
+@dataclass(frozen=True)
+class Explanations:
+    """What may be wrong with a campaign, or with the arm.
+
+    Attributes:
+        cost: sum of squares of data and priors with nothing otherwise.
+        items: those that fit, the most plausible first; then the others by what they leave.
+        telling: what to measure to tell the leading ones apart.
+    """
+
+    cost: float
+    items: tuple[Explanation, ...]
+    telling: tuple[Telling, ...]
+
+    @property
+    def fitting(self) -> tuple[Explanation, ...]:
+        """Those that the data cannot refute, and whose springs do not soften."""
+        return tuple(item for item in self.items if item.fits and not item.wrong_sign)
+
+
+def in_doubt(fit: CampaignFit) -> bool:
+    """Tell whether a fit has anything to explain."""
+    return bool(fit.doubts or (fit.assumptions and fit.assumptions.asked_for))
+
+
+def explain(
+    fit: CampaignFit,
+    unknowns: Unknowns | None = None,
+    *,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> Explanations | None:
+    """Rank what would reconcile a campaign that is in doubt.
+
+    Args:
+        fit: of the campaign.
+        unknowns: what was unknown.
+        progress: wraps the numbers of the searches, to show a bar.
+
+    Returns:
+        None where the model has no answer, or is scaled by discrepancies, which are explanations already.
+
+    Raises:
+        InputError: the campaign speaks of what the arm has not.
+    """
+    arm, campaign, unknowns = fit.arm, fit.campaign, unknowns or Unknowns()
+    inquiry = inquire(fit, arm, campaign, unknowns, fit.choice.held)
+    before = inquiry.search() if inquiry is not None else None
+    if inquiry is None or before is None:
+        return None
+    tried = [_Tried(_exchanged(rows.rows, rows.chi_squared)) for rows in fit.exchanges]
+    numbers, rows = _causes(inquiry), _wrong_rows(fit)
+    others = [*slips(arm, campaign, _farthest(fit)), *_soft_bases(fit)]
+    searches: list[Callable[[], _Tried | None]] = [
+        *(lambda cause=cause: _with_causes(inquiry, [cause], campaign, before.cost) for cause in [*numbers, *rows]),
+        *(lambda other=other: _with_slip(fit, other, unknowns) for other in others),
+    ]
+    tried += [found for i in progress(range(len(searches))) if (found := searches[i]()) is not None]
+    tried += [_Tried(item) for item in _assumed(fit, inquiry, before.cost)]
+    if not any(each.item.fits and each.item.off < SUSPICIOUS and not each.item.wrong_sign for each in tried):
+        tried += _pairs(inquiry, numbers, campaign, before.cost)
+    tried.sort(key=lambda each: _rank(each.item))
+    leading = [each.told for each in tried if each.told and each.item.fits and not each.item.wrong_sign][:LEADING]
+    return Explanations(before.cost, tuple(each.item for each in tried), telling(arm, campaign, leading))
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """An explanation, and where it leads."""
+
+    item: Explanation
+    told: Told | None = None
+
+
+def _rank(item: Explanation) -> tuple[bool, bool, float, float]:
+    return not item.fits, item.wrong_sign, round(item.off, 1) if item.fits else 0.0, item.cost
+
+
+def _causes(inquiry: Inquiry) -> list[Cause]:
+    """Return what may be otherwise by itself: each number, and all springs of a direction together."""
+    causes = [Cause((number,)) for number in inquiry.numbers]
+    for direction in ("bending", "torsion"):
+        own = tuple(n for n in inquiry.numbers if n.kind == "spring" and n.of.endswith(direction))
+        causes += [Cause(own)] if len(own) > 1 else []
+    if len(causes) <= SINGLE:
+        return causes
+    return sorted(causes, key=lambda cause: -inquiry.gain([cause], RIDGES[0]))[:SINGLE]
+
+
+def _farthest(fit: CampaignFit) -> list[int]:
+    off = np.where(np.isfinite(np.asarray(fit.problem.sigma)), np.abs(fit.off), 0.0)
+    return [int(i) for i in np.argsort(-off, kind="stable")]
+
+
+def _wrong_rows(fit: CampaignFit) -> list[Cause]:
+    """Return the values that may be wrong by themselves; none where there are too few to say."""
+    own = [i for i in _farthest(fit) if np.isfinite(np.asarray(fit.problem.sigma)[i])]
+    return [Cause(row=i) for i in own[:ROWS]]
+
+
+def _with_causes(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, before: float) -> _Tried | None:
+    """Search with causes at work; nothing where they gain nothing."""
+    found = inquiry.search(causes, RIDGES if len(causes) == 1 else RIDGES[:1])
+    if found is None or found.cost > before - 1.0:
+        return None
+    changes = tuple(_change(*each, campaign) for each in zip(causes, found.amounts, found.sd, strict=True))
+    wrong = any(
+        cause.numbers and not KINDS[cause.numbers[0].kind].signed and amount < 0
+        for cause, amount in zip(causes, found.amounts, strict=True)
+    )
+    item = Explanation(changes, found.cost, found.fits, wrong)
+    words = changes if not any(cause.row >= 0 for cause in causes) else ()
+    return _Tried(item, Told(item.changes, inquiry, found) if words else None)
+
+
+def _change(cause: Cause, amount: float, sd: float, campaign: Campaign) -> Change:
+    if cause.row >= 0:
+        m = campaign.measurements[cause.row]
+        off = min(abs(amount), SLIP)
+        return Change("value", m.kind, (cause.row,), m.value - amount * m.sigma, sd * m.sigma, off)
+    number, kind = cause.numbers[0], KINDS[cause.numbers[0].kind]
+    of = number.of if len(cause.numbers) == 1 else number.of.split(".")[1]
+    rows = tuple(i for i, m in enumerate(campaign) if m.kind == number.of) if number.kind == "scale" else ()
+    off = abs(amount) / kind.plausible
+    return Change(number.kind, of, rows, math.exp(amount) if kind.factor else amount, sd, off)
+
+
+def _exchanged(rows: tuple[int, int], chi_squared: float) -> Explanation:
+    return Explanation((Change("exchange", "", rows),), chi_squared, True)
+
+
+def _soft_bases(fit: CampaignFit) -> "list[tuple[Change, Arm, Campaign]]":
+    found = fit.assumptions
+    if found is None or fit.arm.base is not None or not any(item.kind in SOFT for item in found.items):
+        return []
+    return [(Change("soft base", "", (), found.height), on_soft_base(fit.arm, found.height), fit.campaign)]
+
+
+def _with_slip(fit: CampaignFit, other: object, unknowns: Unknowns) -> _Tried | None:
+    """Fit a campaign that was put right, or an arm on a base that gives."""
+    if isinstance(other, tuple):
+        change, arm, campaign = other
+    else:
+        change = Change("on" if other.on else "off", other.payload, other.rows)  # type: ignore[attr-defined]
+        arm, campaign = fit.arm, other.campaign  # type: ignore[attr-defined]
+    inquiry = inquire(fit, arm, campaign, unknowns)
+    found = inquiry.search() if inquiry is not None else None
+    if inquiry is None or found is None:
+        return None
+    if change.kind == "soft base":
+        values = inquiry.problem.parameters.by_path(inquiry.problem.parameters.values(found.theta))
+        first = arm.joints[1].name
+        share = max(float(values[f"{first}.{k}"] / values[f"base.{k}"]) for k in ("k_bend", "k_tors"))
+        change = replace(change, off=share / ASSUMED["base rocks"].plausible)
+    return _Tried(Explanation((change,), found.cost, found.fits), Told((change,), inquiry, found))
+
+
+def _assumed(fit: CampaignFit, inquiry: Inquiry, before: float) -> list[Explanation]:
+    """Return what the fit takes for granted and no search has set free, estimated by its score."""
+    found = fit.assumptions
+    if found is None:
+        return []
+    kept = [item for item in found.items if item.kind in ("link bends", "link twists", "servo gives")]
+    return [_by_score(item, inquiry, before) for item in kept if item.test.separable and item.test.z > 1]
+
+
+def _by_score(item: Assumption, inquiry: Inquiry, before: float) -> Explanation:
+    kind, test = ASSUMED[item.kind], item.test
+    amount, cost = test.z * test.sd, before - test.z**2
+    off = amount / kind.plausible
+    fits = inquiry.chance(cost, 1) >= LIKELY
+    return Explanation((Change(item.kind, item.joint, (), amount, test.sd, off),), cost, fits, linear=True)
+
+
+def _pairs(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, before: float) -> list[_Tried]:
+    """Return pairs of numbers that fit together, the best ones along a straight line."""
+    first = sorted(causes, key=lambda cause: -inquiry.gain([cause], RIDGES[0]))[:PAIRED]
+    pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
+    best = sorted(pairs, key=lambda pair: -inquiry.gain(pair, RIDGES[0]))[:PAIRS]
+    found = [_with_causes(inquiry, pair, campaign, before) for pair in best]
+    return [each for each in found if each is not None and each.item.fits]

@@ -1,0 +1,159 @@
+"""Which measurement would tell explanations apart: what each of them predicts, and how surely."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.errors import InputError
+from ident.identify.alternatives import AlteredModel
+from ident.identify.conditions import bind
+from ident.identify.experiments import RESOLUTION, relative_sigma
+from ident.identify.inquiry import Finding, Inquiry
+from ident.identify.posture_grid import posture_grid
+from ident.inference.least_squares import looker
+from ident.inference.problem import InverseProblem
+from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.measure.load import AXES
+
+LEADING = 4
+"""Explanations that are to be told apart, at most."""
+POSTURES = 8
+SHOWN = 3
+"""Postures that are asked about, and measurements that are named."""
+APART = 2.0
+"""Distance [sd] of two predictions below which a measurement tells nothing."""
+ENOUGH = 4.0
+"""Distance [sd] beyond which more is no better."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """An explanation that may be asked what it predicts.
+
+    Attributes:
+        name: of the explanation.
+        inquiry: in which it was found.
+        finding: where.
+    """
+
+    name: Any
+    inquiry: Inquiry
+    finding: Finding
+
+
+@dataclass(frozen=True)
+class Telling:
+    """A measurement, and what each leading explanation predicts of it.
+
+    Attributes:
+        measurement: its value is the first one's prediction, its sigma what such an instrument has.
+        predicted: [SI] by the leading explanations, in their order; NaN where one has no answer.
+        sd: of these, by data and priors.
+        apart: [sd] of the two that it tells apart best, sigma included.
+        place: of a frequency, its place from the lowest, from 1.
+    """
+
+    measurement: Measurement
+    predicted: tuple[float, ...]
+    sd: tuple[float, ...]
+    apart: float
+    place: float = 0.0
+
+
+def telling(arm: Arm, campaign: Campaign, leading: Sequence[Told]) -> tuple[Telling, ...]:
+    """Return what to measure to tell explanations apart, the most telling first; none where nothing would.
+
+    Candidates are the two lowest frequencies and the deflection of the arm's last point along -z, at postures that may
+    be held, under own weight, each payload, and what was hung on it in the campaign.
+
+    Args:
+        arm: as its file has it.
+        campaign: how well it is measured.
+        leading: the explanations.
+    """
+    if len(leading) < 2 or not arm.points:
+        return ()
+    candidates = _candidates(arm, campaign)
+    if not candidates:
+        return ()
+    found = [_predicted(each, candidates) for each in leading]
+    values, sds = (np.array([each[i] for each in found]) for i in (0, 1))
+    shares = relative_sigma(campaign)
+    least = np.array([0.0 if m.kind == "frequency" else RESOLUTION for m in candidates])
+    share = np.array([shares["frequency" if m.kind == "frequency" else "deflection"] for m in candidates])
+    sigma = np.hypot(share * np.abs(np.nan_to_num(values[0])), least)
+    pairs = list(combinations(range(len(leading)), 2))
+    apart = np.array([np.abs(values[i] - values[j]) / np.sqrt(sds[i] ** 2 + sds[j] ** 2 + sigma**2) for i, j in pairs])
+    apart = np.nan_to_num(apart)
+    chosen: list[Telling] = []
+    left = np.ones(len(pairs), bool)
+    while len(chosen) < SHOWN and left.any():
+        worth = np.minimum(apart[left], ENOUGH).sum(0)
+        best = int(np.argmax(worth))
+        if apart[left][:, best].max() < APART:
+            break
+        m = replace(candidates[best], value=float(values[0, best]), sigma=float(sigma[best]))
+        predicted, sd = (tuple(map(float, x[:, best])) for x in (values, sds))
+        place = candidates[best].value if m.kind == "frequency" else 0.0
+        chosen.append(Telling(m, predicted, sd, float(apart[left][:, best].max()), place))
+        left &= apart[:, best] < APART
+    return tuple(chosen)
+
+
+def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
+    try:
+        grid, _ = posture_grid(arm)
+    except InputError:  # no posture may be held: the campaign's own are all that is left
+        grid = np.zeros((0, len(arm.driven)))
+    spaced = grid[np.unique(np.linspace(0, len(grid) - 1, POSTURES).astype(int))] if len(grid) else grid
+    postures = dict.fromkeys([*(m.posture for m in campaign), *(tuple(map(float, row)) for row in spaced)])
+    own = dict.fromkeys(m.load for m in campaign if not (m.load.forces or m.load.moments or m.load.own))
+    loads = dict.fromkeys([OWN_WEIGHT, *(Load((payload.body.name,)) for payload in arm.payloads), *own])
+    return [
+        row
+        for posture in list(postures)[:POSTURES]
+        for load in list(loads)[:POSTURES]
+        for row in (
+            Measurement(kind="frequency", posture=posture, value=1.0, sigma=1.0, load=load),
+            Measurement(kind="frequency", posture=posture, value=2.0, sigma=1.0, load=load),
+            Measurement(
+                kind="deflection",
+                posture=posture,
+                value=1.0,
+                sigma=1.0,
+                load=load,
+                point=arm.points[-1].name,
+                direction=AXES["-z"],
+            ),
+        )
+    ]
+
+
+def _predicted(told: Told, candidates: Sequence[Measurement]) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """Return what an explanation predicts, and the standard deviation of that."""
+    inquiry, model = told.inquiry, told.inquiry.problem.model
+    assert isinstance(model, AlteredModel)
+    count = len(candidates)
+    problem = InverseProblem(
+        replace(model, conditions=bind(model.arm, Campaign(measurements=tuple(candidates))), frames=None),
+        np.ones(count),
+        np.full(count, np.inf),
+        inquiry.problem.parameters,
+        tuple(m.kind for m in candidates),
+    )
+    theta = told.finding.theta
+    predicted, jacobian, _ = looker(problem)(theta, None)
+    for i, number in enumerate(inquiry.numbers, inquiry.unknowns):
+        if number.kind == "scale":
+            own = np.array([m.kind == number.of for m in candidates])
+            factor = np.where(own, math.exp(theta[i]), 1.0)
+            predicted, jacobian = predicted * factor, jacobian * factor[:, None]
+            jacobian[:, i] = np.where(own, predicted, 0.0)
+    variance = np.einsum("ip,pq,iq->i", jacobian, told.finding.covariance, jacobian)
+    return predicted, np.sqrt(np.maximum(variance, 0.0))

@@ -1,0 +1,105 @@
+"""What is wrong on purpose is found among what would reconcile the data, and nothing is sought where nothing is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+
+from ident.arm.arm import Arm
+from ident.arm.springs import Spring
+from ident.identify.conditions import bind
+from ident.identify.explanations import Explanations, explain, in_doubt
+from ident.identify.fit import CampaignFit, fit_campaign
+from ident.identify.predict import predict
+from ident.measure import Campaign, Load, read_campaign
+from ident.present.text.explanations import explanations_in_words
+
+ARM = lcd_arm()
+CAMPAIGN = read_campaign(DATA / "lcd_arm" / "campaign.csv")
+TRUTH = {"joint1.k_bend": 6e5, "joint2.k_bend": 4e5, "joint3.k_bend": 1.5e5}
+
+
+def measured(arm: Arm, campaign: Campaign = CAMPAIGN, seed: int = 0) -> Campaign:
+    """Measure an arm: its predictions with the campaign's errors."""
+    exact = np.asarray(predict(arm, TRUTH, bind(arm, campaign)))
+    sigma = np.array([m.sigma for m in campaign])
+    values = exact + sigma * np.random.default_rng(seed).standard_normal(len(exact))
+    rows = (replace(m, value=float(value)) for m, value in zip(campaign, values, strict=True))
+    return replace(campaign, measurements=tuple(rows))
+
+
+def explained(campaign: Campaign, arm: Arm = ARM) -> tuple[CampaignFit, Explanations]:
+    fit = fit_campaign(arm, campaign, trusted=("all",))
+    assert in_doubt(fit)
+    found = explain(fit)
+    assert found is not None
+    return fit, found
+
+
+def kinds(found: Explanations) -> list[tuple[str, str]]:
+    return [(change.kind, change.of) for item in found.fitting for change in item.changes]
+
+
+def test_nothing_is_in_doubt_of_right_data():
+    assert not in_doubt(fit_campaign(ARM, measured(ARM)))
+
+
+@pytest.mark.slow
+def test_a_wrong_mass_leads_with_its_amount():
+    _, found = explained(measured(ARM.replace({"fingers.mass": 1.3 * float(ARM.get("fingers.mass"))})))
+    item = next(item for item in found.fitting if item.changes[0].of == "fingers")
+    assert found.fitting.index(item) <= 2
+    (change,) = item.changes
+    assert abs(np.log(change.amount / 1.3)) < 3 * change.sd < 0.15
+
+
+@pytest.mark.slow
+def test_a_gauge_out_of_calibration_leads_with_its_factor():
+    right = measured(ARM)
+    rows = (replace(m, value=0.93 * m.value) if m.kind == "deflection" else m for m in right)
+    _, found = explained(replace(right, measurements=tuple(rows)))
+    first = found.fitting[0].changes[0]
+    assert (first.kind, first.of) == ("scale", "deflection")
+    assert abs(np.log(first.amount / 0.93)) < 3 * first.sd < 0.1
+
+
+@pytest.mark.slow
+def test_a_payload_that_nobody_noted_is_named_with_its_rows():
+    own = [i for i, m in enumerate(CAMPAIGN) if m.kind == "frequency" and not m.load]
+    rows = (replace(m, load=Load(("glass",))) if i in own else m for i, m in enumerate(CAMPAIGN))
+    loaded = measured(ARM, replace(CAMPAIGN, measurements=tuple(rows)))
+    said = (replace(m, load=old.load) for m, old in zip(loaded, CAMPAIGN, strict=True))
+    _, found = explained(replace(loaded, measurements=tuple(said)))
+    slips = [item.changes[0] for item in found.fitting if item.changes[0].kind == "on"]
+    assert slips
+    assert slips[0].of == "glass"
+    assert set(own) <= set(slips[0].rows)
+
+
+@pytest.mark.slow
+def test_springs_that_harden_cannot_be_refuted_where_they_do():
+    springs = [
+        Spring(f"s{n}", f"joint{n}", "bending", ratio2=1.6, ratio3=2.2, torque1=400.0 / n**2, torque2=900.0 / n**2)
+        for n in (1, 2, 3)
+    ]
+    _, found = explained(measured(replace(ARM, springs=tuple(springs))))
+    assert ("spring", "bending") in kinds(found)
+    assert all(change.amount > 0 for item in found.fitting for change in item.changes if change.kind == "spring")
+
+
+@pytest.mark.slow
+def test_table_1_asks_for_what_would_give_all_three_numbers():
+    fit, found = explained(read_campaign(DATA / "lcd_arm" / "table1.csv"))
+    assert {("scale", "deflection"), ("scale", "frequency"), ("mass centre", "joint3"), ("on", "glass")} <= set(
+        kinds(found)
+    )
+    springs = [item for item in found.items if item.changes[0].kind == "spring" and item.fits]
+    assert springs  # a spring that softens would do
+    assert all(item.wrong_sign for item in springs)
+    assert not any(item in found.fitting for item in springs)
+    assert found.telling
+    text = "\n".join(explanations_in_words(found, fit.campaign))
+    assert "WRONG SIGN" in text
+    assert "glass was on in rows 5, 6" in text
+    assert "to tell the first ones apart" in text
