@@ -53,11 +53,13 @@ KINDS = {
     "length": Kind(0.01, factor=True),
     "loads": Kind(0.02, factor=True),
     "scale": Kind(0.02, factor=True),
+    "clock": Kind(0.005, factor=True),
     "spring": Kind(0.1, factor=False, signed=False),
 }
-"""`mass centre` is a share of its link's length; `scale` the common factor of all values of a kind, as of a gauge; and
-`spring` the share that the cube of the angle adds to the torque at the largest load of all that were measured: the
-secant rises by it, the tangent by three times it."""
+"""`mass centre` is a share of its link's length; `scale` the common factor of all values of a kind, as of a gauge, for
+frequencies `clock`; and `spring` the share that the cube of the angle adds to the torque at the largest load of all
+that were measured: the secant rises by it, the tangent by three times it."""
+SCALES = ("scale", "clock")
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,8 @@ def altered_numbers(
     measured = (loads.mass, loads.force, loads.moment)
     if LOAD not in taken and any(np.any(part) for part in measured if part is not None):
         yield Number("loads", LOAD)
-    yield from (Number("scale", kind) for kind in kinds if kind not in ("damping_ratio", "shape"))
+    scaled = [kind for kind in kinds if kind not in ("damping_ratio", "shape")]
+    yield from (Number("clock" if kind == "frequency" else "scale", kind) for kind in scaled)
     curved = {(spring.joint, spring.direction) for spring in arm.springs}
     for joint, own in zip(arm.joints, moments, strict=True):
         for direction, moment in zip(DIRECTIONS, own, strict=True):

@@ -1,7 +1,8 @@
 """What would reconcile data that contradict each other, or the model: a list that a person can act on.
 
 Each thing that may be otherwise than arm file and campaign say is set free by itself, all unknowns fitted anew. What
-then fits is ranked by how plausible the change is that it takes; where nothing does by itself, pairs are tried.
+then fits is ranked by how probable it is, what it leaves and what it takes together; where nothing fits by itself, pairs
+are tried.
 """
 
 import math
@@ -13,14 +14,16 @@ import numpy as np
 
 from ident.arm.arm import Arm
 from ident.arm.base import on_soft_base
-from ident.identify.alternatives import KINDS
+from ident.identify.alternatives import KINDS, SCALES
 from ident.identify.assumptions import KINDS as ASSUMED
 from ident.identify.assumptions import Assumption
+from ident.identify.build_problem import build_problem
 from ident.identify.fit import CampaignFit
 from ident.identify.inquiry import LIKELY, RIDGES, Cause, Inquiry, inquire
 from ident.identify.slips import slips
 from ident.identify.telling import LEADING, Telling, Told, telling
 from ident.identify.unknowns import Unknowns
+from ident.inference.least_squares import solve
 from ident.inference.verdicts import SUSPICIOUS
 from ident.measure import Campaign
 
@@ -80,6 +83,11 @@ class Explanation:
         """By how much it is more than plausible [sd]."""
         return math.hypot(*(change.off for change in self.changes))
 
+    @property
+    def score(self) -> float:
+        """What is left of the sum of squares, the changes among it: minus twice the logarithm of the probability."""
+        return self.cost + self.off**2
+
 
 @dataclass(frozen=True)
 class Explanations:
@@ -87,7 +95,7 @@ class Explanations:
 
     Attributes:
         cost: sum of squares of data and priors with nothing otherwise.
-        items: those that fit, the most plausible first; then the others by what they leave.
+        items: those that fit, the most probable first; then the others by what they leave.
         telling: what to measure to tell the leading ones apart.
     """
 
@@ -99,11 +107,6 @@ class Explanations:
     def fitting(self) -> tuple[Explanation, ...]:
         """Those that the data cannot refute, and whose springs do not soften."""
         return tuple(item for item in self.items if item.fits and not item.wrong_sign)
-
-
-def in_doubt(fit: CampaignFit) -> bool:
-    """Tell whether a fit has anything to explain."""
-    return bool(fit.doubts or (fit.assumptions and fit.assumptions.asked_for))
 
 
 def explain(
@@ -126,7 +129,7 @@ def explain(
         InputError: the campaign speaks of what the arm has not.
     """
     arm, campaign, unknowns = fit.arm, fit.campaign, unknowns or Unknowns()
-    inquiry = inquire(fit, arm, campaign, unknowns, fit.choice.held)
+    inquiry = inquire(fit.parameters, arm, campaign, unknowns, fit.choice.held)
     before = inquiry.search() if inquiry is not None else None
     if inquiry is None or before is None:
         return None
@@ -154,8 +157,8 @@ class _Tried:
     told: Told | None = None
 
 
-def _rank(item: Explanation) -> tuple[bool, bool, float, float]:
-    return not item.fits, item.wrong_sign, round(item.off, 1) if item.fits else 0.0, item.cost
+def _rank(item: Explanation) -> tuple[bool, bool, float]:
+    return not item.fits, item.wrong_sign, item.score if item.fits else item.cost
 
 
 def _causes(inquiry: Inquiry) -> list[Cause]:
@@ -202,7 +205,7 @@ def _change(cause: Cause, amount: float, sd: float, campaign: Campaign) -> Chang
         return Change("value", m.kind, (cause.row,), m.value - amount * m.sigma, sd * m.sigma, off)
     number, kind = cause.numbers[0], KINDS[cause.numbers[0].kind]
     of = number.of if len(cause.numbers) == 1 else number.of.split(".")[1]
-    rows = tuple(i for i, m in enumerate(campaign) if m.kind == number.of) if number.kind == "scale" else ()
+    rows = tuple(i for i, m in enumerate(campaign) if m.kind == number.of) if number.kind in SCALES else ()
     off = abs(amount) / kind.plausible
     return Change(number.kind, of, rows, math.exp(amount) if kind.factor else amount, sd, off)
 
@@ -225,12 +228,19 @@ def _with_slip(fit: CampaignFit, other: object, unknowns: Unknowns) -> _Tried | 
     else:
         change = Change("on" if other.on else "off", other.payload, other.rows)  # type: ignore[attr-defined]
         arm, campaign = fit.arm, other.campaign  # type: ignore[attr-defined]
-    inquiry = inquire(fit, arm, campaign, unknowns)
+    problem = build_problem(arm, campaign, unknowns.with_prior)
+    centre = np.asarray(problem.parameters.theta(problem.parameters.column("centre")))
+    there = fit.best.theta if len(fit.best.theta) == len(centre) else centre
+    ends = [end for start in (there, centre) if np.isfinite((end := solve(problem, start)).cost)]
+    if not ends:
+        return None
+    end = min(ends, key=lambda end: float(end.cost))
+    values = problem.parameters.by_path(np.asarray(problem.parameters.values(end.theta)))
+    inquiry = inquire({path: float(x) for path, x in values.items()}, arm, campaign, unknowns, end.choice.held)
     found = inquiry.search() if inquiry is not None else None
     if inquiry is None or found is None:
         return None
     if change.kind == "soft base":
-        values = inquiry.problem.parameters.by_path(inquiry.problem.parameters.values(found.theta))
         first = arm.joints[1].name
         share = max(float(values[f"{first}.{k}"] / values[f"base.{k}"]) for k in ("k_bend", "k_tors"))
         change = replace(change, off=share / ASSUMED["base rocks"].plausible)

@@ -83,6 +83,11 @@ class CampaignFit(Fit):
         return (*((contradict,) if self.mislabelled else ()), *super().doubts)
 
     @property
+    def in_doubt(self) -> bool:
+        """Whether anything speaks against the fit, or the data ask to drop what it takes for granted."""
+        return bool(self.doubts or (self.assumptions and self.assumptions.asked_for))
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """What is odd about this fit, though it forbids no interval."""
         names = row_names(self.campaign)

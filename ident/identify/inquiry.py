@@ -4,7 +4,7 @@ One program predicts the campaign and its Jacobian by all unknowns and all such 
 these, and is made of looks at that program (`gauss_newton`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,11 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.identify.alternatives import KINDS, Number, altered, altered_numbers, largest_moments
+from ident.identify.alternatives import KINDS, SCALES, Number, altered, altered_numbers, largest_moments
 from ident.identify.build_problem import build_problem
 from ident.identify.predict import ArmModel
 from ident.identify.unknowns import Unknowns
-from ident.inference.fit import Fit
 from ident.inference.gauss_newton import minimum
 from ident.inference.information import RANK_TOLERANCE
 from ident.inference.least_squares import End, looker
@@ -185,7 +184,7 @@ class Inquiry:
         predicted, jacobian = here.predicted, np.array(here.jacobian)
         kinds = np.array(self.problem.kinds)
         for i, number in enumerate(self.numbers, self.unknowns):
-            if number.kind == "scale":
+            if number.kind in SCALES:
                 own = kinds == number.of
                 factor = np.where(own, np.exp(theta[i]), 1.0)
                 predicted, jacobian = predicted * factor, jacobian * factor[:, None]
@@ -233,28 +232,29 @@ class Inquiry:
         return np.array([own[int(np.argmax(each))] if each.any() else STEP_OFF for each in moved])
 
 
-def inquire(fit: Fit, arm: Arm, campaign: Campaign, unknowns: Unknowns, held: Any = None) -> Inquiry | None:
+def inquire(
+    fitted: Mapping[str, float], arm: Arm, campaign: Campaign, unknowns: Unknowns, held: Any = None
+) -> Inquiry | None:
     """Make ready to ask what may be otherwise than a fit takes it to be; None where the model has no answer.
 
     Args:
-        fit: where to begin.
+        fitted: where to begin, by path [SI]; at the priors' centre where it says nothing.
         arm: as its file has it.
         campaign: what is to be fitted.
         unknowns: what is unknown; where there is no prior, the default one is taken.
-        held: what the fit has taken labels for; where the arm or the campaign is another one, they are chosen anew.
+        held: what the fit has taken labels for; they are chosen anew without.
     """
     problem = build_problem(arm, campaign, unknowns.with_prior)
     model = problem.model
     if not isinstance(model, ArmModel):  # scaled by discrepancies, which are explanations already
         return None
     own = problem.parameters
-    values = {path: fit.parameters.get(path, float(x)) for path, x in own.by_path(own.column("centre")).items()}
+    values = {path: fitted.get(path, float(x)) for path, x in own.by_path(own.column("centre")).items()}
     moments = largest_moments(model, values)
     numbers = tuple(altered_numbers(model, tuple(dict.fromkeys(problem.kinds)), values, moments))
     parameters = Parameters((*own.items, *(number.parameter for number in numbers)))
     problem = replace(problem, model=altered(model, numbers, moments), parameters=parameters)
     theta = np.asarray(own.theta(np.array([float(values[item.name]) for item in own.items])))
-    start = np.append(theta, np.zeros(len(numbers)))
-    blank = End(start, np.nan, start, np.zeros(0), np.zeros((0, 0)), fit.choice)
-    here = Inquiry(problem, len(own.items), numbers, blank)._at(start, held)
-    return Inquiry(problem, len(own.items), numbers, here) if np.isfinite(here.predicted).all() else None
+    predicted, jacobian, choice = looker(problem)(start := np.append(theta, np.zeros(len(numbers))), held)
+    here = End(start, np.nan, np.full(len(start), np.nan), predicted, jacobian, choice)
+    return Inquiry(problem, len(own.items), numbers, here) if np.isfinite(predicted).all() else None

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
-from ident.identify.alternatives import AlteredModel
+from ident.identify.alternatives import SCALES, AlteredModel
 from ident.identify.conditions import bind
 from ident.identify.experiments import RESOLUTION, relative_sigma
 from ident.identify.inquiry import Finding, Inquiry
@@ -52,7 +52,7 @@ class Telling:
     """A measurement, and what each leading explanation predicts of it.
 
     Attributes:
-        measurement: its value is the first one's prediction, its sigma what such an instrument has.
+        measurement: its value is the middle one of the predictions, its sigma what such an instrument has.
         predicted: [SI] by the leading explanations, in their order; NaN where one has no answer.
         sd: of these, by data and priors.
         apart: [sd] of the two that it tells apart best, sigma included.
@@ -84,10 +84,16 @@ def telling(arm: Arm, campaign: Campaign, leading: Sequence[Told]) -> tuple[Tell
         return ()
     found = [_predicted(each, candidates) for each in leading]
     values, sds = (np.array([each[i] for each in found]) for i in (0, 1))
+    answered = np.isfinite(values).sum(0) > 1
+    candidates = [m for m, told in zip(candidates, answered, strict=True) if told]
+    if not candidates:
+        return ()
+    values, sds = values[:, answered], sds[:, answered]
+    middle = np.nanmedian(values, 0)
     shares = relative_sigma(campaign)
     least = np.array([0.0 if m.kind == "frequency" else RESOLUTION for m in candidates])
     share = np.array([shares["frequency" if m.kind == "frequency" else "deflection"] for m in candidates])
-    sigma = np.hypot(share * np.abs(np.nan_to_num(values[0])), least)
+    sigma = np.hypot(share * np.abs(middle), least)
     pairs = list(combinations(range(len(leading)), 2))
     apart = np.array([np.abs(values[i] - values[j]) / np.sqrt(sds[i] ** 2 + sds[j] ** 2 + sigma**2) for i, j in pairs])
     apart = np.nan_to_num(apart)
@@ -98,7 +104,7 @@ def telling(arm: Arm, campaign: Campaign, leading: Sequence[Told]) -> tuple[Tell
         best = int(np.argmax(worth))
         if apart[left][:, best].max() < APART:
             break
-        m = replace(candidates[best], value=float(values[0, best]), sigma=float(sigma[best]))
+        m = replace(candidates[best], value=float(middle[best]), sigma=float(sigma[best]))
         predicted, sd = (tuple(map(float, x[:, best])) for x in (values, sds))
         place = candidates[best].value if m.kind == "frequency" else 0.0
         chosen.append(Telling(m, predicted, sd, float(apart[left][:, best].max()), place))
@@ -150,7 +156,7 @@ def _predicted(told: Told, candidates: Sequence[Measurement]) -> tuple[Float[np.
     theta = told.finding.theta
     predicted, jacobian, _ = looker(problem)(theta, None)
     for i, number in enumerate(inquiry.numbers, inquiry.unknowns):
-        if number.kind == "scale":
+        if number.kind in SCALES:
             own = np.array([m.kind == number.of for m in candidates])
             factor = np.where(own, math.exp(theta[i]), 1.0)
             predicted, jacobian = predicted * factor, jacobian * factor[:, None]

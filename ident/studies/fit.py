@@ -134,7 +134,7 @@ class FitResult(Result):
     @property
     def doubtful(self) -> bool:
         """Whether anything speaks against the fit, or the data ask to drop what it takes for granted."""
-        return bool(self.doubts or (self.assumptions and self.assumptions.asked_for))
+        return self.fit.in_doubt
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.fit.campaign}
@@ -179,8 +179,8 @@ def fit(
 
 def explained(fit: "CampaignFit", unknowns: "Unknowns", wanted: bool, progress: Progress) -> "CampaignFit":
     """Return a fit with what would reconcile its data, where they are in doubt and that is wanted."""
-    from ident.identify.explanations import explain, in_doubt
-
-    if not (wanted and in_doubt(fit)):
+    if not (wanted and fit.in_doubt):
         return fit
+    from ident.identify.explanations import explain  # what it takes would cost every other fit a second
+
     return replace(fit, explanations=explain(fit, unknowns, progress=progress("explanations")))

@@ -14,7 +14,6 @@ from ident.inference.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.text.agreement import agreement, dependence_on_priors
 from ident.present.text.directions import in_words, spread_in_words
-from ident.present.text.explanations import explanations_in_words
 from ident.present.text.springs import springs_in_words
 from ident.present.text.units import in_read_unit, unit_of
 from ident.present.text.words import (
@@ -54,7 +53,7 @@ def check_report(check: CampaignCheck) -> str:
         _measurements(check),
         _labels(check),
         _agreement(check),
-        explanations_in_words(check.explanations, check.campaign),
+        _explanations(check),
     ]
     return paragraphs(sections)
 
@@ -95,6 +94,14 @@ def _verdicts(check: CampaignCheck) -> Iterator[str]:
     )
     if "open" in check.verdicts:
         yield "  open: the data alone leave it open at all these points."
+
+
+def _explanations(check: CampaignCheck) -> Iterator[str]:
+    if check.explanations is None:
+        return
+    from ident.present.text.explanations import explanations_in_words  # which imports what found them
+
+    yield from explanations_in_words(check.explanations, check.campaign)
 
 
 def _others(check: CampaignCheck) -> Iterator[str]:

@@ -23,6 +23,7 @@ CHECKS = {
     "length": "measure it",
     "loads": "check the load cell or the scales",
     "scale": "check the calibration and the unit",
+    "clock": "check the sampling rate",
     "value": "measure it again",
     "exchange": "measure both again",
     "on": "ask what hung there",
@@ -36,7 +37,7 @@ CHECKS = {
 
 
 def explanations_in_words(found: Explanations | None, campaign: Campaign) -> Iterator[str]:
-    """Say what would reconcile a campaign, most plausible first, and what would tell the leading ones apart."""
+    """Say what would reconcile a campaign, most probable first, and what would tell the leading ones apart."""
     if found is None or not found.items:
         return
     yield f"What would reconcile them (sum of squares {three_digits(found.cost)} as it is)"
@@ -45,7 +46,7 @@ def explanations_in_words(found: Explanations | None, campaign: Campaign) -> Ite
     for number, item in enumerate(fitting[:LISTED], 1):
         yield f"  {_line(item, campaign, f'({number}) ')}"
     if len(fitting) > LISTED:
-        yield f"  and {len(fitting) - LISTED} less plausible"
+        yield f"  and {len(fitting) - LISTED} less probable"
     if not fitting:
         yield "  Nothing that was tried does, by itself or in pairs; nearest to it come"
         others = [item for item in found.items if not item.fits][:OTHERS]
@@ -53,7 +54,7 @@ def explanations_in_words(found: Explanations | None, campaign: Campaign) -> Ite
     yield from (f"  {_line(item, campaign, 'WRONG SIGN: ')}" for item in wrong[:OTHERS])
     yield (
         "  left: sum of squares of data and priors with about the least change that suffices; off by: in standard"
-        " deviations of what is plausible"
+        " deviations of what is plausible, squared and added for their order"
         f" ({_widths(found)}; all assumed), a slip counting as {SLIP:g}."
     )
     if wrong:
@@ -88,7 +89,7 @@ def _words(change: Change, campaign: Campaign) -> str:
             return f"{of} was {change.kind} in {rows}"
         case "soft base":
             return "a base that gives, rocking and turning"
-        case "scale":
+        case "scale" | "clock":
             return f"every {of.replace('_', ' ')} read as {_amount(change)} of what it is"
         case "mass centre":
             return f"mass centre of the link of {of} {_amount(change)} of its length further out"

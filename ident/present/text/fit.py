@@ -13,7 +13,6 @@ from ident.inference.parameters import Parameter
 from ident.present.text.agreement import agreement, dependence_on_priors, what_may_be_wrong
 from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.directions import what_is_fixed, what_is_open
-from ident.present.text.explanations import explanations_in_words
 from ident.present.text.fit_details import measurements, optima, origins, uncertain_numbers
 from ident.present.text.units import MM, is_length, unit_of
 from ident.present.text.words import correlated_errors, cut, drive_states, in_percent, odd_numbers, paragraphs
@@ -25,7 +24,7 @@ def fit_report(fit: CampaignFit) -> str:
         _heading(fit),
         _answer(fit),
         _limits(fit),
-        explanations_in_words(fit.explanations, fit.campaign),
+        _explanations(fit),
         uncertain_numbers(fit),
         assumption_lines(fit),
         measurements(fit),
@@ -130,6 +129,14 @@ def _stretch(fit: Fit) -> str:
     worst = int(np.argmax(ratios))
     factor = fit.best.values[worst] / float(items[worst].start)
     return f"takes {items[worst].name} to {factor:.2g} times the arm file's value."
+
+
+def _explanations(fit: CampaignFit) -> Iterator[str]:
+    if fit.explanations is None:
+        return
+    from ident.present.text.explanations import explanations_in_words  # which imports what found them
+
+    yield from explanations_in_words(fit.explanations, fit.campaign)
 
 
 def _rivals(fit: Fit) -> Iterator[str]:
