@@ -1,8 +1,8 @@
 """What would reconcile data that contradict each other, or the model: a list that a person can act on.
 
 Each thing that may be otherwise than arm file and campaign say is set free by itself, all unknowns fitted anew. What
-then fits is ranked by how probable it is, what it leaves and what it takes together; where nothing fits by itself, pairs
-are tried.
+then fits is ranked by how probable it is, what it leaves and what it takes together; where nothing fits by itself,
+pairs are tried.
 """
 
 import math
@@ -12,8 +12,9 @@ from itertools import combinations
 
 import numpy as np
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.base import on_soft_base
+from ident.arm.fields import STIFFNESS
 from ident.identify.alternatives import KINDS, SCALES
 from ident.identify.assumptions import KINDS as ASSUMED
 from ident.identify.assumptions import Assumption
@@ -242,7 +243,8 @@ def _with_slip(fit: CampaignFit, other: object, unknowns: Unknowns) -> _Tried | 
         return None
     if change.kind == "soft base":
         first = arm.joints[1].name
-        share = max(float(values[f"{first}.{k}"] / values[f"base.{k}"]) for k in ("k_bend", "k_tors"))
+        stiffness = {path: float(values.get(path, arm.get(path))) for path in stiffness_paths(arm)}
+        share = max(stiffness[f"{first}.{k}"] / stiffness[f"base.{k}"] for k in STIFFNESS)
         change = replace(change, off=share / ASSUMED["base rocks"].plausible)
     return _Tried(Explanation((change,), found.cost, found.fits), Told((change,), inquiry, found))
 

@@ -141,7 +141,7 @@ def test_progress_is_told_of_every_start(table_1):
     def progress(description, total=None):
         return lambda numbers: (shown.append((description, number)) or number for number in numbers)
 
-    fit(lcd_arm(), table_1, FitOptions(starts=1), progress=progress)
+    fit(lcd_arm(), table_1, FitOptions(starts=1, no_explain=True), progress=progress)
     assert shown == [("starts", 1)]
 
 
