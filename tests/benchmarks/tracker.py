@@ -72,7 +72,7 @@ def inside(
     vectors = (vectors - (ORIGIN if kind == "position" else 0.0)) @ TURN
     values = vectors.ravel() + NOISE * rng.standard_normal(len(rows))
     campaign = Campaign(measurements=tuple(replace(m, value=float(v)) for m, v in zip(rows, values, strict=True)))
-    fit = fit_campaign(arm, campaign, Unknowns(uncertain=uncertain), starts=1)
+    fit = fit_campaign(arm, campaign, Unknowns(uncertain=uncertain), starts=1, trusted=("all",))
     own = ~fit.problem.parameters.nuisance
     off = fit.best.theta[own] - theta[~truth.parameters.nuisance]
     return np.abs(off) < half_width(0.95) * fit.information.sd[own]
