@@ -19,9 +19,12 @@ from ident.inference.correlation import Correlation, correlation
 from ident.inference.discrepancy import with_discrepancy
 from ident.inference.parameters import Parameters
 from ident.inference.problem import InverseProblem
+from ident.jit import jit
 from ident.measure import Campaign
 from ident.measure.load import AXES
 from ident.text import one_line
+
+_predicted = jit(predict)
 
 
 def arm_problem(
@@ -62,7 +65,7 @@ def _expected(arm: Arm, campaign: Campaign) -> list[np.ndarray]:
         "resolution": 0.0,
     }
     along = tuple(replace(m, direction=axis, **blank) for m in rows for axis in (AXES["x"], AXES["y"], AXES["z"]))
-    vectors = iter(np.asarray(predict(arm, {}, bind(arm, Campaign(measurements=along)))).reshape(-1, 3))
+    vectors = iter(np.asarray(_predicted(arm, {}, bind(arm, Campaign(measurements=along)))).reshape(-1, 3))
     return [next(vectors) if m.setup else np.zeros(3) for m in campaign]
 
 

@@ -22,9 +22,10 @@ from timing import commit, machine
 from ident.arm.arm import Arm
 from ident.description.file import read_arm
 from ident.identify.build_problem import build_problem
-from ident.identify.fit import fit_campaign
 from ident.identify.unknowns import Unknowns
+from ident.inference.fit import fit
 from ident.inference.information import half_width
+from ident.jit import jit
 from ident.measure import Campaign, Load, Measurement
 
 Widths = dict[str, str]
@@ -32,6 +33,7 @@ DATA = Path(__file__).parents[2] / "data"
 TURN, ORIGIN = Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix(), np.array([2.3, -1.7, 0.6])
 NOISE, OFFSET, SCALE, SPREAD = 3e-5, 5e-4, 0.01, 0.1
 """Of readings [m], of offsets [m], ln of the loads' common factor, ln of the true stiffnesses."""
+PREDICT = jit(lambda problem, theta: problem.predict(theta))
 
 
 def main() -> None:
@@ -68,14 +70,14 @@ def inside(
     start = np.asarray(truth.parameters.theta(truth.parameters.column("start")))
     sd = np.where(truth.parameters.nuisance, truth.parameters.normal_sd, SPREAD)
     theta = start + sd * rng.standard_normal(len(start))
-    vectors = np.asarray(truth.predict(jnp.asarray(theta))).reshape(-1, 3)
+    vectors = np.asarray(PREDICT(truth, jnp.asarray(theta))).reshape(-1, 3)
     vectors = (vectors - (ORIGIN if kind == "position" else 0.0)) @ TURN
     values = vectors.ravel() + NOISE * rng.standard_normal(len(rows))
     campaign = Campaign(measurements=tuple(replace(m, value=float(v)) for m, v in zip(rows, values, strict=True)))
-    fit = fit_campaign(arm, campaign, Unknowns(uncertain=uncertain), starts=1, trusted=("all",))
-    own = ~fit.problem.parameters.nuisance
-    off = fit.best.theta[own] - theta[~truth.parameters.nuisance]
-    return np.abs(off) < half_width(0.95) * fit.information.sd[own]
+    fitted = fit(build_problem(arm, campaign, Unknowns(uncertain=uncertain)), starts=1)
+    own = ~fitted.problem.parameters.nuisance
+    off = fitted.best.theta[own] - theta[~truth.parameters.nuisance]
+    return np.abs(off) < half_width(0.95) * fitted.information.sd[own]
 
 
 def planned(arm: Arm, kind: str) -> tuple[Measurement, ...]:
