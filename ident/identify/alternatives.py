@@ -1,6 +1,5 @@
 """What might be otherwise than an arm file and a campaign say, as numbers that a search can move."""
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -161,17 +160,6 @@ def altered_numbers(
 def largest_moments(model: ArmModel, parameters: Mapping[str, float]) -> Float[np.ndarray, "N 2"]:
     """Return the largest bending and torsional moment [N m] on each bushing among the states of a campaign."""
     return np.asarray(_moments(model, {name: np.asarray(x) for name, x in parameters.items()}))
-
-
-def of_link(arm: Arm, joint: str) -> str:
-    """Name a link by the bodies that make it."""
-    bodies = [body.name for each in arm.joints if each.name == joint for body in each.link]
-    return bodies[0] if len(bodies) == 1 else f"link of {joint}"
-
-
-def in_si(amount: float, kind: Kind) -> float:
-    """Return an amount as a factor, or as a share."""
-    return math.exp(amount) if kind.factor else amount
 
 
 @jit

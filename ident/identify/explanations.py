@@ -6,7 +6,7 @@ pairs are tried.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -15,6 +15,7 @@ import numpy as np
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.base import on_soft_base
 from ident.arm.fields import STIFFNESS
+from ident.errors import InputError
 from ident.identify.alternatives import KINDS, SCALES
 from ident.identify.assumptions import KINDS as ASSUMED
 from ident.identify.assumptions import Assumption
@@ -136,17 +137,18 @@ def explain(
         return None
     tried = [_Tried(_exchanged(rows.rows, rows.chi_squared)) for rows in fit.exchanges]
     numbers, rows = _causes(inquiry), _wrong_rows(fit)
-    others = [*slips(arm, campaign, _farthest(fit)), *_soft_bases(fit)]
+    others = [*_slips(fit), *_soft_bases(fit)]
     searches: list[Callable[[], _Tried | None]] = [
         *(lambda cause=cause: _with_causes(inquiry, [cause], campaign, before.cost) for cause in [*numbers, *rows]),
-        *(lambda other=other: _with_slip(fit, other, unknowns) for other in others),
+        *(lambda other=other: _put_right(fit, other, unknowns) for other in others),
     ]
     tried += [found for i in progress(range(len(searches))) if (found := searches[i]()) is not None]
     tried += [_Tried(item) for item in _assumed(fit, inquiry, before.cost)]
     if not any(each.item.fits and each.item.off < SUSPICIOUS and not each.item.wrong_sign for each in tried):
         tried += _pairs(inquiry, numbers, campaign, before.cost)
     tried.sort(key=lambda each: _rank(each.item))
-    leading = [each.told for each in tried if each.told and each.item.fits and not each.item.wrong_sign][:LEADING]
+    fitting = [each.told for each in tried if each.item.fits and not each.item.wrong_sign]
+    leading = {place: told for place, told in enumerate(fitting, 1) if told is not None and place <= LEADING}
     return Explanations(before.cost, tuple(each.item for each in tried), telling(arm, campaign, leading))
 
 
@@ -195,8 +197,7 @@ def _with_causes(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, 
         for cause, amount in zip(causes, found.amounts, strict=True)
     )
     item = Explanation(changes, found.cost, found.fits, wrong)
-    words = changes if not any(cause.row >= 0 for cause in causes) else ()
-    return _Tried(item, Told(item.changes, inquiry, found) if words else None)
+    return _Tried(item, Told(inquiry, found))
 
 
 def _change(cause: Cause, amount: float, sd: float, campaign: Campaign) -> Change:
@@ -215,21 +216,24 @@ def _exchanged(rows: tuple[int, int], chi_squared: float) -> Explanation:
     return Explanation((Change("exchange", "", rows),), chi_squared, True)
 
 
-def _soft_bases(fit: CampaignFit) -> "list[tuple[Change, Arm, Campaign]]":
+def _slips(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
+    for slip in slips(fit.arm, fit.campaign, _farthest(fit)):
+        yield Change("on" if slip.on else "off", slip.payload, slip.rows), fit.arm, slip.campaign
+
+
+def _soft_bases(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
     found = fit.assumptions
-    if found is None or fit.arm.base is not None or not any(item.kind in SOFT for item in found.items):
-        return []
-    return [(Change("soft base", "", (), found.height), on_soft_base(fit.arm, found.height), fit.campaign)]
+    if found is not None and fit.arm.base is None and any(item.kind in SOFT for item in found.items):
+        yield Change("soft base"), on_soft_base(fit.arm, found.height), fit.campaign
 
 
-def _with_slip(fit: CampaignFit, other: object, unknowns: Unknowns) -> _Tried | None:
-    """Fit a campaign that was put right, or an arm on a base that gives."""
-    if isinstance(other, tuple):
-        change, arm, campaign = other
-    else:
-        change = Change("on" if other.on else "off", other.payload, other.rows)  # type: ignore[attr-defined]
-        arm, campaign = fit.arm, other.campaign  # type: ignore[attr-defined]
-    problem = build_problem(arm, campaign, unknowns.with_prior)
+def _put_right(fit: CampaignFit, other: tuple[Change, Arm, Campaign], unknowns: Unknowns) -> _Tried | None:
+    """Fit a campaign that was put right, or an arm on a base that gives; nothing where these can't be."""
+    change, arm, campaign = other
+    try:
+        problem = build_problem(arm, campaign, unknowns.with_prior)
+    except InputError:  # as that of a mode that an arm with this payload has not
+        return None
     centre = np.asarray(problem.parameters.theta(problem.parameters.column("centre")))
     there = fit.best.theta if len(fit.best.theta) == len(centre) else centre
     ends = [end for start in (there, centre) if np.isfinite((end := solve(problem, start)).cost)]
@@ -246,7 +250,7 @@ def _with_slip(fit: CampaignFit, other: object, unknowns: Unknowns) -> _Tried | 
         stiffness = {path: float(values.get(path, arm.get(path))) for path in stiffness_paths(arm)}
         share = max(stiffness[f"{first}.{k}"] / stiffness[f"base.{k}"] for k in STIFFNESS)
         change = replace(change, off=share / ASSUMED["base rocks"].plausible)
-    return _Tried(Explanation((change,), found.cost, found.fits), Told((change,), inquiry, found))
+    return _Tried(Explanation((change,), found.cost, found.fits), Told(inquiry, found))
 
 
 def _assumed(fit: CampaignFit, inquiry: Inquiry, before: float) -> list[Explanation]:

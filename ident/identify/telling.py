@@ -1,10 +1,9 @@
 """Which measurement would tell explanations apart: what each of them predicts, and how surely."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -37,12 +36,10 @@ class Told:
     """An explanation that may be asked what it predicts.
 
     Attributes:
-        name: of the explanation.
         inquiry: in which it was found.
         finding: where.
     """
 
-    name: Any
     inquiry: Inquiry
     finding: Finding
 
@@ -53,20 +50,22 @@ class Telling:
 
     Attributes:
         measurement: its value is the middle one of the predictions, its sigma what such an instrument has.
-        predicted: [SI] by the leading explanations, in their order; NaN where one has no answer.
+        numbers: of the explanations that are told apart.
+        predicted: [SI] by each of them; NaN where one has no answer.
         sd: of these, by data and priors.
         apart: [sd] of the two that it tells apart best, sigma included.
         place: of a frequency, its place from the lowest, from 1.
     """
 
     measurement: Measurement
+    numbers: tuple[int, ...]
     predicted: tuple[float, ...]
     sd: tuple[float, ...]
     apart: float
     place: float = 0.0
 
 
-def telling(arm: Arm, campaign: Campaign, leading: Sequence[Told]) -> tuple[Telling, ...]:
+def telling(arm: Arm, campaign: Campaign, leading: Mapping[int, Told]) -> tuple[Telling, ...]:
     """Return what to measure to tell explanations apart, the most telling first; none where nothing would.
 
     Candidates are the two lowest frequencies and the deflection of the arm's last point along -z, at postures that may
@@ -75,14 +74,14 @@ def telling(arm: Arm, campaign: Campaign, leading: Sequence[Told]) -> tuple[Tell
     Args:
         arm: as its file has it.
         campaign: how well it is measured.
-        leading: the explanations.
+        leading: the explanations by their numbers.
     """
     if len(leading) < 2 or not arm.points:
         return ()
     candidates = _candidates(arm, campaign)
     if not candidates:
         return ()
-    found = [_predicted(each, candidates) for each in leading]
+    found = [_predicted(each, candidates) for each in leading.values()]
     values, sds = (np.array([each[i] for each in found]) for i in (0, 1))
     answered = np.isfinite(values).sum(0) > 1
     candidates = [m for m, told in zip(candidates, answered, strict=True) if told]
@@ -107,7 +106,7 @@ def telling(arm: Arm, campaign: Campaign, leading: Sequence[Told]) -> tuple[Tell
         m = replace(candidates[best], value=float(middle[best]), sigma=float(sigma[best]))
         predicted, sd = (tuple(map(float, x[:, best])) for x in (values, sds))
         place = candidates[best].value if m.kind == "frequency" else 0.0
-        chosen.append(Telling(m, predicted, sd, float(apart[left][:, best].max()), place))
+        chosen.append(Telling(m, tuple(leading), predicted, sd, float(apart[left][:, best].max()), place))
         left &= apart[:, best] < APART
     return tuple(chosen)
 

@@ -143,7 +143,7 @@ def _telling(found: Sequence[Telling], campaign: Campaign) -> Iterator[str]:
         sds = [in_read_unit(m.kind, sd)[0] for sd in each.sd]
         said = ", ".join(
             f"({i}) {value:.3g} +- {sd:.1g}" if math.isfinite(value) else f"({i}) no answer"
-            for i, (value, sd) in enumerate(zip(values, sds, strict=True), 1)
+            for i, value, sd in zip(each.numbers, values, sds, strict=True)
         )
         which = {1.0: "lowest ", 2.0: "second "}.get(each.place, "")
         yield f"    {which}{describe(m)}: {said} {unit} (measured to {sigma:.1g})"
