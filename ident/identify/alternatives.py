@@ -1,6 +1,6 @@
 """What might be otherwise than an arm file and a campaign say, as numbers that a search can move."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,13 +36,11 @@ class Kind:
         plausible: its standard deviation before the data: of ln(factor), or of a share.
         factor: whether it is a factor, exp(amount); else the amount is a share.
         signed: whether it may be negative; nobody makes what would have to be.
-        origin: where the width comes from.
     """
 
     plausible: float
     factor: bool
     signed: bool = True
-    origin: str = "assumed"
 
 
 KINDS = {
@@ -55,9 +53,9 @@ KINDS = {
     "clock": Kind(0.005, factor=True),
     "spring": Kind(0.1, factor=False, signed=False),
 }
-"""`mass centre` is a share of its link's length; `scale` the common factor of all values of a kind, as of a gauge, for
-frequencies `clock`; and `spring` the share that the cube of the angle adds to the torque at the largest load of all
-that were measured: the secant rises by it, the tangent by three times it."""
+"""All widths are assumed. `mass centre` is a share of its link's length; `scale` the common factor of all values of a
+kind, as of a gauge, for frequencies `clock`; and `spring` the share that the cube of the angle adds to the torque at
+the largest load of all that were measured: the secant rises by it, the tangent by three times it."""
 SCALES = ("scale", "clock")
 
 
@@ -220,3 +218,28 @@ def altered(model: ArmModel, numbers: tuple[Number, ...], moments: Float[np.ndar
     return AlteredModel(
         model.arm, model.conditions, model.scaled, model.frames, numbers=numbers, moments=jax.device_put(moments)
     )
+
+
+def calibrated(
+    numbers: Sequence[Number],
+    theta: Float[np.ndarray, "Q"],
+    kinds: Sequence[str],
+    predicted: Float[np.ndarray, "D"],
+    jacobian: Float[np.ndarray, "D Q"],
+) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D Q"]]:
+    """Return predictions and their Jacobian as gauges read them whose calibration is off.
+
+    Args:
+        numbers: the last ones of theta.
+        theta: the unknowns, then all numbers.
+        kinds: of each value.
+        predicted: as the model has them.
+        jacobian: by theta.
+    """
+    for place, number in enumerate(numbers, len(theta) - len(numbers)):
+        if number.kind in SCALES:
+            own = np.array(kinds) == number.of
+            factor = np.where(own, np.exp(theta[place]), 1.0)
+            predicted, jacobian = predicted * factor, jacobian * factor[:, None]
+            jacobian[:, place] = np.where(own, predicted, 0.0)
+    return predicted, jacobian

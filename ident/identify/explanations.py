@@ -172,7 +172,7 @@ def _causes(inquiry: Inquiry) -> list[Cause]:
         causes += [Cause(own)] if len(own) > 1 else []
     if len(causes) <= SINGLE:
         return causes
-    return sorted(causes, key=lambda cause: -inquiry.gain([cause], RIDGES[0]))[:SINGLE]
+    return sorted(causes, key=lambda cause: -inquiry.gain([cause]))[:SINGLE]
 
 
 def _farthest(fit: CampaignFit) -> list[int]:
@@ -272,8 +272,8 @@ def _by_score(item: Assumption, inquiry: Inquiry, before: float) -> Explanation:
 
 def _pairs(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, before: float) -> list[_Tried]:
     """Return pairs of numbers that fit together, the best ones along a straight line."""
-    first = sorted(causes, key=lambda cause: -inquiry.gain([cause], RIDGES[0]))[:PAIRED]
+    first = sorted(causes, key=lambda cause: -inquiry.gain([cause]))[:PAIRED]
     pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
-    best = sorted(pairs, key=lambda pair: -inquiry.gain(pair, RIDGES[0]))[:PAIRS]
+    best = sorted(pairs, key=lambda pair: -inquiry.gain(pair))[:PAIRS]
     found = [_with_causes(inquiry, pair, campaign, before) for pair in best]
     return [each for each in found if each is not None and each.item.fits]

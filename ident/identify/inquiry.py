@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.identify.alternatives import KINDS, SCALES, Number, altered, altered_numbers, largest_moments
+from ident.identify.alternatives import KINDS, Number, altered, altered_numbers, calibrated, largest_moments
 from ident.identify.build_problem import build_problem
 from ident.identify.predict import ArmModel
 from ident.identify.unknowns import Unknowns
@@ -149,11 +149,11 @@ class Inquiry:
             way @ covariance @ way.T,
         )
 
-    def gain(self, causes: Sequence[Cause], ridge: float = 1.0) -> float:
-        """Return by how much the cost would fall with these causes, were the model linear, their widths counted."""
+    def gain(self, causes: Sequence[Cause]) -> float:
+        """Return by how much the cost would fall in the first of the searches, were the model linear."""
         way = self._way(causes)
         here = self._look(way, causes, self._origin(causes), self.start.choice.held)
-        residuals, slope = self._weigh(here, ridge * self._widths(way))
+        residuals, slope = self._weigh(here, RIDGES[0] * self._widths(way))
         step, *_ = np.linalg.lstsq(slope, -residuals, rcond=RANK_TOLERANCE)
         return float(residuals @ residuals - ((residuals + slope @ step) ** 2).sum())
 
@@ -181,14 +181,7 @@ class Inquiry:
         """Return what is predicted with these causes at work, gauges and wrong rows included, and its slope by x."""
         theta = way @ x
         here = self.start if np.array_equal(theta, self.start.theta) else self._at(theta, held)
-        predicted, jacobian = here.predicted, np.array(here.jacobian)
-        kinds = np.array(self.problem.kinds)
-        for i, number in enumerate(self.numbers, self.unknowns):
-            if number.kind in SCALES:
-                own = kinds == number.of
-                factor = np.where(own, np.exp(theta[i]), 1.0)
-                predicted, jacobian = predicted * factor, jacobian * factor[:, None]
-                jacobian[:, i] = np.where(own, predicted, 0.0)
+        predicted, jacobian = calibrated(self.numbers, theta, self.problem.kinds, here.predicted, here.jacobian)
         along, sigma = jacobian @ way, np.asarray(self.problem.sigma)
         for i, cause in enumerate(causes, self.unknowns):
             if cause.row >= 0:

@@ -1,7 +1,6 @@
 """Which measurement would tell explanations apart: what each of them predicts, and how surely."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -10,7 +9,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
-from ident.identify.alternatives import SCALES, AlteredModel
+from ident.identify.alternatives import AlteredModel, calibrated
 from ident.identify.conditions import bind
 from ident.identify.experiments import RESOLUTION, relative_sigma
 from ident.identify.inquiry import Finding, Inquiry
@@ -22,9 +21,9 @@ from ident.measure.load import AXES
 
 LEADING = 4
 """Explanations that are to be told apart, at most."""
-POSTURES = 8
+POSTURES, LOADS = 8, 8
 SHOWN = 3
-"""Postures that are asked about, and measurements that are named."""
+"""Postures and loads that are asked about, and measurements that are named, at most."""
 APART = 2.0
 """Distance [sd] of two predictions below which a measurement tells nothing."""
 ENOUGH = 4.0
@@ -89,26 +88,37 @@ def telling(arm: Arm, campaign: Campaign, leading: Mapping[int, Told]) -> tuple[
         return ()
     values, sds = values[:, answered], sds[:, answered]
     middle = np.nanmedian(values, 0)
-    shares = relative_sigma(campaign)
-    least = np.array([0.0 if m.kind == "frequency" else RESOLUTION for m in candidates])
-    share = np.array([shares["frequency" if m.kind == "frequency" else "deflection"] for m in candidates])
-    sigma = np.hypot(share * np.abs(middle), least)
-    pairs = list(combinations(range(len(leading)), 2))
-    apart = np.array([np.abs(values[i] - values[j]) / np.sqrt(sds[i] ** 2 + sds[j] ** 2 + sigma**2) for i, j in pairs])
-    apart = np.nan_to_num(apart)
-    chosen: list[Telling] = []
-    left = np.ones(len(pairs), bool)
-    while len(chosen) < SHOWN and left.any():
-        worth = np.minimum(apart[left], ENOUGH).sum(0)
-        best = int(np.argmax(worth))
-        if apart[left][:, best].max() < APART:
-            break
+    sigma = _sigma(campaign, candidates, middle)
+    pairs = combinations(range(len(leading)), 2)
+    each = [np.abs(values[i] - values[j]) / np.sqrt(sds[i] ** 2 + sds[j] ** 2 + sigma**2) for i, j in pairs]
+    chosen = []
+    for best, apart in _best(np.nan_to_num(each)):
         m = replace(candidates[best], value=float(middle[best]), sigma=float(sigma[best]))
         predicted, sd = (tuple(map(float, x[:, best])) for x in (values, sds))
         place = candidates[best].value if m.kind == "frequency" else 0.0
-        chosen.append(Telling(m, tuple(leading), predicted, sd, float(apart[left][:, best].max()), place))
-        left &= apart[:, best] < APART
+        chosen.append(Telling(m, tuple(leading), predicted, sd, apart, place))
     return tuple(chosen)
+
+
+def _sigma(
+    campaign: Campaign, candidates: Sequence[Measurement], values: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n"]:
+    """Return the standard deviations with which candidates would be measured."""
+    shares = relative_sigma(campaign)
+    least = np.array([0.0 if m.kind == "frequency" else RESOLUTION for m in candidates])
+    return np.hypot(np.array([shares[m.kind] for m in candidates]) * np.abs(values), least)
+
+
+def _best(apart: Float[np.ndarray, "pairs n"]) -> Iterator[tuple[int, float]]:
+    """Yield the places of measurements that tell pairs apart, each of those that are left, and how far at best [sd]."""
+    left = np.ones(len(apart), bool)
+    for _ in range(SHOWN):
+        best = int(np.argmax(np.minimum(apart[left], ENOUGH).sum(0)))
+        far = float(apart[left][:, best].max(initial=0.0))
+        if far < APART:
+            return
+        yield best, far
+        left &= apart[:, best] < APART
 
 
 def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
@@ -123,7 +133,7 @@ def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
     return [
         row
         for posture in list(postures)[:POSTURES]
-        for load in list(loads)[:POSTURES]
+        for load in list(loads)[:LOADS]
         for row in (
             Measurement(kind="frequency", posture=posture, value=1.0, sigma=1.0, load=load),
             Measurement(kind="frequency", posture=posture, value=2.0, sigma=1.0, load=load),
@@ -154,11 +164,6 @@ def _predicted(told: Told, candidates: Sequence[Measurement]) -> tuple[Float[np.
     )
     theta = told.finding.theta
     predicted, jacobian, _ = looker(problem)(theta, None)
-    for i, number in enumerate(inquiry.numbers, inquiry.unknowns):
-        if number.kind in SCALES:
-            own = np.array([m.kind == number.of for m in candidates])
-            factor = np.where(own, math.exp(theta[i]), 1.0)
-            predicted, jacobian = predicted * factor, jacobian * factor[:, None]
-            jacobian[:, i] = np.where(own, predicted, 0.0)
+    predicted, jacobian = calibrated(inquiry.numbers, theta, problem.kinds, predicted, jacobian)
     variance = np.einsum("ip,pq,iq->i", jacobian, told.finding.covariance, jacobian)
     return predicted, np.sqrt(np.maximum(variance, 0.0))

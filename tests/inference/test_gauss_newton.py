@@ -56,3 +56,12 @@ def test_a_model_without_an_answer_ends_the_search():
     end, ended = minimum(*of(lambda x: [np.nan], lambda x: [[1.0]]), np.zeros(1), None, True)
     assert ended
     assert np.isnan(end.cost)
+
+
+def test_where_no_step_leads_down_it_stays():
+    """A slope of the wrong sign: a last step along its straight line would end where nothing was looked at."""
+    look, weigh = of(lambda x: [np.arctan(x[0])], lambda x: [[-1 / (1 + x[0] ** 2)]])
+    end, ended = minimum(look, weigh, np.array([3.0]), None, True)
+    assert ended
+    assert end.cost == look(end.theta, None).cost
+    np.testing.assert_allclose(end.theta, 3.0, atol=1e-6)  # rises that are rounding (`LEVEL`) are taken

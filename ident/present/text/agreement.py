@@ -1,14 +1,18 @@
 """Whether the kinds of measurement agree, in words that the reports of check and fit share."""
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.inference.cross_prediction import FEW, CrossPrediction, contradicting
 from ident.inference.verdicts import RARE, standard_deviations
-from ident.measure import Measurement
+from ident.measure import Campaign, Measurement
 from ident.present.text.units import in_read_unit
 from ident.present.text.words import describe, three_digits
+
+if TYPE_CHECKING:
+    from ident.identify.explanations import Explanations
 
 
 def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement]) -> Iterator[str]:
@@ -70,3 +74,12 @@ def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> tuple[str, ...]
         "and here it is too large: was the deflection measured under more load or mass than the frequency?",
         "Then look at mass centres and lengths, and at drives that stiffen under load or stick.",
     )
+
+
+def reconciling(found: "Explanations | None", campaign: Campaign) -> Iterator[str]:
+    """Say what would reconcile a campaign, where that was searched for."""
+    if found is None:
+        return
+    from ident.present.text.explanations import explanations_in_words  # which imports all that found them
+
+    yield from explanations_in_words(found, campaign)

@@ -12,7 +12,7 @@ from ident.inference.leverage import Leverage
 from ident.inference.optima import Optimum, is_tie
 from ident.inference.parameters import Parameter
 from ident.measure import Measurement
-from ident.present.text.agreement import agreement, dependence_on_priors
+from ident.present.text.agreement import agreement, dependence_on_priors, reconciling
 from ident.present.text.directions import in_words, spread_in_words
 from ident.present.text.springs import springs_in_words
 from ident.present.text.units import in_read_unit, unit_of
@@ -53,7 +53,7 @@ def check_report(check: CampaignCheck) -> str:
         _measurements(check),
         _labels(check),
         _agreement(check),
-        _explanations(check),
+        reconciling(check.explanations, check.campaign),
     ]
     return paragraphs(sections)
 
@@ -94,14 +94,6 @@ def _verdicts(check: CampaignCheck) -> Iterator[str]:
     )
     if "open" in check.verdicts:
         yield "  open: the data alone leave it open at all these points."
-
-
-def _explanations(check: CampaignCheck) -> Iterator[str]:
-    if check.explanations is None:
-        return
-    from ident.present.text.explanations import explanations_in_words  # which imports what found them
-
-    yield from explanations_in_words(check.explanations, check.campaign)
 
 
 def _others(check: CampaignCheck) -> Iterator[str]:

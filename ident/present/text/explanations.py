@@ -36,9 +36,9 @@ CHECKS = {
 }
 
 
-def explanations_in_words(found: Explanations | None, campaign: Campaign) -> Iterator[str]:
+def explanations_in_words(found: Explanations, campaign: Campaign) -> Iterator[str]:
     """Say what would reconcile a campaign, most probable first, and what would tell the leading ones apart."""
-    if found is None or not found.items:
+    if not found.items:
         return
     yield f"What would reconcile them (sum of squares {three_digits(found.cost)} as it is)"
     yield "    left   off by     what would have to be otherwise"
@@ -61,7 +61,7 @@ def explanations_in_words(found: Explanations | None, campaign: Campaign) -> Ite
         yield "  WRONG SIGN: a spring would have to soften. Drives harden, and friction stiffens small motion."
     if any(item.linear for item in found.items):
         yield "  ~: estimated along a straight line from the fit."
-    yield from _telling(found.telling, campaign)
+    yield from _telling(found.telling)
 
 
 def _line(item: Explanation, campaign: Campaign, head: str) -> str:
@@ -132,7 +132,7 @@ def _widths(found: Explanations) -> str:
     return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items())
 
 
-def _telling(found: Sequence[Telling], campaign: Campaign) -> Iterator[str]:
+def _telling(found: Sequence[Telling]) -> Iterator[str]:
     if not found:
         return
     yield "  What to measure to tell the first ones apart, and what each predicts"

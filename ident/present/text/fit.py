@@ -10,7 +10,7 @@ from ident.inference.fit import Fit
 from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE
 from ident.inference.optima import unmet
 from ident.inference.parameters import Parameter
-from ident.present.text.agreement import agreement, dependence_on_priors, what_may_be_wrong
+from ident.present.text.agreement import agreement, dependence_on_priors, reconciling, what_may_be_wrong
 from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.directions import what_is_fixed, what_is_open
 from ident.present.text.fit_details import measurements, optima, origins, uncertain_numbers
@@ -24,7 +24,7 @@ def fit_report(fit: CampaignFit) -> str:
         _heading(fit),
         _answer(fit),
         _limits(fit),
-        _explanations(fit),
+        reconciling(fit.explanations, fit.campaign),
         uncertain_numbers(fit),
         assumption_lines(fit),
         measurements(fit),
@@ -129,14 +129,6 @@ def _stretch(fit: Fit) -> str:
     worst = int(np.argmax(ratios))
     factor = fit.best.values[worst] / float(items[worst].start)
     return f"takes {items[worst].name} to {factor:.2g} times the arm file's value."
-
-
-def _explanations(fit: CampaignFit) -> Iterator[str]:
-    if fit.explanations is None:
-        return
-    from ident.present.text.explanations import explanations_in_words  # which imports what found them
-
-    yield from explanations_in_words(fit.explanations, fit.campaign)
 
 
 def _rivals(fit: Fit) -> Iterator[str]:
