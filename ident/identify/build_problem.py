@@ -10,6 +10,7 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.errors import InputError
 from ident.identify.conditions import bind
+from ident.identify.loops import loop_parameters
 from ident.identify.predict import ArmModel, predict
 from ident.identify.repeats import shared_error
 from ident.identify.setups import frames_of, setup_parameters
@@ -44,7 +45,7 @@ def arm_problem(
         ArmModel(arm, conditions, scaled_bodies(arm, widths), frames),
         jax.device_put(value),
         jax.device_put(shared_error(np.asarray(conditions.order), sigma, step)),
-        Parameters((*parameters.items, *uncertain_parameters(arm, widths), *setups)),
+        Parameters((*parameters.items, *uncertain_parameters(arm, widths), *setups, *loop_parameters(campaign))),
         tuple(m.kind for m in campaign),
         _correlation(campaign),
     )
@@ -57,6 +58,7 @@ def _expected(arm: Arm, campaign: Campaign) -> list[np.ndarray]:
         return [np.zeros(3) for _ in campaign]
     blank: dict[str, Any] = {
         "setup": "",
+        "ramp": "",
         "group": "",
         "member": 0,
         "repeat": "",

@@ -15,6 +15,7 @@ from ident.arm.labels import parse_label
 from ident.errors import InputError, Problem
 from ident.identify.definitions import NotAllUndamped, definitions_of
 from ident.identify.loads import in_base_axes, load_columns
+from ident.identify.loops import loop_places
 from ident.identify.misfits import misfits, too_many
 from ident.identify.mode_assignment import Named, name_modes
 from ident.identify.repeats import Repeats, repeats, room
@@ -61,6 +62,9 @@ class Readings(eqx.Module):
         setup: (n,) place of the setup in whose frame it was read, -1 for the base's; None where all are in that, or
             have been turned into it (`setups.in_base_frame`). Directions may have batch axes then.
         datum: (n, *batch) [m] what a position is counted from, along its direction; None likewise.
+        loop: (n,) which loop of a ramp it is of, from 1, negative where it was read while loading, 0 for none; None
+            where all are of none, or their `lag` is known.
+        lag: (n, *batch) [m or rad] by how much it lags behind, half the width of its loop (`loops.with_loops`).
     """
 
     states: Int[AnyArray, "n"]
@@ -72,6 +76,8 @@ class Readings(eqx.Module):
     placing: Bool[AnyArray, "n"] | None = None
     setup: Int[AnyArray, "n"] | None = None
     datum: Float[AnyArray, "n *batch"] | None = None
+    loop: Int[AnyArray, "n"] | None = None
+    lag: Float[AnyArray, "n *batch"] | None = None
 
     def by_kind(self) -> list[Int[np.ndarray, "_"]]:
         """Return the places of deflections, rotations, twists and positions, each by itself and as differences."""
@@ -198,7 +204,8 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         states.setdefault((m.posture, m.load, m.drives), len(states))
         if m.kind in DIFFERENCES:
             states.setdefault((m.posture, m.reference_load, m.drives), len(states))
-    keys = [_what(arm, i, m, states) for i, m in enumerate(campaign)]
+    loops = loop_places(campaign)
+    keys = [_what(arm, i, m, states, loop) for (i, m), loop in zip(enumerate(campaign), loops, strict=True)]
     first = {key: i for i, key in reversed(list(enumerate(keys)))}
     values = sorted(first, key=lambda key: (key[0], first[key]))
     if len(values) > MOST:
@@ -231,10 +238,11 @@ def _servo(arm: Arm, states: dict[State, int]) -> Float[np.ndarray, "S"] | None:
     return on if arm.servos and on.any() else None
 
 
-def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple[Any, ...]:
+def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int], loop: int) -> tuple[Any, ...]:
     """Return what a row measured: its group, its state, and what else tells it; the same where rows are repeats.
 
-    Frequencies without a label are of different modes. Shapes are no repeats: each has a scale of its own.
+    Frequencies without a label are of different modes. Shapes are no repeats: each has a scale of its own. Readings of
+    a ramp are repeats where they are of one loop, and on the same way.
     """
     state = states[m.posture, m.load, m.drives]
     if m.kind in SHAPES:
@@ -244,10 +252,10 @@ def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int]) -> tuple
     against = states[m.posture, m.reference_load, m.drives] if m.kind in DIFFERENCES else -1
     if m.kind in TWISTS:
         joint = [joint.name for joint in arm.joints].index(m.joint or "")
-        return 4, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), "twist", ""
+        return 4, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), "twist", "", loop
     point = [point.name for point in arm.points].index(m.point or "")
     what = "turn" if m.kind in ROTATIONS else "place" if m.kind in POSITIONS else "move"
-    return 4, state, against, point, m.direction, what, m.setup
+    return 4, state, against, point, m.direction, what, m.setup, loop
 
 
 def _named(values: Sequence[tuple[Any, ...]], count: int) -> Named:
@@ -266,12 +274,13 @@ def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:
 
 
 def _readings(values: Sequence[tuple[Any, ...]], setups: Sequence[str]) -> Readings:
-    _, state, against, point, direction, what, setup = zip(*values, strict=True) if values else ((),) * 7
+    _, state, against, point, direction, what, setup, loop = zip(*values, strict=True) if values else ((),) * 8
     states, references, points = (np.array(each, int) for each in (state, against, point))
     turns, twists, places = (_where(what, word) for word in ("turn", "twist", "place"))
     frames = np.array([setups.index(name) if name else -1 for name in setup], int) if setups else None
     directions = np.array(direction, float).reshape(-1, 3).T
-    return Readings(states, references, points, directions, turns, twists, places, frames)
+    loops = np.array(loop, int) if any(loop) else None
+    return Readings(states, references, points, directions, turns, twists, places, frames, loop=loops)
 
 
 def _where(words: Sequence[str], word: str) -> Bool[np.ndarray, "n"] | None:

@@ -15,6 +15,7 @@ from ident.errors import InputError, ModelError, Problem
 from ident.identify.conditions import BY_MODE
 from ident.identify.definitions import MOST_DAMPED
 from ident.identify.label_checks import labels_about
+from ident.identify.loops import loop_places
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_assignment import FAR
 from ident.inference.problem import InverseProblem
@@ -67,6 +68,7 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
         expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
         raise InputError(Problem("trust_values", quoted(unknown[0]), expected, remedy))
     predicted, missing = _by_labels(problem, campaign, names)
+    friction = _by_friction(campaign, predicted)
     doubts: list[Problem] = []
     hopeless: list[Problem] = []
     for i, (name, m) in enumerate(zip(names, campaign, strict=True)):
@@ -77,7 +79,8 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
         elif name not in trusted:
             doubts += _beyond_limits(m, arm, name)
             remedy = f"leave it empty, or {_right(name)}"
-            doubts += _no_such_mode(m, arm, remedy) if i in missing else _far_off(m, float(predicted[i]), name)
+            doubts += _no_such_mode(m, arm, remedy) if i in missing else []
+            doubts += _far_off(m, float(predicted[i]), name) if i not in missing | friction else []
     doubts += _contradictions(campaign, names, trusted)
     if hopeless or (doubts and ALL not in trusted):
         raise InputError([*hopeless, *(doubts if ALL not in trusted else ())])
@@ -91,8 +94,17 @@ def plausible_beside(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> b
         predicted: (D,) [SI] what the arm file predicts by the labels.
     """
     names = row_names(campaign)
-    each = zip(campaign, predicted.tolist(), names, strict=True)
-    return not any(problem for row in each for problem in _far_off(*row)) and not any(contradictory_repeats(campaign))
+    each, friction = zip(campaign, predicted.tolist(), names, strict=True), _by_friction(campaign, predicted)
+    plausible = not any(problem for i, row in enumerate(each) if i not in friction for problem in _far_off(*row))
+    return plausible and not any(contradictory_repeats(campaign))
+
+
+def _by_friction(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> set[int]:
+    """Return rows of ramps that read so little, beside the largest of their loop, that it may all be friction."""
+    places = np.array(loop_places(campaign), int)
+    largest = np.zeros(np.abs(places).max(initial=0) + 1)
+    np.maximum.at(largest, np.abs(places), np.abs(predicted))
+    return set(np.flatnonzero((places != 0) & (np.abs(predicted) < largest[np.abs(places)] / 2)).tolist())
 
 
 def _by_labels(

@@ -12,6 +12,7 @@ from ident.identify.assumptions import Assumptions, assumptions
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, repeated, row_names
 from ident.identify.exchangeable import exchangeable, moves_of
+from ident.identify.loops import Loop, loops
 from ident.identify.mode_assignment import FAR
 from ident.identify.predict import ArmModel
 from ident.identify.uncertain import scaled_inertia
@@ -122,6 +123,11 @@ class CampaignFit(Fit):
             yield f"rows {one} and {other}, their values exchanged, would fit ({better}): was one taken for the other?"
 
     @property
+    def loops(self) -> tuple[Loop, ...]:
+        """The loops of ramps of loads: how far what was read while unloading is from what was read while loading."""
+        return loops(self.campaign, self)
+
+    @property
     def fitted_arm(self) -> Arm:
         """The arm with the fitted numbers in place."""
         own = set(self.arm.paths())
@@ -189,7 +195,7 @@ def _unit(row: int, m: Measurement) -> Hashable:
         return m.group
     if m.direction is None or not m.setup:
         return row
-    return m.kind, m.posture, m.point, m.setup, m.load, m.reference_load, m.drives, m.repeat
+    return m.kind, m.posture, m.point, m.setup, m.load, m.reference_load, m.ramp, m.drives, m.repeat
 
 
 def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:

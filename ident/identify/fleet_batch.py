@@ -67,6 +67,7 @@ def _way(campaign: Campaign) -> Hashable:
             m.direction,
             m.joint,
             m.setup,
+            m.ramp,
             m.repeat,
             m.load,
             m.reference_load,

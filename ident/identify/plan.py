@@ -24,7 +24,7 @@ from ident.identify.experiments import (
 )
 from ident.identify.fit import CampaignFit
 from ident.identify.posture_grid import STEP, posture_grid
-from ident.identify.setups import is_of_setup
+from ident.identify.setups import is_of_readings
 from ident.identify.unknowns import Unknowns
 from ident.inference.optimal_design import D_OPTIMAL, Experiments, Step, criterion, gains, greedy, information_gain
 from ident.inference.parameters import Parameter, Parameters
@@ -271,10 +271,10 @@ def plan_campaign(
     instruments = settings.instruments(fit.campaign if fit else Campaign())
     postures, sampled = posture_grid(arm, settings.step, seed=settings.seed)
     problem = fit.problem if fit else build_problem(arm, any_campaign(arm, settings.loads), unknowns)
-    parameters = Parameters(tuple(item for item in problem.parameters.items if not is_of_setup(item.name)))
+    parameters = Parameters(tuple(item for item in problem.parameters.items if not is_of_readings(item.name)))
     spread = {"draws": settings.draws, "seed": settings.seed}
     known = prior_and_data_information(fit, **spread) if fit else prior_information(problem.parameters, **spread)
-    known = known.without([name for name in known.names if is_of_setup(name)])
+    known = known.without([name for name in known.names if is_of_readings(name)])
     gain = criterion(settings.criterion, known.sought)
     before = np.array(fit.campaign.postures) if fit else postures[:0]
     predictions, place, measured = distinct_predictions(

@@ -25,6 +25,7 @@ from ident.arm.modes import (
 from ident.arm.motors import coordinates, modal_mass
 from ident.identify.conditions import Conditions, Unnamed
 from ident.identify.definitions import NotAllUndamped, by_definition, defined
+from ident.identify.loops import with_loops, without_loops
 from ident.identify.mode_assignment import AT_FIRST, how_far_off, most_probable, overlap, said_costs
 from ident.identify.mode_choice import lowest_left, pick, picked
 from ident.identify.parts import Parts as ConditionsInParts
@@ -78,9 +79,10 @@ class ArmModel(eqx.Module, Choosing, Growing):
     """Where the frames of setups are first; None without."""
 
     def at(self, parameters: Mapping[str, Any]) -> tuple[Arm, dict[str, Any], Conditions]:
-        """Return the arm, its numbers, and the conditions in the base frame."""
+        """Return the arm, its numbers, and the conditions in the base frame, lags of ramps known."""
         arm = scaled_inertia(self.arm, parameters, self.scaled)
-        return arm, without_frames(parameters), in_base_frame(self.conditions, self.frames, parameters)
+        conditions = with_loops(in_base_frame(self.conditions, self.frames, parameters), parameters)
+        return arm, without_loops(without_frames(parameters)), conditions
 
     def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
         """Predict the campaign's values [SI] for these numbers of the arm."""

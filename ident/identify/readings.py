@@ -20,6 +20,8 @@ def read(chain: Chain, phi: Float[Array, "3 N S *#batch"], readings: Readings) -
 
     A twist is the component of a bushing's rotation vector along its pin's axis, which is what the torsional stiffness
     acts on: by how much the link's angle exceeds the motor's over the ratio.
+
+    What was read on a ramp of loads lags behind by half the width of its loop.
     """
     none = jnp.zeros((len(readings.states), *phi.shape[3:]))
     moved = _deflections(deflection(chain, phi), readings) if chain.carrier else none
@@ -31,7 +33,7 @@ def read(chain: Chain, phi: Float[Array, "3 N S *#batch"], readings: Readings) -
         moved = jnp.where(_lifted(readings.turning, moved.ndim - 1), turns, moved)
     if readings.twisting is not None:
         moved = jnp.where(_lifted(readings.twisting, moved.ndim - 1), _twists(chain, phi, readings), moved)
-    return moved
+    return moved if readings.lag is None else moved + _lifted(readings.lag, moved.ndim - jnp.ndim(readings.lag))
 
 
 def _deflections(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "n *batch"]:

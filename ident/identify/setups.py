@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from ident.arm.rotations import matmul, matvec, rotation
 from ident.errors import InputError, Problem
 from ident.identify.conditions import Conditions
+from ident.identify.loops import is_of_loop
 from ident.inference.parameters import AnyArray, Parameter
 from ident.measure import Campaign, Measurement
 from ident.measure.kinds import POSITIONS
@@ -64,6 +65,11 @@ def _stacked(parameters: Mapping[str, Any], names: Sequence[str], part: str, kno
 def is_of_setup(name: str) -> bool:
     """Tell whether a parameter says where a setup's frame is."""
     return name.startswith(PREFIX)
+
+
+def is_of_readings(name: str) -> bool:
+    """Tell whether a parameter says how something was read: where a setup's frame is, or how wide a ramp's loop."""
+    return is_of_setup(name) or is_of_loop(name)
 
 
 def without_frames(parameters: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from ident.measure.cells import (
     definition_problems,
     drive_state_problems,
     load_problems,
+    ramp_problems,
     resolution_problems,
     role_problems,
     value_problems,
@@ -50,6 +51,7 @@ class Measurement:
         reference_direction: (3,) [-] unit vector in the base frame, likewise.
         joint: joint whose twist was read.
         setup: what it was measured with, in whose frame the direction counts; empty for the base frame.
+        ramp: one of `RAMPS`, for what was read on the way up a ramp of loads, or back; empty for none.
         resolution: () [as value] step of the instrument's display, an error that repeated readings share; 0 for none.
         repeat: what tells this reading from others of the same, such as its number.
         group: name of the rows with whose errors its own is correlated; empty for none. See `Campaign.covariance`.
@@ -74,6 +76,7 @@ class Measurement:
     reference_direction: Vector | None = None
     joint: str | None = None
     setup: str = ""
+    ramp: str = ""
     resolution: float = 0.0
     repeat: str = ""
     group: str = ""
@@ -96,6 +99,7 @@ class Measurement:
             *reference_problems(self),
             *definition_problems(self.of),
             *drive_state_problems(self.drives),
+            *ramp_problems(self.ramp),
             *value_problems(self.kind, self.value, self.sigma),
             *resolution_problems(self.resolution),
             *_posture_problems(self.posture),
@@ -213,6 +217,7 @@ def _normalised(m: Measurement) -> dict[str, object]:
         "point": (m.point or "").strip() or None,
         "joint": (m.joint or "").strip() or None,
         "setup": m.setup.strip(),
+        "ramp": m.ramp.strip().lower(),
         "direction": unit_vector(direction) if direction else None,
         "reference_point": (m.reference_point or "").strip() or None,
         "reference_direction": unit_vector(m.reference_direction) if m.reference_direction else None,

@@ -10,6 +10,7 @@ from ident.measure.kinds import (
     DRIVE_STATES,
     KINDS,
     POSITIONS,
+    RAMPS,
     ROLES,
     ROTATIONS,
     SHAPES,
@@ -76,6 +77,13 @@ def drive_state_problems(drives: str) -> Iterator[Problem]:
         near = nearest(drives, DRIVE_STATES)
         remedy = f"write {near}" if near else f"correct it, or leave it empty for {DRIVE_STATES[0]}"
         yield Problem("", quoted(drives), f"one of {', '.join(DRIVE_STATES)}", remedy, "drives")
+
+
+def ramp_problems(ramp: str) -> Iterator[Problem]:
+    """Find a word for the way of a ramp that means nothing."""
+    if ramp and ramp not in RAMPS:
+        remedy = f"write {near}" if (near := nearest(ramp, RAMPS)) else "correct it, or leave the cell empty"
+        yield Problem("", quoted(ramp), f"one of {', '.join(RAMPS)}", remedy, "ramp")
 
 
 def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:

@@ -22,6 +22,7 @@ COLUMNS = (
     "setup",
     "load",
     "reference_load",
+    "ramp",
     "drives",
     "value",
     "unit",

@@ -16,13 +16,13 @@ KINDS = {
 
 ROLES = {
     "frequency": ("mode", "of"),
-    "deflection": ("point", "direction", "setup"),
-    "deflection_difference": ("point", "direction", "reference_load", "setup"),
-    "position": ("point", "direction", "setup"),
-    "rotation": ("point", "direction", "setup"),
-    "rotation_difference": ("point", "direction", "reference_load", "setup"),
-    "twist": ("joint",),
-    "twist_difference": ("joint", "reference_load"),
+    "deflection": ("point", "direction", "setup", "ramp"),
+    "deflection_difference": ("point", "direction", "reference_load", "setup", "ramp"),
+    "position": ("point", "direction", "setup", "ramp"),
+    "rotation": ("point", "direction", "setup", "ramp"),
+    "rotation_difference": ("point", "direction", "reference_load", "setup", "ramp"),
+    "twist": ("joint", "ramp"),
+    "twist_difference": ("joint", "reference_load", "ramp"),
     "damping_ratio": ("mode",),
     "shape": ("mode", "of", "point", "direction", "reference_point", "reference_direction"),
 }
@@ -42,6 +42,9 @@ TWISTS = ("twist", "twist_difference")
 
 SHAPES = ("shape",)
 """Kinds that say how a mode moves a point along a direction, over how it moves the reference along its own."""
+
+RAMPS = ("loading", "unloading")
+"""On which way of a ramp it was read, up to the largest load or back."""
 
 DRIVE_STATES = ("brake", "servo", "off")
 """What held the motors while it was measured: brakes, the controller, or nothing."""

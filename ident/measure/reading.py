@@ -29,7 +29,9 @@ from ident.measure.text import parse_fraction, parse_number
 from ident.text import nearest, one_line, quoted
 from ident.units import si_factor
 
-AS_TEXT = ("mode", "of", "point", "reference_point", "joint", "setup", "drives", "unit", "repeat", "group", "note")
+AS_TEXT = (
+    *("mode", "of", "point", "reference_point", "joint", "setup", "ramp", "drives", "unit", "repeat", "group", "note"),
+)
 """Columns whose text is taken as it is."""
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -101,6 +101,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
         ("point", m.point or ""),
         ("joint", m.joint or ""),
         ("setup", m.setup),
+        ("ramp", m.ramp),
         ("note", m.note),
     )
     yield "direction", format_direction(m.direction) if m.direction else ""

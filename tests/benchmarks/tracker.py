@@ -41,8 +41,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--campaigns", type=int, default=200)
     parser.add_argument("--arm", type=Path, default=DATA / "lcd_arm" / "arm.toml")
+    parser.add_argument("--only", default="", help="ways whose names hold this text")
     options = parser.parse_args()
-    arm, rng = read_arm(options.arm).arm, np.random.default_rng(0)
+    arm = read_arm(options.arm).arm
     offsets = {f"{joint.name}.offset.{axis}": "0.5mm" for joint in arm.joints[1:] for axis in "xyz"}
     both = {**offsets, "load": "1%"}
     ways = {
@@ -54,10 +55,14 @@ def main() -> None:
     }
     print(f"{machine()}, commit {commit()}")
     for (kind, words), (wrong, uncertain) in ways.items():
+        if options.only not in f"{kind}, {words}":
+            continue
+        rng = np.random.default_rng(0)
         held = np.array([inside(arm, kind, wrong, uncertain, rng) for _ in range(options.campaigns)])
         low, high = binom.ppf([0.005, 0.995], len(held), 0.95)
         print(
-            f"{kind}, {words}: of {len(held)}, for each stiffness {held.sum(0).tolist()}; band {low:.0f} to {high:.0f}"
+            f"{kind}, {words}: of {len(held)}, for each stiffness {held.sum(0).tolist()}; band {low:.0f} to {high:.0f}",
+            flush=True,
         )
 
 

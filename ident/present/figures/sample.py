@@ -6,6 +6,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
+from ident.identify.loops import is_of_loop
 from ident.identify.sample import CampaignSample
 from ident.inference.posterior_summary import (
     LEARNED,
@@ -99,8 +100,9 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
 
 
 def _shown(result: CampaignSample) -> list[int]:
-    """Return the places of the unknowns that are shown: all but where the frames of setups are."""
-    return [i for i, name in enumerate(result.sample.posterior.parameters.names) if not name.startswith(SETUP)]
+    """Return the places of the unknowns that are shown: all but frames of setups and widths of loops."""
+    names = result.sample.posterior.parameters.names
+    return [i for i, name in enumerate(names) if not (name.startswith(SETUP) or is_of_loop(name))]
 
 
 def _frame(own: np.ndarray, prior: np.ndarray) -> tuple[float, float, bool]:

@@ -13,7 +13,7 @@ from ident.inference.parameters import Parameter
 from ident.present.text.agreement import agreement, dependence_on_priors, reconciling, what_may_be_wrong
 from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.directions import what_is_fixed, what_is_open
-from ident.present.text.fit_details import measurements, optima, origins, uncertain_numbers
+from ident.present.text.fit_details import loop_widths, measurements, optima, origins, uncertain_numbers
 from ident.present.text.units import MM, is_length, unit_of
 from ident.present.text.words import correlated_errors, cut, drive_states, in_percent, odd_numbers, paragraphs
 
@@ -28,6 +28,7 @@ def fit_report(fit: CampaignFit) -> str:
         uncertain_numbers(fit),
         assumption_lines(fit),
         measurements(fit),
+        loop_widths(fit),
         what_is_fixed(fit.information, fit.problem.parameters.items),
         _agreement(fit),
         origins(fit),
@@ -40,8 +41,9 @@ def _heading(fit: CampaignFit) -> Iterator[str]:
     yield f"Fit of {fit.arm.name} to {fit.campaign.name}"
     p = "" if math.isnan(fit.p_value) else f", p = {fit.p_value:.2g}"
     p += "" if fit.weights is None else ", with robust weights"
-    count, beside = len(fit.information.names), int(fit.problem.parameters.nuisance.sum())
-    uncertain = f", {beside} uncertain number{'s' * (beside > 1)}" if beside else ""
+    count, beside, loops = len(fit.information.names), int(fit.problem.parameters.nuisance.sum()), len(fit.loops)
+    uncertain = f", {beside - loops} uncertain number{'s' * (beside - loops > 1)}" if beside > loops else ""
+    uncertain += f", {loops} loop{'s' * (loops > 1)} of ramps" if loops else ""
     yield (
         f"  {len(fit.campaign)} measurements, {count - beside} unknowns{uncertain};"
         f" chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"

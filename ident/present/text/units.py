@@ -1,8 +1,10 @@
 """How numbers are shown: in the units that people read. What a number of the arm is: `ident.arm.fields`."""
 
 from ident.arm.fields import SPEED, STIFFNESS, field_named, field_of
+from ident.identify.loops import is_of_loop, kind_of
 from ident.identify.setups import PREFIX
-from ident.units import NMM_PER_DEG
+from ident.measure.kinds import KINDS as MEASURED
+from ident.units import NMM_PER_DEG, QUANTITIES
 
 KINDS = {
     "frequency": (1.0, "Hz"),
@@ -32,6 +34,8 @@ def unit_of(path: str) -> str:
     field = field_of(path)
     if path.startswith(SETUP):
         return "rad" if TURN in path else "m"
+    if is_of_loop(path):
+        return QUANTITIES[MEASURED[kind_of(path)]].si
     return field.unit if field else "%" if path == SPEED else "-"
 
 
@@ -44,7 +48,8 @@ def is_stiffness(path: str) -> bool:
 def is_length(path: str) -> bool:
     """Tell whether a path names a length, which people read in mm."""
     field = field_of(path)
-    return (path.startswith(SETUP) and TURN not in path) or (field is not None and field.read_unit == "mm")
+    own = (path.startswith(SETUP) or is_of_loop(path)) and unit_of(path) == "m"
+    return own or (field is not None and field.read_unit == "mm")
 
 
 def nmm_per_deg(value: float) -> float:
@@ -57,6 +62,8 @@ def read_unit(path: str) -> tuple[float, str]:
     field = field_of(path)
     if path.startswith(SETUP):
         return (1e-3, "mrad") if TURN in path else (1e-3, "mm")
+    if is_of_loop(path):
+        return (1e-3, "m" + unit_of(path))
     return (field.read_size, field.read_unit) if field else (1.0, unit_of(path))
 
 

@@ -151,9 +151,17 @@ def describe(m: Measurement) -> str:
     loads = f" {m.load}" if m.load else ""
     held = _held(m)
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES and m.reference_load else ""
+    against += f", {m.ramp}" if m.ramp else ""
     return f"{m.of or ''} {m.kind.replace('_', ' ')} {what}{loads}{against}{held} at {degrees(m.posture)}".replace(
         "  ", " "
     ).strip()
+
+
+def place_read(m: Measurement) -> str:
+    """Say in a few words what a ramp read, and where: whatever the load was."""
+    along = f" {format_direction(m.direction)}" if m.direction else ""
+    setup, repeat = (f", {word}" if word else "" for word in (m.setup, m.repeat))
+    return f"{m.kind.replace('_', ' ')} {_what(m)}{along}{_held(m)} at {degrees(m.posture)}{setup}{repeat}"
 
 
 def _what(m: Measurement) -> str:
