@@ -1,6 +1,7 @@
 """104 random arms against MuJoCo and Pinocchio: mass matrix, gravity, static equilibrium, natural frequencies."""
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Any
 
 import equinox as eqx
@@ -15,12 +16,14 @@ from scipy.linalg import eigh
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.arm.mechanics import mass_matrix, point_rotations, potential_derivatives, unflatten
 from ident.arm.modes import natural_frequencies
 from ident.arm.rotations import rotation_vector
+from ident.identify.conditions import Readings
+from ident.identify.readings import read
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +44,29 @@ def ours(arm: Arm, posture: Array, x: Array) -> dict[str, Array]:
         "deflection": deflection(chain, equilibrium(chain))[:, -1],
         "rotation": rotation_vector(point_rotations(chain, equilibrium(chain))[:, :, -1]),
         "frequency": natural_frequencies(chain, 3 * len(arm.joints)),
+        "slopes": jax.jacfwd(lambda off: readings(arm, posture, off))(jnp.zeros(2 * len(arm.joints))),
     }
+
+
+def readings(arm: Arm, posture: Array, off: Array) -> Array:
+    """What instruments read of an arm at rest whose stiffnesses are off by so much in ln: along x, y, z how its end is
+    moved, how it is turned and where it is, and each joint's twist.
+    """
+    stiffer = arm.replace({path: arm.get(path) * jnp.exp(x) for path, x in zip(stiffness_paths(arm), off, strict=True)})
+    end, count = len(arm.points) - 1, len(arm.joints)
+    kind = np.concatenate([np.repeat(range(3), 3), np.full(count, 3)])
+    axes = jnp.concatenate([np.tile(np.eye(3), (1, 3)), jnp.stack([joint.axis for joint in arm.joints], 1)], 1)
+    each = Readings(
+        states=np.zeros(len(kind), int),
+        references=np.full(len(kind), -1),
+        points=np.concatenate([np.full(9, end), np.arange(count)]),
+        direction=axes,
+        turning=kind == 1,
+        placing=kind == 2,
+        twisting=kind == 3,
+    )
+    chain = at_posture(stiffer, posture[:, None])
+    return read(chain, equilibrium(chain), each)
 
 
 @cache
@@ -109,6 +134,37 @@ def test_static_rotation(engine: type, joints: int) -> None:
         turn = Rotation.from_matrix(other.end_axes(x) @ other.end_axes(0 * x).T)
         errors.append(relative(mine["rotation"], turn.as_rotvec()))
     assert max(errors) < 1e-10
+
+
+@pytest.mark.parametrize("joints", JOINTS)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_slopes_of_readings(engine: type, joints: int) -> None:
+    """By the implicit function theorem, dx/d ln k = -H^-1 (dK/d ln k) x; what is read along it by differences."""
+    errors = []
+    for index, (arm, _, _, mine) in enumerate(cases(joints)):
+        other, K, x = settle(engine, joints, index)
+        pins = [F @ np.asarray(joint.axis) for joint, F in zip(arm.joints, other.frames(), strict=True)]
+        doubled = [stiffness(arm.replace({p: 2 * float(arm.get(p))}), other) - K for p in stiffness_paths(arm)]
+        moves = np.linalg.solve(other.gravity_hessian(x) + K, -np.stack([dK @ x for dK in doubled], 1)).T
+        expected = np.stack([differences(partial(seen, other, pins), x, move) for move in moves], 1)
+        kinds = np.split(np.arange(len(expected)), [3, 6, 9])
+        errors += [relative(mine["slopes"][own], expected[own]) for own in kinds]
+    assert max(errors) < 1e-8
+
+
+def seen(other: Engine, pins: list[np.ndarray], x: np.ndarray) -> np.ndarray:
+    """What `readings` reads, by an engine."""
+    still = np.zeros_like(x)
+    turn = Rotation.from_matrix(other.end_axes(x) @ other.end_axes(still).T).as_rotvec()
+    twists = [phi @ pin for phi, pin in zip(x.reshape(-1, 3), pins, strict=True)]
+    return np.concatenate([other.point(x) - other.point(still), turn, other.point(x), twists])
+
+
+def differences(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray, move: np.ndarray) -> np.ndarray:
+    """Central differences of the sixth order along a move."""
+    h = 0.03 / np.abs(move).max()
+    once = [(f(x + n * h * move) - f(x - n * h * move)) / (2 * n * h) for n in (1, 2, 3)]
+    return 1.5 * once[0] - 0.6 * once[1] + 0.1 * once[2]
 
 
 @pytest.mark.parametrize("joints", JOINTS)
