@@ -101,10 +101,10 @@ def plausible_beside(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> b
 
 def _by_friction(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> set[int]:
     """Return rows of ramps that read so little, beside the largest of their loop, that it may all be friction."""
-    places = np.array(loop_places(campaign), int)
-    largest = np.zeros(np.abs(places).max(initial=0) + 1)
-    np.maximum.at(largest, np.abs(places), np.abs(predicted))
-    return set(np.flatnonzero((places != 0) & (np.abs(predicted) < largest[np.abs(places)] / 2)).tolist())
+    loops, sizes = np.abs(loop_places(campaign)).astype(int), np.nan_to_num(np.abs(predicted))
+    largest = np.zeros(loops.max(initial=0) + 1)
+    np.maximum.at(largest, loops, sizes)
+    return set(np.flatnonzero((loops > 0) & (sizes < largest[loops] / 2)).tolist())
 
 
 def _by_labels(
