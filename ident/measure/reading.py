@@ -30,7 +30,18 @@ from ident.text import nearest, one_line, quoted
 from ident.units import si_factor
 
 AS_TEXT = (
-    *("mode", "of", "point", "reference_point", "joint", "setup", "ramp", "drives", "unit", "repeat", "group", "note"),
+    "mode",
+    "of",
+    "point",
+    "reference_point",
+    "joint",
+    "setup",
+    "ramp",
+    "drives",
+    "unit",
+    "repeat",
+    "group",
+    "note",
 )
 """Columns whose text is taken as it is."""
 P = ParamSpec("P")
