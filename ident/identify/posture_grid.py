@@ -37,7 +37,7 @@ def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[
     Raises:
         InputError: the step is none, a joint's limits are beyond a full turn altogether, or no posture may be held.
     """
-    postures, sampled = _all_postures(arm, step, seed)
+    postures, sampled = all_postures(arm, step, seed)
     admitted = postures[may_be_held(arm, postures)]
     if not len(admitted):
         expected, remedy = "one posture at least", "check limits and [workspace], or take a smaller step (`step`)"
@@ -45,7 +45,12 @@ def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[
     return admitted, sampled
 
 
-def _all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G joints"], bool]:
+def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G joints"], bool]:
+    """Return the postures [rad] of `posture_grid` before the workspace thins them out; nothing is compiled for it.
+
+    Raises:
+        InputError: the step is none, or a joint's limits are beyond a full turn altogether.
+    """
     if not 0 < step <= 2 * math.pi:
         got = f"a step of {math.degrees(step):g} deg"
         raise InputError(Problem("", got, "a step above 0 and up to 360 deg", "give another step"))

@@ -34,6 +34,11 @@ class FitOptions(ProblemOptions):
     )
     no_explain: bool = option(False, "where data are in doubt, do not search for what would reconcile them")
 
+    @property
+    def explains(self) -> bool:
+        """Whether to search for what would reconcile the data: not for a study whose report has no place for it."""
+        return not self.no_explain and "no_explain" not in self.refuses
+
 
 @dataclass(frozen=True, repr=False, eq=False)
 class FitResult(Result):
@@ -174,7 +179,7 @@ def fit(
         robust=options.robust,
         progress=progress("starts"),
     )
-    return FitResult(arm_file, explained(fitted, unknowns, not options.no_explain, progress), options)
+    return FitResult(arm_file, explained(fitted, unknowns, options.explains, progress), options)
 
 
 def explained(fit: "CampaignFit", unknowns: "Unknowns", wanted: bool, progress: Progress) -> "CampaignFit":

@@ -177,11 +177,13 @@ def plan(
     import numpy as np
 
     from ident.identify.plan import plan_campaign
+    from ident.identify.posture_grid import all_postures
     from ident.identify.sensor_places import hammer_plans
 
     options = PlanOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
     settings = options.settings
+    all_postures(arm_file.arm, settings.step, settings.seed)  # what is wrong with a step is said before the fit
     fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign is not None else None
     made = plan_campaign(arm_file.arm, fitted, options.unknowns_of(arm_file), settings)
     best = made.parameters.by_path(np.asarray(made.parameters.values(made.known.points[0])))

@@ -12,6 +12,7 @@ CAMPAIGN = ARM.parent / "table1.csv"
 GOOD = """
 starts = 1
 no-figure = true
+no-explain = true
 out = "results"
 arm = "robot.toml"
 method = "fast"  # of other commands

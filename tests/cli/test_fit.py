@@ -60,7 +60,7 @@ def test_what_is_taken_for_granted_is_said_and_a_base_that_gives_is_fitted_inste
 
 
 def test_a_verdict_on_the_data_is_a_status_of_its_own_only_where_that_is_asked_for(run):
-    assert run("fit", DATA / "table1.csv", "--starts=1", "--no-figure", "--strict")[0] == 3
+    assert run("fit", DATA / "table1.csv", "--starts=1", "--no-figure", "--no-explain", "--strict")[0] == 3
     assert run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure", "--strict")[0] == 0
 
 
@@ -73,6 +73,7 @@ def test_options_reach_the_fit(run, tmp_path):
         "--starts=1",
         "--no-figure",
         "--no-prior",
+        "--no-explain",
         "--out=results",
     )
     assert code == 0

@@ -11,7 +11,7 @@ from commands import ARM
 pytestmark = pytest.mark.slow
 
 CAMPAIGN = ARM.parent / "table1.csv"
-FIT = ("fit", CAMPAIGN, "--starts=1", "--no-figure")
+FIT = ("fit", CAMPAIGN, "--starts=1", "--no-figure", "--no-explain")
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_the_document_is_that_of_the_file_without_the_result(run, tmp_path):
 
 
 def test_a_status_is_told_and_a_refusal_has_no_document(run):
-    code, out, _ = run("check", CAMPAIGN, "--strict", "--json")
+    code, out, _ = run("check", CAMPAIGN, "--strict", "--no-explain", "--json")
     assert json.loads(out)["status"] == code == 3
     code, out, err = run("fit", "none.csv", "--json", "--quiet")
     assert (code, out) == (2, "")

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture
 def predicted(run, tmp_path):
     shutil.copy(ARM, tmp_path / "arm.toml")
-    code, out, _ = run("fit", DATA, "--arm=arm.toml", "--starts=1", "--no-figure")
+    code, out, _ = run("fit", DATA, "--arm=arm.toml", "--starts=1", "--no-figure", "--no-explain")
     assert code == 0
     return "out/table1.fit.json", out
 
