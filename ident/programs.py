@@ -21,13 +21,10 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
-from enum import Enum
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from threading import RLock
-from types import FunctionType
 from typing import Any
 
 import equinox as eqx
@@ -36,8 +33,10 @@ import numpy as np
 from jax import export
 
 from ident.codec import CodecError, decode, encode
+from ident.early import EARLY
 from ident.errors import IdentError
 from ident.files import replace_file
+from ident.program_keys import NotKeptError, aval, described
 from ident.text import is_on
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "diffrax", "numpy")
@@ -48,14 +47,8 @@ UNCHECKED = [export.DisabledSafetyCheck.custom_call(name) for name in ("lapack_d
 """What jax may change from version to version: the key names the version."""
 OLD = 30 * 86400
 """Age [s] from which a folder to which no program was added is thrown away."""
-PLAIN: tuple[type, ...] = (float, complex, bytes, np.dtype)
-"""Types whose values say all of themselves in writing."""
 Place = np.uint16
 """Marks, in the tree of what comes back, where the array of this number belongs."""
-
-
-class NotKeptError(IdentError):
-    """A program depends on something that its key can't name."""
 
 
 class _NoExportError(IdentError):
@@ -79,7 +72,7 @@ class Programs:
     def find(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
         """Return what computes f of these arguments without tracing it, or None where there is no such thing."""
         leaves, tree = jax.tree.flatten((args, more))
-        arrays = tuple(_aval(leaf) for leaf in leaves if eqx.is_array(leaf))
+        arrays = tuple(aval(leaf) for leaf in leaves if eqx.is_array(leaf))
         settings = tuple(jax.config.values.values())
         key = tree, tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf)), arrays, settings
         try:
@@ -106,10 +99,13 @@ class Programs:
         except NotKeptError:
             return None
         path = folder / f"{self.f.__name__}-{hashlib.sha256(key.encode()).hexdigest()[:24]}.program"
+        early = EARLY.take(path.name)
+        if early and early[0] == {**early[0], "key": key, "options": self.options}:
+            return _callable(early[1], early[0]["out"])
         found = _read(path, key)
         if found is not None:
             with suppress(Exception):  # whatever a file from elsewhere may do
-                return self._callable(*found) if found[0] else None
+                return _callable(_program_of(found[0], self.options), found[1]) if found[0] else None
         try:
             exported, document = self._traced(args, more)
         except (CodecError, _NoExportError):
@@ -118,8 +114,8 @@ class Programs:
             return None
         if sources(Path(__file__).parent) == SOURCES:
             with suppress(IdentError):  # a full disk, say
-                replace_file(path, lambda file: file.write(_packed(key, exported, document)))
-        return self._callable(exported, document) if exported else None
+                replace_file(path, lambda file: file.write(_packed(key, exported, document, self.options)))
+        return _callable(_program_of(exported, self.options), document) if exported else None
 
     def _traced(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> tuple[bytes, Any]:
         arrays, static = eqx.partition((args, more), eqx.is_array)
@@ -142,15 +138,37 @@ class Programs:
         except (ValueError, NotImplementedError) as error:
             raise _NoExportError(str(error)) from None
 
-    def _callable(self, exported: bytes, document: Any) -> Callable[..., Any]:
-        run = jax.jit(export.deserialize(bytearray(exported)).call, **self.options)
-        marks, tree = jax.tree.flatten(decode(document))
 
-        def call(*args: Any, **more: Any) -> Any:
-            arrays = run(*filter(eqx.is_array, jax.tree.leaves((args, more))))
-            return jax.tree.unflatten(tree, [arrays[int(m)] if isinstance(m, np.generic) else m for m in marks])
+def _program_of(exported: bytes, options: Mapping[str, Any]) -> Any:
+    return jax.jit(export.deserialize(bytearray(exported)).call, **options)
 
-        return call
+
+def _callable(run: Callable[..., Any], document: Any) -> Callable[..., Any]:
+    marks, tree = jax.tree.flatten(decode(document))
+
+    def call(*args: Any, **more: Any) -> Any:
+        arrays = run(*filter(eqx.is_array, jax.tree.leaves((args, more))))
+        return jax.tree.unflatten(tree, [arrays[int(m)] if isinstance(m, np.generic) else m for m in marks])
+
+    return call
+
+
+def load_early(command: str) -> None:
+    """Load in a thread the programs that a command used first the last time."""
+    folder = own_folder()
+    if folder:
+        import scipy.linalg  # noqa: F401  # jax does so with its first program: not in the thread, beside others of SciPy
+
+        EARLY.begin(folder / f"{command}.last", _loaded)
+
+
+def _loaded(path: Path) -> tuple[dict[str, Any], Any]:
+    """Return the head of a file and its program, loaded; no module of ours is imported for it."""
+    head, exported = _parts(path)
+    program = export.deserialize(bytearray(exported))
+    run = jax.jit(program.call, **head["options"])
+    run.lower(*(jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in program.in_avals)).compile()
+    return head, run
 
 
 def own_folder() -> Path | None:
@@ -184,7 +202,7 @@ def _throw_away_old(above: Path) -> None:
         if (
             ours
             and time.time() - folder.stat().st_mtime > OLD
-            and all(f.suffix == ".program" for f in folder.iterdir())
+            and all(f.suffix in (".program", ".last") for f in folder.iterdir())
         ):
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -234,52 +252,8 @@ def _processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
 
 
-def _aval(array: Any) -> tuple[Any, ...]:
-    return array.shape, array.dtype, getattr(array, "weak_type", False)
-
-
-def described(value: Any) -> Any:
-    """Return all of a value that a program can depend on, as data for JSON; of an array what is traced of it."""
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, PLAIN):
-        return [type(value).__name__, repr(value)]
-    if eqx.is_array(value):
-        return ["array", *map(str, _aval(value))]
-    if isinstance(value, Enum):
-        return ["enum", _name(type(value)), value.name]
-    if isinstance(value, Mapping):
-        return ["map", _name(type(value)), [[described(k), described(v)] for k, v in value.items()]]
-    if isinstance(value, tuple | list):
-        return [_name(type(value)), *map(described, value)]
-    if isinstance(value, type | FunctionType):
-        return ["name", _name(value)]
-    if is_dataclass(value):
-        return [_name(type(value)), {f.name: described(getattr(value, f.name, None)) for f in fields(value)}]
-    raise NotKeptError(f"a {type(value).__name__}")
-
-
-def _name(thing: Any) -> str:
-    """Return the name under which a class or a function of the package or of Python itself is found again."""
-    module, name = getattr(thing, "__module__", ""), getattr(thing, "__qualname__", "")
-    foreign = module.partition(".")[0] not in ("ident", "builtins") or "<" in name
-    if foreign or (getattr(thing, "__closure__", None) and not _is_found(thing, module, name)):
-        raise NotKeptError(f"{module}.{name}")
-    return f"{module}.{name}"
-
-
-def _is_found(thing: Any, module: str, name: str) -> bool:
-    """Return whether a name leads to a function: to what decorates it, and so on to the function itself."""
-    found: Any = sys.modules.get(module)
-    for part in name.split("."):
-        found = getattr(found, part, None)
-    while found is not None and found is not thing:
-        found = getattr(found, "__wrapped__", None)
-    return found is thing
-
-
-def _packed(key: str, exported: bytes, document: Any) -> bytes:
-    head = {"key": key, "sha256": _sealed(exported, document), "out": document}
+def _packed(key: str, exported: bytes, document: Any, options: Mapping[str, Any]) -> bytes:
+    head = {"key": key, "sha256": _sealed(exported, document), "options": dict(options), "out": document}
     return json.dumps(head).encode() + b"\n" + exported
 
 
@@ -290,9 +264,16 @@ def _sealed(exported: bytes, document: Any) -> str:
 def _read(path: Path, key: str) -> tuple[bytes, Any] | None:
     """Return what a file holds: a program, empty where there can be none, and the tree of what it returns."""
     try:
-        text, _, exported = path.read_bytes().partition(b"\n")
-        head = json.loads(text)
-        whole = head["key"] == key and head["sha256"] == _sealed(exported, head["out"])
-        return (exported, head["out"]) if whole else None
+        head, exported = _parts(path)
+        return (exported, head["out"]) if head["key"] == key else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
+    """Return the two parts of a file, head and program; a damaged one is refused."""
+    text, _, exported = path.read_bytes().partition(b"\n")
+    head = json.loads(text)
+    if head["sha256"] != _sealed(exported, head["out"]):
+        raise ValueError("damaged")
+    return head, exported

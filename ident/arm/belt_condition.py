@@ -13,6 +13,8 @@ pretension / stiffness.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ident.arm.drive import Belt, Drive
 
 if TYPE_CHECKING:
@@ -55,7 +57,9 @@ def belt_mismatches(arm: "Arm") -> tuple[BeltMismatch, ...]:
     """
     if arm.stroke is None:
         return ()
-    shares = {joint.name: float(share) for joint, share in zip(arm.driven, arm.stroke.direction, strict=True)}
+    shares = {
+        joint.name: float(share) for joint, share in zip(arm.driven, np.asarray(arm.stroke.direction), strict=True)
+    }
     drives = {drive.joint: drive for drive in arm.drives}
     way = abs(float(arm.stroke.folded) - float(arm.stroke.unfolded))
     pairs = ((belt, drives[belt.driver], drives[belt.driven]) for belt in arm.belts)

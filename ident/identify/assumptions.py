@@ -1,6 +1,6 @@
 """What a fit of an arm takes for granted: rigid base and links, given masses, a servo that holds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import jax
@@ -16,7 +16,9 @@ from ident.identify.setups import in_base_frame
 from ident.identify.slopes import Slopes, slopes, slopes_once
 from ident.identify.uncertain import scaled_inertia
 from ident.inference.fit import Fit
+from ident.inference.problem import InverseProblem
 from ident.inference.score import ScoreTest, asked_for, score_tests
+from ident.jit import ahead
 from ident.measure import Campaign, Measurement
 from ident.measure.kinds import SHAPES
 
@@ -99,14 +101,7 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
         arm: as its file has it.
         campaign: what was fitted.
     """
-    own = set(arm.paths())
-    scaled = fit.problem.model.scaled if isinstance(fit.problem.model, ArmModel) else ()
-    fitted = scaled_inertia(arm, fit.parameters, scaled).replace(
-        {path: value for path, value in fit.parameters.items() if path in own}
-    )
-    pieces = cut(fitted)
-    held = replace(fitted, servos=())
-    found = _slopes(fit, held, pieces, _conditions(fit, held, campaign))
+    fitted, pieces, found = _found(fit.problem, fit.parameters, fit.choice.held, arm, campaign)
     names, changes = zip(*_each(fitted, pieces, found), strict=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where(found.predicted != 0, fit.predicted / found.predicted, 1.0)
@@ -122,10 +117,37 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     return Assumptions(items, pieces.height)
 
 
-def _conditions(fit: Fit, arm: Arm, campaign: Campaign) -> Conditions:
+def prepare(problem: InverseProblem, arm: Arm, campaign: Campaign) -> None:
+    """Have compiled, or loaded, meanwhile what `assumptions` will need after a fit."""
+    if problem.in_parts() is not None:
+        return
+
+    def at_start() -> None:
+        known = problem.parameters
+        numbers = {path: float(value) for path, value in known.by_path(np.asarray(known.column("start"))).items()}
+        _found(problem, numbers, problem.padded().problem.unheld(), arm, campaign)
+
+    ahead(slopes_once, at_start)
+
+
+def _found(
+    problem: InverseProblem, parameters: Mapping[str, float], held: Held | None, arm: Arm, campaign: Campaign
+) -> tuple[Arm, CutArm, Slopes]:
+    """Return the arm with these numbers, whole and in pieces, and how the campaign's predictions change."""
+    own = set(arm.paths())
+    scaled = problem.model.scaled if isinstance(problem.model, ArmModel) else ()
+    fitted = scaled_inertia(arm, parameters, scaled).replace(
+        {path: value for path, value in parameters.items() if path in own}
+    )
+    pieces, free = cut(fitted), replace(fitted, servos=())
+    conditions = _conditions(problem, parameters, free, campaign)
+    return fitted, pieces, _slopes(held, free, pieces, conditions)
+
+
+def _conditions(problem: InverseProblem, parameters: Mapping[str, float], arm: Arm, campaign: Campaign) -> Conditions:
     """Return the conditions of a campaign, all readings in the base frame, and lagging behind, as it was fitted."""
-    frames = fit.problem.model.frames if isinstance(fit.problem.model, ArmModel) else None
-    bound = with_loops(in_base_frame(bind(arm, campaign), frames, fit.parameters), fit.parameters)
+    frames = problem.model.frames if isinstance(problem.model, ArmModel) else None
+    bound = with_loops(in_base_frame(bind(arm, campaign), frames, parameters), parameters)
     return jax.device_get(bound)
 
 
@@ -133,9 +155,9 @@ def _left_out(arm: Arm, m: Measurement) -> bool:
     return m.kind in ("damping_ratio", *SHAPES) or (bool(arm.servos) and m.drives == "servo")
 
 
-def _slopes(fit: Fit, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
+def _slopes(held: Held | None, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
     """Return how the campaign's predictions change; part by part where it is large."""
-    model, held = ArmModel(fitted, conditions), fit.choice.held
+    model = ArmModel(fitted, conditions)
     parts = model.in_parts()
     if parts is None:
         padded, _, places = conditions.padded()

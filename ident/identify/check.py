@@ -1,6 +1,7 @@
 """All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
 
 from collections.abc import Collection, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -70,23 +71,25 @@ def check_campaign(
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
             repeats; a campaign that says nothing of any unknown.
     """
-    problem = build_problem(arm, campaign, unknowns)
-    check_values(problem, campaign, arm, trusted)
-    checked = check(problem, seed=seed)
-    if checked.blind:
-        got = "no measurement that depends on any of the unknowns"
-        remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
-        raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
-    compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
-    start = np.asarray(compared.parameters.theta(compared.parameters.column("start")))
-    return CampaignCheck(
-        **vars(checked),
-        arm=arm,
-        campaign=campaign,
-        consistency=consistency(compared),
-        cross_predictions=cross_predictions(compared, [start], seed=seed)[0],
-        labels=label_doubts(arm, campaign),
-        changing=changing_labels(problem, seed=seed),
-        springs=check_springs(arm, campaign, unknowns),
-        repeats=tuple(contradictory_repeats(campaign)),
-    )
+    with ThreadPoolExecutor(1) as beside:
+        labels = beside.submit(label_doubts, arm, campaign)  # its program is compiled while the other one is
+        problem = build_problem(arm, campaign, unknowns)
+        check_values(problem, campaign, arm, trusted)
+        checked = check(problem, seed=seed)
+        if checked.blind:
+            got = "no measurement that depends on any of the unknowns"
+            remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
+            raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
+        compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
+        start = np.asarray(compared.parameters.theta(compared.parameters.column("start")))
+        return CampaignCheck(
+            **vars(checked),
+            arm=arm,
+            campaign=campaign,
+            consistency=consistency(compared),
+            cross_predictions=cross_predictions(compared, [start], seed=seed)[0],
+            labels=labels.result(),
+            changing=changing_labels(problem, seed=seed),
+            springs=check_springs(arm, campaign, unknowns),
+            repeats=tuple(contradictory_repeats(campaign)),
+        )

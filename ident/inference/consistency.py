@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import chdtrc
@@ -104,7 +103,7 @@ def _widened(problem: InverseProblem, line: _Line) -> tuple[_Answer, float]:
     """Return the answer of all values, sigmas widened by the error of the line, and that error in sigma."""
     spread = line.sigma / line.scale(line.measured)
     first = _answer(line, spread, problem)
-    there = np.asarray(evaluate(problem, jnp.asarray(line.start + first.step)).predicted)
+    there = np.asarray(evaluate(problem, line.start + first.step).predicted)
     error = np.abs(line.moved(there) - line.slope @ first.step)
     wider = np.hypot(spread, np.nan_to_num(error, nan=np.inf))
     return _answer(line, wider, problem), float((error / spread).max())

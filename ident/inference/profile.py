@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -129,7 +128,7 @@ class Profile:
 
     def values(self, theta: Sequence[float] | Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
         """Return the parameter's physical values at these theta; zero and infinity where a positive one is open."""
-        return np.asarray(Parameters((self.item,)).values(jnp.asarray(theta, float)[None])[0])
+        return np.asarray(Parameters((self.item,)).values(np.asarray(theta, float)[None])[0])
 
 
 def threshold(level: float) -> float:
