@@ -55,9 +55,11 @@ def jit(f: F, options: Any = SMALL_KERNELS) -> F:
 
     @wraps(f)
     def call(*args: Any, **more: Any) -> Any:
-        if _traced((args, more)):
+        leaves, tree = jax.tree.flatten((args, more))  # once: of a model it takes longer than its prediction
+        if _traced(leaves):
             return within(*args, **more)
-        return (known.find(args, more) or outermost)(*args, **more)
+        program = known.find(args, more, leaves, tree)
+        return program(leaves) if program else outermost(*args, **more)
 
     compiled: Any = call
     compiled.known = known
@@ -84,10 +86,9 @@ def _try(first: Callable[[], Any]) -> None:
         first()
 
 
-def _traced(arguments: Any) -> bool:
+def _traced(leaves: list[Any]) -> bool:
     """Return whether a program is being traced: then what is made anew is a tracer, too."""
-    leaves = [jnp.zeros(()), *jax.tree.leaves(arguments)]
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or isinstance(jnp.zeros(()), jax.core.Tracer)
 
 
 def library(*values: Any) -> Any:

@@ -65,13 +65,21 @@ class Programs:
 
     def __init__(self, f: Callable[..., Any], options: Mapping[str, Any]):
         self.f, self.options = f, options
-        self.loaded: dict[Any, Callable[..., Any]] = {}
+        self.loaded: dict[Any, Callable[[list[Any]], Any]] = {}
         self.refused: set[int] = set()  # hashes only: what can't be kept must not be held on to either
         self.lock = RLock()  # of several threads that ask for one program, the first makes it
 
-    def find(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
-        """Return what computes f of these arguments without tracing it, or None where there is no such thing."""
-        leaves, tree = jax.tree.flatten((args, more))
+    def find(
+        self, args: tuple[Any, ...], more: Mapping[str, Any], leaves: list[Any], tree: Any
+    ) -> Callable[[list[Any]], Any] | None:
+        """Return what computes f of these arguments without tracing it, or None where there is no such thing.
+
+        Args:
+            args: of f.
+            more: the named ones.
+            leaves: of both; what is returned takes such a list.
+            tree: and their structure.
+        """
         arrays = tuple(aval(leaf) for leaf in leaves if eqx.is_array(leaf))
         settings = tuple(jax.config.values.values())
         key = tree, tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf)), arrays, settings
@@ -83,13 +91,13 @@ class Programs:
         except TypeError:  # a static value that has no hash, or what the function itself will raise again
             return None
 
-    def _take(self, key: Any, program: Callable[..., Any] | None) -> None:
+    def _take(self, key: Any, program: Callable[[list[Any]], Any] | None) -> None:
         if program:
             self.loaded[key] = program
         else:
             self.refused.add(hash(key))
 
-    def _program(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[..., Any] | None:
+    def _program(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[[list[Any]], Any] | None:
         """Read a program from its file, or trace it and write it there."""
         folder = own_folder()
         if folder is None:
@@ -143,11 +151,11 @@ def _program_of(exported: bytes, options: Mapping[str, Any]) -> Any:
     return jax.jit(export.deserialize(bytearray(exported)).call, **options)
 
 
-def _callable(run: Callable[..., Any], document: Any) -> Callable[..., Any]:
+def _callable(run: Callable[..., Any], document: Any) -> Callable[[list[Any]], Any]:
     marks, tree = jax.tree.flatten(decode(document))
 
-    def call(*args: Any, **more: Any) -> Any:
-        arrays = run(*filter(eqx.is_array, jax.tree.leaves((args, more))))
+    def call(leaves: list[Any]) -> Any:
+        arrays = run(*filter(eqx.is_array, leaves))
         return jax.tree.unflatten(tree, [arrays[int(m)] if isinstance(m, np.generic) else m for m in marks])
 
     return call

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -20,7 +21,7 @@ from ident.identify.conditions import Conditions
 from ident.identify.predict import ArmModel, chains
 from ident.identify.uncertain import LOAD, scaled_loads
 from ident.inference.parameters import AnyArray, Parameter
-from ident.jit import jit
+from ident.jit import RUNS_ONCE, jit
 
 UNLOADED = 1e-3
 """Moment [N m] below which a bushing counts as unloaded, so that a curve of its spring shows nothing."""
@@ -124,7 +125,9 @@ class AlteredModel(ArmModel):
 def altered_numbers(
     model: ArmModel, kinds: tuple[str, ...], taken: Mapping[str, float], moments: Float[np.ndarray, "N 2"]
 ) -> Iterator[Number]:
-    """Yield all that might be otherwise and is not an unknown already.
+    """Yield all that might be otherwise and is not an unknown already, payloads that never were on among them.
+
+    So a campaign in which one of them was on after all has the same numbers, and the same program.
 
     Args:
         model: of the campaign.
@@ -140,8 +143,8 @@ def altered_numbers(
                 yield Number("mass centre", joint.name)
             if not any(f"{name}.{what}." in path for name, what in _lengths(arm, place) for path in taken):
                 yield Number("length", joint.name)
-    for place, payload in enumerate(arm.payloads):
-        if np.any(np.asarray(loads.payload)[place]) and f"{payload.body.name}.mass" not in taken:
+    for payload in arm.payloads:
+        if f"{payload.body.name}.mass" not in taken:
             yield Number("payload", payload.body.name)
     measured = (loads.mass, loads.force, loads.moment)
     if LOAD not in taken and any(np.any(part) for part in measured if part is not None):
@@ -160,7 +163,7 @@ def largest_moments(model: ArmModel, parameters: Mapping[str, float]) -> Float[n
     return np.asarray(_moments(model, {name: np.asarray(x) for name, x in parameters.items()}))
 
 
-@jit
+@partial(jit, options=RUNS_ONCE)
 def _moments(model: ArmModel, parameters: Mapping[str, Any]) -> Float[AnyArray, "N 2"]:
     arm, own, conditions = model.at(parameters)
     chain = chains(arm, own, conditions)

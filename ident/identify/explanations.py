@@ -6,7 +6,7 @@ pairs are tried.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -19,13 +19,11 @@ from ident.errors import InputError
 from ident.identify.alternatives import KINDS, SCALES
 from ident.identify.assumptions import KINDS as ASSUMED
 from ident.identify.assumptions import Assumption
-from ident.identify.build_problem import build_problem
 from ident.identify.fit import CampaignFit
 from ident.identify.inquiry import LIKELY, RIDGES, Cause, Inquiry, inquire
 from ident.identify.slips import slips
 from ident.identify.telling import LEADING, Telling, Told, telling
 from ident.identify.unknowns import Unknowns
-from ident.inference.least_squares import solve
 from ident.inference.verdicts import SUSPICIOUS
 from ident.measure import Campaign
 
@@ -37,6 +35,8 @@ ROWS = 6
 """Values farthest off, each of which may be wrong by itself."""
 PAIRED, PAIRS = 8, 4
 """Numbers that are paired, those of the largest gain; and pairs that are searched for."""
+TURNS = 4
+"""Searches of what was put right, at most, each with labels chosen where the one before has ended."""
 SOFT = ("base rocks", "base turns")
 
 
@@ -166,9 +166,10 @@ def _rank(item: Explanation) -> tuple[bool, bool, float]:
 
 def _causes(inquiry: Inquiry) -> list[Cause]:
     """Return what may be otherwise by itself: each number, and all springs of a direction together."""
-    causes = [Cause((number,)) for number in inquiry.numbers]
+    numbers = inquiry.effective
+    causes = [Cause((number,)) for number in numbers]
     for direction in ("bending", "torsion"):
-        own = tuple(n for n in inquiry.numbers if n.kind == "spring" and n.of.endswith(direction))
+        own = tuple(n for n in numbers if n.kind == "spring" and n.of.endswith(direction))
         causes += [Cause(own)] if len(own) > 1 else []
     if len(causes) <= SINGLE:
         return causes
@@ -231,26 +232,38 @@ def _put_right(fit: CampaignFit, other: tuple[Change, Arm, Campaign], unknowns: 
     """Fit a campaign that was put right, or an arm on a base that gives; nothing where these can't be."""
     change, arm, campaign = other
     try:
-        problem = build_problem(arm, campaign, unknowns.with_prior)
+        told = _anew(fit.parameters, arm, campaign, unknowns)
+        if told is None or not told.finding.fits:
+            told = min(filter(None, (told, _anew({}, arm, campaign, unknowns))), key=_cost, default=None)
     except InputError:  # as that of a mode that an arm with this payload has not
         return None
-    centre = np.asarray(problem.parameters.theta(problem.parameters.column("centre")))
-    there = fit.best.theta if len(fit.best.theta) == len(centre) else centre
-    ends = [end for start in (there, centre) if np.isfinite((end := solve(problem, start)).cost)]
-    if not ends:
+    if told is None:
         return None
-    end = min(ends, key=lambda end: float(end.cost))
-    values = problem.parameters.by_path(np.asarray(problem.parameters.values(end.theta)))
-    inquiry = inquire({path: float(x) for path, x in values.items()}, arm, campaign, unknowns, end.choice.held)
-    found = inquiry.search() if inquiry is not None else None
-    if inquiry is None or found is None:
-        return None
+    found = told.finding
     if change.kind == "soft base":
-        first = arm.joints[1].name
+        first, values = arm.joints[1].name, told.values
         stiffness = {path: float(values.get(path, arm.get(path))) for path in stiffness_paths(arm)}
         share = max(stiffness[f"{first}.{k}"] / stiffness[f"base.{k}"] for k in STIFFNESS)
         change = replace(change, off=share / ASSUMED["base rocks"].plausible)
-    return _Tried(Explanation((change,), found.cost, found.fits), Told(inquiry, found))
+    return _Tried(Explanation((change,), found.cost, found.fits), told)
+
+
+def _anew(start: Mapping[str, float], arm: Arm, campaign: Campaign, unknowns: Unknowns) -> Told | None:
+    """Search from a start, and again from where that ends, each time with labels that are chosen there."""
+    told: Told | None = None
+    for _ in range(TURNS):
+        inquiry = inquire(told.values if told else start, arm, campaign, unknowns)
+        found = inquiry.search() if inquiry is not None else None
+        if inquiry is None or found is None:
+            break
+        before, told = told, Told(inquiry, found)
+        if found.fits or (before is not None and before.finding.cost - found.cost < 1.0):
+            return min(filter(None, (before, told)), key=_cost)
+    return told
+
+
+def _cost(told: Told) -> tuple[bool, float]:
+    return not told.finding.fits, told.finding.cost
 
 
 def _assumed(fit: CampaignFit, inquiry: Inquiry, before: float) -> list[Explanation]:

@@ -149,6 +149,13 @@ class Inquiry:
             way @ covariance @ way.T,
         )
 
+    @property
+    def effective(self) -> tuple[Number, ...]:
+        """The numbers on which any value depends: a payload that was never on is none of them."""
+        theta, kinds = self.start.theta, self.problem.kinds
+        _, jacobian = calibrated(self.numbers, theta, kinds, self.start.predicted, self.start.jacobian)
+        return tuple(n for n, column in zip(self.numbers, jacobian.T[self.unknowns :], strict=True) if column.any())
+
     def gain(self, causes: Sequence[Cause]) -> float:
         """Return by how much the cost would fall in the first of the searches, were the model linear."""
         way = self._way(causes)
@@ -199,6 +206,10 @@ class Inquiry:
         return looker(self.problem)
 
     @cached_property
+    def _scaled(self) -> Callable[[np.ndarray], Any]:
+        return self.problem.scaled  # looked up once: a method of a module is made anew at each look
+
+    @cached_property
     def _priors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Centre, standard deviation and flat half-length in theta of the unknowns' priors."""
         known = Parameters(self.problem.parameters.items[: self.unknowns])
@@ -211,11 +222,11 @@ class Inquiry:
         off = here.theta[: self.unknowns] - centre
         prior = np.sign(off) * np.maximum(np.abs(off) - flat, 0.0) / sd
         slope = np.where(np.abs(off) >= flat, 1 / sd, 0.0)
-        data = np.asarray(self.problem.scaled(here.predicted - np.asarray(self.problem.measured)))
+        data = np.asarray(self._scaled(here.predicted - np.asarray(self.problem.measured)))
         count = len(here.theta) - self.unknowns
         causes = np.hstack([np.zeros((count, self.unknowns)), np.diag(1 / widths)])
         priors = np.hstack([np.diag(slope), np.zeros((self.unknowns, count))])
-        rows = np.vstack([np.asarray(self.problem.scaled(here.jacobian)), priors, causes])
+        rows = np.vstack([np.asarray(self._scaled(here.jacobian)), priors, causes])
         return np.concatenate([data, prior, here.theta[self.unknowns :] / widths]), rows
 
     def _widths(self, way: np.ndarray) -> Float[np.ndarray, "causes"]:

@@ -42,6 +42,13 @@ class Told:
     inquiry: Inquiry
     finding: Finding
 
+    @property
+    def values(self) -> dict[str, float]:
+        """The unknowns and what is otherwise, by path [SI]."""
+        parameters = self.inquiry.problem.parameters
+        values = parameters.by_path(np.asarray(parameters.values(self.finding.theta)))
+        return {path: float(x) for path, x in values.items()}
+
 
 @dataclass(frozen=True)
 class Telling:
