@@ -29,9 +29,10 @@ def small(tmp_path):
 
 
 @pytest.mark.timeout(900)
-def test_from_a_campaign_to_advice_with_three_kills_on_the_way(small, tmp_path, browser_page):
+def test_from_a_campaign_to_advice_with_two_kills_on_the_way(small, tmp_path, browser_page):
     """Killed in several stages (kill -9), it goes on behind the last that was finished; the page opens in a browser."""
-    for finished in (1, 3, 5):
+    before = 0
+    for finished in (2, 5):
         killed = small()
         printed = []
         for line in killed.stdout:
@@ -41,7 +42,8 @@ def test_from_a_campaign_to_advice_with_three_kills_on_the_way(small, tmp_path, 
         killed.send_signal(signal.SIGKILL)
         killed.wait()
         killed.stdout.close()
-        assert "".join(printed).count("(as found before)") >= max(finished - 2, 0), "".join(printed)
+        assert "".join(printed).count("(as found before)") >= before, "".join(printed)
+        before = finished
         assert not (tmp_path / "out" / "campaign.diagnose.html").exists()
 
     last = small()

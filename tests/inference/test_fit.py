@@ -70,13 +70,13 @@ def started_at(problem, factor):
     return InverseProblem(problem.model, problem.measured, problem.sigma, Parameters(items), problem.kinds)
 
 
-def test_exact_data_give_all_six_from_any_of_ten_starts():
-    """Within a factor of ten: all soft, all stiff, soft and stiff by turns, and six at random; each with few beside."""
+def test_exact_data_give_all_six_from_any_of_six_starts():
+    """Within a factor of ten: all soft, all stiff, soft and stiff by turns, and two at random; each with few beside."""
     problem = arm_problem(lcd_arm(), exact(shipped()), stiffness_parameters(lcd_arm(), Unknowns(prior_sd=math.inf)))
     truth = np.asarray(problem.parameters.column("start"))
     turns = (-1.0) ** np.arange(6)
     far = [-np.ones(6), np.ones(6), turns, -turns]
-    for powers in [*far, *np.random.default_rng(0).uniform(-1, 1, (6, 6))]:
+    for powers in [*far, *np.random.default_rng(0).uniform(-1, 1, (2, 6))]:
         found = fit(started_at(problem, 10**powers), starts=3)
         assert found.best.converged
         assert found.information.rank == 6

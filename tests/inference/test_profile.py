@@ -282,7 +282,9 @@ def arm_profiles(name: str, prior_sd: float) -> tuple[Fit, tuple[Profile, ...]]:
     if math.isinf(prior_sd):
         problem = dataclasses.replace(problem, measured=jnp.asarray([4.80, 4.12, 0.0263]))
     found = fit(problem, starts=1)
-    return found, profile(found, levels=(0.95, 0.99) if math.isinf(prior_sd) else LEVELS)
+    if math.isinf(prior_sd):
+        return found, profile(found, ("joint1.k_bend", "joint3.k_bend", "joint2.k_tors"), levels=(0.95, 0.99))
+    return found, profile(found)
 
 
 def test_on_the_shipped_campaign_profiles_confirm_the_linear_intervals():
@@ -299,8 +301,8 @@ def test_on_the_shipped_campaign_profiles_confirm_the_linear_intervals():
     assert_nested(profiles)
 
 
-def test_three_numbers_without_prior_leave_all_six_open_at_99_percent():
-    """At 95 % the geometry of the arm closes joint1.k_bend, within a factor of 15, where the linear interval is open.
+def test_three_numbers_without_prior_leave_each_stiffness_open_at_99_percent():
+    """Three of the six. At 95 % the geometry of the arm closes joint1.k_bend, within a factor of 15, where the linear interval is open.
 
     Another search, 12 random starts for each held joint1.k_bend, put the cost at 3.72 for 5.0e6 and 3.91 for 5.6e6.
     """

@@ -14,11 +14,12 @@ from ident.studies.predict import predict
 pytestmark = pytest.mark.slow
 
 ARM = DATA / "lcd_arm" / "arm.toml"
+FEW = FitOptions(starts=1, no_explain=True)
 
 
 @pytest.fixture(scope="module")
 def before():
-    return fit(ARM, DATA / "lcd_arm" / "campaign.csv", FitOptions(starts=1))
+    return fit(ARM, DATA / "lcd_arm" / "campaign.csv", FEW)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,7 @@ def files(before, tmp_path_factory):
             rows[i] = ",".join(cells)
     later = folder / "later.csv"
     later.write_text("\n".join(rows) + "\n")
-    after = fit(ARM, later, FitOptions(starts=1))
+    after = fit(ARM, later, FEW)
     return before.save(folder)[0], after.save(folder)[0]
 
 
