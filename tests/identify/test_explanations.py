@@ -1,5 +1,6 @@
 """What is wrong on purpose is found among what would reconcile the data, and nothing is sought where nothing is."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from arms import DATA, lcd_arm
 
 from ident.arm.arm import Arm
 from ident.arm.springs import Spring
+from ident.codec import decode, encode
 from ident.identify.conditions import bind
 from ident.identify.explanations import Explanations, explain
 from ident.identify.fit import CampaignFit, fit_campaign
@@ -102,6 +104,8 @@ def test_table_1_asks_for_what_would_give_all_three_numbers():
     assert not any(item in found.fitting for item in springs)
     assert found.telling
     text = "\n".join(explanations_in_words(found, fit.campaign))
+    again = decode(json.loads(json.dumps(encode(found))))
+    assert "\n".join(explanations_in_words(again, fit.campaign)) == text
     assert "WRONG SIGN" in text
     assert "glass was on in rows 5, 6" in text
     assert "to tell the first ones apart" in text
