@@ -118,11 +118,13 @@ def _put_base(tree: Tree, arm: Arm, straight: bool) -> Any:
 
 def _put_bodies(tree: Tree, path: str, before: Arm, arm: Arm) -> None:
     """Write mass, mass centre and inertia of the bodies that differ."""
-    changed = {body.name for body in changed_bodies(before, arm)}
+    changed = {body.name for joint in before.joints for body in joint.link}
+    changed &= {body.name for body in changed_bodies(before, arm)}
+    if changed:
+        own_masses(path, tree.where)
     for joint in before.joints:
         own = {body.name: body for each in arm.joints if each.name == joint.name for body in each.link}
         for name in (body.name for body in joint.link if body.name in changed):
-            own_masses(path, tree.where)
             element, number = tree.path("body", name)[-1], tree.model.body(name).id
             anchor = np.array(tree.data.xanchor[tree.model.joint(joint.name).id])
             for old in element.findall("inertial"):
@@ -144,9 +146,6 @@ def _put_offsets(tree: Tree, before: Arm, arm: Arm) -> None:
         if not way.any():
             continue
         body = tree.body_of(name)
-        if int(tree.model.body_jntadr[body]) != tree.model.joint(name).id:
-            got, expected = "another offset of a joint that is not the first of its body", "a body for each joint"
-            raise refusal(f"{tree.where}, joint {name}", got, expected, "hold it (--fix), or write .toml or .json")
         holder, held = tree.only(tree.body_path(name), ("body", "geom", "site", "camera", "light"))
         moved(holder, held, tree.axes(tree.before(body)).T @ way)
 

@@ -36,7 +36,7 @@ def arm_text(
         guessed: keys whose origin is `assumed` instead.
         note: a line that every joint and body gets.
         head: comment above it, without the `#`.
-        origins: of numbers by path, where it is another.
+        origins: of quantities, as `link2.com`, where it is another.
     """
     writer = _Writer(origin, guessed, note, origins or {})
     lines = [f"# {one_line(line)}".rstrip() for line in head.splitlines()]
@@ -83,10 +83,9 @@ class _Writer:
         self.origin, self.guessed, self.note, self.origins = origin, guessed, note, origins
 
     def line(self, key: str, value: Any, unit: str = "", part: str = "") -> str:
-        """Return a quantity of a part; all components of one have the origin of the first."""
+        """Return a quantity of a part."""
         units = f', unit = "{unit}"' if unit else ""
-        known = (self.origins.get(f"{part}.{key}{end}") for end in ("", ".x", ".xx"))
-        origin = "assumed" if key in self.guessed else next(filter(None, known), self.origin)
+        origin = "assumed" if key in self.guessed else self.origins.get(f"{part}.{key}", self.origin)
         return f'{key} = {{ value = {_written(value)}{units}, origin = "{origin}" }}'
 
     def joint(self, joint: Joint) -> Iterator[str]:

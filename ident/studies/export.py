@@ -128,11 +128,11 @@ def _toml(asked: Exported) -> Mapping[Path, bytes]:
     if not own.path:
         got, remedy = f"the arm {one_line(own.arm.name)}, of no file", "write .json"
         raise InputError(Problem(one_line(str(path)), got, "an arm that was read from a file", remedy))
-    where = one_line(own.path)
     if own.bushings:
-        text = arm_text(own.arm, origin="derived", head="\n".join(_comment(asked)), origins=own.origins)
-    else:
-        text = decode(read_bytes(own.path, "an arm description (TOML)"), where)
+        head = "\n".join(_comment(asked))
+        return {path: arm_text(asked.arm, origin="assumed", head=head, origins=asked.origins).encode("utf-8")}
+    where = one_line(own.path)
+    text = decode(read_bytes(own.path, "an arm description (TOML)"), where)
     return {path: update_arm(text, asked.arm, origin="calibrated", where=where).encode("utf-8")}
 
 

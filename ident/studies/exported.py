@@ -44,6 +44,14 @@ class Exported:
         numbers = ((name, float(value)) for name, value in self.arm.numbers().items())
         return {name: value for name, value in numbers if name not in before or value != float(before[name])}
 
+    @property
+    def origins(self) -> Mapping[str, str]:
+        """Origin of each quantity, as `link2.com`: `calibrated` of what was fitted or goes with it; none of a base."""
+        old, changed = self.own.origins, self.changed
+        goes = [path for path in changed if path in self.found.values or (path in old and ".inertia." in path)]
+        kept = {_quantity(path): origin for path, origin in old.items() if path not in changed}
+        return kept | {_quantity(path): "calibrated" for path in goes}
+
 
 def exported(
     result: "Result | str | Path",
@@ -109,3 +117,7 @@ def _identified(read: "FitResult | SampleResult", own: "ArmFile") -> "Identified
     told = tuple((word, each.path, each.sha256) for word, each in sources if each is not None)
     other = () if own.sha256 == read.arm.sha256 else (OTHER_ARM,)
     return Identified(by_path, intervals, frozenset(supported), (*fitted.doubts, *other), told)
+
+
+def _quantity(path: str) -> str:
+    return ".".join(path.split(".")[:2])

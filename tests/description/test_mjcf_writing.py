@@ -187,14 +187,6 @@ def test_a_joint_that_is_no_element_is_named(robot):
         mjcf_with_bushings(str(robot), arm, arm, [])
 
 
-MORE = """
-[[joint]]
-name = "j4"
-k_bend = { value = 1e5, unit = "N*m/rad", origin = "assumed" }
-k_tors = { value = 1e5, unit = "N*m/rad", origin = "assumed" }
-"""
-
-
 @pytest.mark.parametrize(
     ("old", "new", "changes", "words"),
     [
@@ -204,19 +196,12 @@ k_tors = { value = 1e5, unit = "N*m/rad", origin = "assumed" }
             CHANGES,
             "compiler: got masses",
         ),
-        (
-            '<joint name="j2" limited="false"/>',
-            '<joint name="j2"/><joint name="j4" axis="1 0 0"/>',
-            {"j4.offset.x": 0.1},
-            "joint j4: got another offset",
-        ),
         ('<joint name="j3"', '<body name="d"/><joint name="j3"', {}, "joint j3: got a <frame> with more in it"),
         ('<body name="stand"', '<body name="pedestal"', None, "got a body pedestal"),
     ],
 )
 def test_what_has_no_place_there_is_named(robot, old, new, changes, words):
     robot.write_text(WITHOUT_MESHES.replace(old, new))
-    robot.with_suffix(".joints.toml").write_text(JOINTS + MORE * ("j4" in new))
     before = read_arm(robot).arm
     arm = on_soft_base(before, 0.25) if changes is None else with_changes(before, changes)
     with pytest.raises(InputError, match=words) as caught:

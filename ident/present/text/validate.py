@@ -30,6 +30,10 @@ def _heading(validation: Validation) -> Iterator[str]:
         named = ", ".join(cut(part.name, 30) for part in validation.missed)
         yield f"  NOT to be trusted: too far from the prediction: {named}"
     yield from drive_states(fit.arm, fit.campaign)
+    if fit.loops:
+        count = len(fit.loops)
+        yield f"  Loops of ramps: {count}. What is left out is predicted at the width that the other rows of its loop"
+        yield "  tell; where none stays, nothing tells it, and the part is not predicted: try --leave row"
     for doubt in fit.doubts:
         yield f"  WARNING: {doubt.replace('see below', 'see ident fit')}"
 
