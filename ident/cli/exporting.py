@@ -19,14 +19,20 @@ def export(
     arm: Annotated[
         Path | None, typer.Option("--arm", help="description to write into; default: the one that was fitted")
     ] = None,
+    posture: Annotated[
+        str | None,
+        typer.Option("--posture", "-q", help="joint angles in degrees, as 30,-60,30, where MJCF is exact under weight"),
+    ] = None,
 ) -> None:
-    """Write the identified stiffness and damping into the robot's own description, or as JSON.
+    """Write what was identified into the robot's own description, or as JSON.
 
     MJCF gets three passive hinges before each driven one, URDF a comment, both .joints.toml beside them, by which ident
     reads them; an arm file the values, with the origin calibrated. Of a posterior the medians are written.
     """
     running.start()
+    from ident.studies import reading
     from ident.studies.export import export as write
 
-    for path in write(result, out, arm=arm):
+    at = None if posture is None else reading.postures([posture], "--posture")[0]
+    for path in write(result, out, arm=arm, posture=at):
         output().wrote(path)

@@ -12,16 +12,18 @@ from jaxtyping import Float
 from pydantic import ValidationError
 
 from ident.arm.arm import Arm
+from ident.arm.base import on_soft_base
 from ident.arm.belt_condition import belt_mismatches
 from ident.arm.checks import check_size, massless_joint
-from ident.arm.fields import COMPONENTS
 from ident.description.explanations import Source
 from ident.description.joints_file import JointsFile
-from ident.description.quantities import Origin, si
+from ident.description.quantities import Origin
+from ident.description.rewriting import changed_numbers, set_inertias, set_numbers
 from ident.description.robot_file import is_robot, robot_arm
 from ident.description.schema import ArmDocument, named
 from ident.description.toml_text import load_toml
 from ident.description.uncertainty import uncertain_numbers
+from ident.description.writing import joint_text, with_first_joint
 from ident.errors import InputError, Problem
 from ident.text import decode, one_line, read_bytes
 
@@ -128,29 +130,41 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
     """
     parse_document(text, where)
     document = tomlkit.parse(text)
-    tables = {table["name"]: table for _, table in named(document)} | {"stroke": document.get("stroke", {})}
-    for path, value in values.items():
-        entry, holder, key = _slot(tables, path, where)
-        unit = si(1.0, entry["unit"]) if "unit" in entry else 1.0
-        holder[key] = float(f"{value / unit:.12g}")
-        entry["origin"] = origin
+    set_numbers(_tables(document), values, origin, where)
     updated = tomlkit.dumps(document)
     parse_document(updated, where)
     return updated
 
 
-def _slot(tables: Mapping[str, Any], path: str, where: str) -> tuple[Any, Any, Any]:
-    """Return the quantity's table, and the container and key of the number in it."""
-    try:
-        name, field, *rest = path.split(".")
-        entry = holder = tables[name][field]
-        key: Any = rest.pop(0) if field == "shape" else "value"
-        index = COMPONENTS[rest[0]] if rest else ()
-        if len(index) == 2 and not isinstance(entry[key][0], list):
-            index = index[:1]
-        for step in index:
-            holder, key = holder[key], step
-        float(holder[key])
-    except (KeyError, IndexError, TypeError, ValueError):
-        raise InputError(Problem(where, path, "a number of this file", "see `Arm.paths()`")) from None
-    return entry, holder, key
+def update_arm(text: str, arm: Arm, *, origin: Origin, where: str = "arm.toml") -> str:
+    """Return the TOML text of another arm of the same parts, with the origin of what differs.
+
+    A shape stays where the inertia that follows from it is the arm's; else the inertia stands in its place. An arm on a
+    base that gives gets that base, of the origin `assumed`, before its first joint.
+
+    Args:
+        text: a valid arm description.
+        arm: the arm that it is to describe.
+        origin: the origin of these numbers from now on.
+        where: names the text in errors.
+
+    Raises:
+        InputError: the file has no place for a number of that arm.
+    """
+    before = parse_arm(text, where)
+    if arm.base is not None and before.base is None:
+        based = on_soft_base(before, float(arm.joints[1].offset[2]))
+        text = with_first_joint(text, joint_text(based.joints[0], "assumed"), where)
+        lowered = {path: based.get(path) for path in changed_numbers(parse_arm(text, where), based)}
+        text = update_file(text, {path: float(value) for path, value in lowered.items()}, origin="assumed", where=where)
+        before = based
+    text = update_file(text, changed_numbers(before, arm), origin=origin, where=where)
+    document = tomlkit.parse(text)
+    set_inertias(_tables(document), parse_arm(text, where), arm, origin)
+    updated = tomlkit.dumps(document)
+    parse_document(updated, where)
+    return updated
+
+
+def _tables(document: Any) -> dict[str, Any]:
+    return {table["name"]: table for _, table in named(document)} | {"stroke": document.get("stroke", {})}

@@ -9,15 +9,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import equinox as eqx
 import tomlkit
 from pydantic import Field, ValidationError
 
+from ident.arm.arm import Arm
+from ident.arm.base import on_soft_base
 from ident.arm.fields import LOSS
+from ident.arm.parts import Payload
 from ident.description.explanations import TABLES, Source
-from ident.description.quantities import LossFactor, Name, Origin, Stiffness, Table, Time, si
+from ident.description.quantities import LossFactor, Name, Origin, Stiffness, Table, Time
+from ident.description.rewriting import changed_numbers, set_inertias, set_numbers
 from ident.description.robot import Robot
 from ident.description.schema import UNDAMPED, PayloadTable, PointTable
 from ident.description.toml_text import load_toml
+from ident.description.writing import bushing_text, with_first_joint
 from ident.errors import InputError, Problem
 from ident.text import decode, did_you_mean, one_line, read_bytes
 
@@ -96,27 +102,43 @@ def read_joints(path: Path, robot: Robot) -> tuple[JointsFile, JointsDocument]:
     return JointsFile(str(path), hashlib.sha256(data).hexdigest()), document
 
 
-def joints_text(text: str, values: Mapping[str, float], origin: Origin, where: str) -> str:
-    """Return the text of such a file with other numbers and their origin; comments, units and layout stay.
+def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) -> str:
+    """Return the text of such a file with the numbers of another arm, and their origin; comments, units, layout stay.
+
+    What the robot description says of that arm is left out, what the file leaves out is added.
 
     Args:
         text: a valid file.
-        values: numbers [SI] of bushings by path, as `joint1.k_bend`; what the file leaves out is added.
+        before: the arm of this file and its robot description.
+        arm: the arm that it is to be the file of; on a base that gives, that is the first joint, of the origin
+            `assumed` where it was not fitted.
         origin: of these numbers from now on.
         where: names the text in errors.
     """
+    if arm.base is not None and before.base is None:
+        before = on_soft_base(before, float(arm.joints[1].offset[2]))
+        text = with_first_joint(text, bushing_text(before.joints[0], "assumed"), where)
     document: Any = tomlkit.parse(text)
-    tables = {str(table["name"]): table for table in document["joint"]}
+    joints = {str(table["name"]): table for table in document["joint"]}
+    others = {str(table["name"]): table for kind in ("point", "payload") for table in document.get(kind, ())}
+    values = changed_numbers(before, arm)
     for path, value in values.items():
-        name, field = path.split(".")
-        entry = tables[name].setdefault(field, tomlkit.inline_table())
-        unit = si(1.0, entry["unit"]) if "unit" in entry else 1.0
-        entry["value"] = float(f"{value / unit:.12g}")
-        if "unit" not in entry and field not in LOSS:
-            entry["unit"] = "s"  # of a time; a stiffness is never left out
-        entry["origin"] = origin
+        name, field, *_ = path.split(".")
+        if name in joints and field in BUSHING and field not in joints[name]:
+            joints[name][field] = tomlkit.inline_table()
+            joints[name][field].update({"value": value} | ({} if field in LOSS else {"unit": "s"}))
+    own = {path: value for path, value in values.items() if _is_of(path, joints, others)}
+    set_numbers(joints | others, own, origin, where)
+    written = JointsDocument.model_validate(load_toml(tomlkit.dumps(document), where))
+    payloads = tuple(Payload(each.joint, each.body()) for each in written.payload)
+    set_inertias(others, eqx.tree_at(lambda arm: arm.payloads, before, payloads), arm, origin)
     JointsDocument.model_validate(load_toml(updated := tomlkit.dumps(document), where))
     return updated
+
+
+def _is_of(path: str, joints: Mapping[str, Any], others: Mapping[str, Any]) -> bool:
+    name, field, *_ = path.split(".")
+    return name in others or (name in joints and field in BUSHING)
 
 
 def _strangers(document: JointsDocument, robot: Robot, source: Source) -> list[Problem]:

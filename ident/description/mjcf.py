@@ -5,6 +5,7 @@ All is taken at zero posture, every hinge at 0 as MuJoCo counts its angle, from 
 
 import re
 from collections.abc import Iterator, Mapping
+from itertools import repeat
 from os import PathLike
 from typing import Any
 
@@ -30,7 +31,8 @@ def read_mjcf(
 ) -> Arm:
     """Return a serial arm from an MJCF file.
 
-    Hinges become driven joints with an empty shaft, but for those of bushings that `ident export` has written; bodies
+    Hinges become driven joints with an empty shaft, but for those of bushings that `ident export` has written, of which
+    three without a driven one are an undriven joint; bodies
     welded to one another are one link. MuJoCo's world frame is the base frame; what is fixed to it is left out. The
     stiffness, damping, friction and armature of a hinge are its motor's, which holds the joint, and are passed over.
     Geoms are read only where a body's inertia follows from them.
@@ -57,7 +59,7 @@ def mjcf_robot(path: str) -> Robot:
         InputError: MuJoCo is not installed or can't read the file, or the robot is no serial arm of hinges.
     """
     where = one_line(path)
-    model, data = _placed(path, where)
+    model, data = placed(path, where)
     links = _links(model, where)
     check_size(sum(map(len, links)), where)
     pins, place = [], np.zeros(3)
@@ -112,8 +114,12 @@ def _unread(where: str, error: ValueError) -> InputError:
     return refusal(where, f"a model that MuJoCo can't read ({said})", "a valid MJCF", "correct it")
 
 
-def _placed(path: str, where: str) -> tuple[Any, Any]:
-    """Return the model, and its data at zero posture; shapes are dropped where inertias are given."""
+def placed(path: str, where: str) -> tuple[Any, Any]:
+    """Return the model, and its data at zero posture; shapes are dropped where inertias are given.
+
+    Raises:
+        InputError: MuJoCo is not installed or can't read the file, or what it says is no serial arm of hinges.
+    """
     spec = load_spec(path, where)
     import mujoco
 
@@ -183,12 +189,12 @@ def _links(model: Any, where: str) -> list[list[int]]:
         InputError: nothing moves, the arm branches, or a joint's name is none.
     """
     links: list[list[int]] = []
-    last, bushings = 0, _bushing_names(model)
+    last, bushings = 0, _passed_over(model)
     for body in range(1, model.nbody):
         if not model.body_jntnum[body]:
             continue
         joints = [int(model.body_jntadr[body]) + n for n in range(model.body_jntnum[body])]
-        joints = [joint for joint in joints if _joint_name(model, joint) not in bushings]
+        joints = [joint for joint in joints if model.joint(joint).name not in bushings]
         if model.body_weldid[model.body_parentid[body]] != last:
             names = " and ".join(_joint_name(model, joint) for joint in (*links[-1][:1], joints[0]))
             raise refusal(where, f"a branch into {names}", "a serial arm", "remove the other arms and fingers")
@@ -200,9 +206,18 @@ def _links(model: Any, where: str) -> list[list[int]]:
     return links
 
 
-def _bushing_names(model: Any) -> set[str]:
-    """Return the names that hinges of bushings have in a file that `ident export` has written."""
-    return {f"{_joint_name(model, joint)}_{end}" for joint in range(model.njnt) for end in ENDS}
+def _passed_over(model: Any) -> set[str]:
+    """Return the names of the hinges of bushings, as `ident export` writes them; of one without a pin all but one."""
+    names = [str(model.joint(joint).name) for joint in range(model.njnt)]
+    own = {f"{name}_{end}" for name in names for end in ENDS}
+    return own | {f"{name}_{end}" for name in map(_undriven, names, repeat(set(names))) for end in ENDS[1:] if name}
+
+
+def _undriven(name: str, names: set[str]) -> str:
+    """Return what a bushing without a pin is called of which this is the hinge about its axis; empty for another."""
+    stem = name.removesuffix(f"_{ENDS[0]}")
+    whole = stem != name and stem not in names and {f"{stem}_{end}" for end in ENDS} <= names
+    return stem if whole else ""
 
 
 def _check_names(model: Any, where: str) -> None:
@@ -220,8 +235,10 @@ def _check_names(model: Any, where: str) -> None:
 
 def _pin(model: Any, data: Any, joint: int, bodies: tuple[Body, ...], place: Any) -> Pin:
     lower, upper = model.jnt_range[joint] if model.jnt_limited[joint] else (-np.inf, np.inf)
-    axis, anchor = data.xaxis[joint].copy(), data.xanchor[joint]
-    return Pin(_joint_name(model, joint), axis, anchor - place, bodies, (float(lower), float(upper)))
+    axis, anchor, name = data.xaxis[joint].copy(), data.xanchor[joint], _joint_name(model, joint)
+    driven = name == model.joint(joint).name
+    limits = (float(lower), float(upper)) if driven else (-np.inf, np.inf)
+    return Pin(name, axis, anchor - place, bodies, limits, driven)
 
 
 def _bodies(model: Any, data: Any, joint: int, where: str) -> Iterator[Body]:
@@ -266,7 +283,10 @@ def _sites(model: Any, bodies: list[int]) -> list[int]:
 
 
 def _joint_name(model: Any, joint: int) -> str:
-    return str(model.joint(joint).name)
+    """Return the name of a joint; that of a bushing without a pin for the hinge about its axis."""
+    name = str(model.joint(joint).name)
+    names = {str(model.joint(n).name) for n in range(model.njnt)}
+    return _undriven(name, names) or name
 
 
 def _body_name(model: Any, body: int) -> str:

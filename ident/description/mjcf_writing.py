@@ -1,21 +1,26 @@
 """MJCF with the bushings of an arm: three passive hinges before each driven one, in the body that it moves.
 
-Stiffness on the driven hinge itself would pull the motor's axis back to zero. The file is changed as text: what MuJoCo
-writes has six digits, which would move natural frequencies by 1e-6.
+Stiffness on the driven hinge itself would pull the motor's axis back to zero. A base that gives is such hinges alone,
+of a body about the whole arm.
 
 Three hinges one after another are not quite the rotation vector of ident's bushing: natural frequencies are the same
-where nothing bends the arm, and under its weight but for a share below the angle [rad] by which a bushing gives.
+where nothing bends the arm, and under its weight but for a share below the angle [rad] by which a bushing gives. At one
+posture they are the same under weight as well, where its tangent springs (`mjcf_tangents`) stand in their place.
 """
 
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.arm.parts import Joint
-from ident.description.mjcf import ENDS, load_spec
+from ident.arm.base import on_soft_base
+from ident.arm.parts import Body, Joint
+from ident.description.mjcf import ENDS
+from ident.description.mjcf_tangents import Tangent, tendons
+from ident.description.mjcf_tree import Tree, moved, numbers, own_masses, tree_of, wrapped
+from ident.description.rewriting import changed_bodies, changed_numbers
 from ident.description.robot import refusal
 from ident.description.xml_text import comment, root_start
 from ident.text import one_line, read_bytes
@@ -33,79 +38,145 @@ PLAIN = {
 """What such a hinge has none of, whatever the file's defaults for joints are."""
 
 
-def mjcf_with_bushings(path: str, arm: Arm, lines: list[str]) -> bytes:
-    """Return an MJCF file with the bushings of its arm, and a comment before it.
+def mjcf_with_bushings(
+    path: str, before: Arm, arm: Arm, lines: list[str], posture: tuple[float, ...] | None = None
+) -> bytes:
+    """Return an MJCF file of another arm of the same parts, with its bushings, and a comment before it.
 
     A hinge of a bushing has the stiffness k [N m/rad] and the damping tau k [N m s/rad]; loss factors have no place
-    there. Included files are written in their places, keyframes get the angle 0 of each new hinge.
+    there. Masses, mass centres, inertias and offsets that differ are written too. Included files are written in their
+    places, keyframes get the angle 0 of each new hinge.
 
     Args:
         path: the file that the arm was read from.
-        arm: the arm, with the numbers that are written.
+        before: the arm that was read.
+        arm: the arm, with the numbers that are written; it may stand on a base that gives.
         lines: the comment.
+        posture: [rad] where tangent springs stand for the bushings.
 
     Raises:
-        InputError: the file can't be read any more, has bushings already, or a joint is not written as an element.
+        InputError: the file can't be read any more, has bushings already, or no place for what is to be written.
     """
     where, data = one_line(path), read_bytes(path, "a robot description (MJCF)")
-    spec, root = load_spec(path, where), _tree(Path(path))
-    _check_free(spec, arm, where)
-    for joint in arm.joints:
-        holder, place = _place(root, joint.name, where)
-        turns = _turns(joint, spec.joint(joint.name))
-        hinges = [_hinge(joint, end, *turn) for end, turn in zip(ENDS, turns, strict=True)]
-        for hinge in hinges:
-            hinge.tail = holder[place - 1].tail if place else holder.text
-        holder[place:place] = hinges
-    for key in root.iter("key"):
+    tree, joints = tree_of(path, where), arm.joints[arm.base is not None :]
+    _check_free(tree, arm)
+    based = before if arm.base is None else on_soft_base(before, float(arm.joints[1].offset[2]))
+    turns = {joint.name: _put_bushing(tree, joint, straight=posture is None) for joint in joints}
+    _put_bodies(tree, path, before, arm)
+    _put_offsets(tree, based, arm)
+    if arm.base is not None:
+        turns = {arm.base.name: _put_base(tree, arm, straight=posture is None)} | turns
+    if posture is not None:
+        tree.root.append(tendons([Tangent(name, turn) for name, turn in turns.items()], arm, posture))
+    for key in tree.root.iter("key"):
         for name in {"qpos", "qvel"} & key.attrib.keys():
-            key.set(name, " ".join(f"0 0 0 {number}" for number in key.attrib[name].split()))
-    return data[: root_start(data)] + comment(lines) + ElementTree.tostring(root, encoding="utf-8") + b"\n"
+            each = " ".join(f"0 0 0 {number}" for number in key.attrib[name].split())
+            key.set(name, each if arm.base is None else f"0 0 0 {each}")
+    return data[: root_start(data)] + comment(lines) + ElementTree.tostring(tree.root, encoding="utf-8") + b"\n"
 
 
-def _check_free(spec: Any, arm: Arm, where: str) -> None:
-    """Refuse a file that has bushings already."""
-    taken = [name for joint in arm.joints for end in ENDS if spec.joint(name := f"{joint.name}_{end}")]
+def _check_free(tree: Tree, arm: Arm) -> None:
+    """Refuse a file that has bushings already, or another body of the name that the base needs."""
+    names = {tree.model.joint(n).name for n in range(tree.model.njnt)}
+    taken = [name for joint in arm.joints for end in ENDS if (name := f"{joint.name}_{end}") in names]
     if taken:
         got, remedy = f"the hinge {taken[0]}", "write into the file without them (--arm)"
-        raise refusal(where, got, "a robot without bushings", remedy)
+        raise refusal(tree.where, got, "a robot without bushings", remedy)
+    bodies = {tree.model.body(n).name for n in range(tree.model.nbody)}
+    for body in arm.base.link if arm.base else ():
+        if body.name in bodies:
+            raise refusal(tree.where, f"a body {body.name}", "that name for the base that gives", "rename the body")
 
 
-def _tree(path: Path) -> Any:
-    """Return the elements of a file, those of included files in the places where they are included."""
-    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
-    root = ElementTree.fromstring(path.read_bytes(), parser)
-    return _expanded(root, path.parent)
+def _put_bushing(tree: Tree, joint: Joint, straight: bool) -> Any:
+    """Put hinges before a driven one, and return their axes, columns, in the base frame at zero posture."""
+    path = tree.path("joint", joint.name)
+    holder, held = tree.only(path, ("joint", "freejoint", "body"))
+    number, place = tree.model.joint(joint.name).id, list(holder).index(held)
+    turn = _triad(np.array(tree.model.jnt_axis[number]))
+    hinges = _hinges(joint, turn, tree.model.jnt_pos[number], straight)
+    for hinge in hinges:
+        hinge.tail = holder[place - 1].tail if place else holder.text
+    holder[place:place] = hinges
+    return tree.axes(tree.body_of(joint.name)) @ turn
 
 
-def _expanded(root: Any, folder: Path) -> Any:
-    for parent in list(root.iter()):
-        for place, child in reversed(list(enumerate(parent))):
-            if child.tag == "include":
-                parent[place : place + 1] = list(_tree(folder / child.attrib["file"]))
-    return root
+def _put_base(tree: Tree, arm: Arm, straight: bool) -> Any:
+    """Put the whole arm into a body on passive hinges, and return their axes in the base frame."""
+    base, first = arm.joints[:2]
+    holder, held = tree.only(tree.body_path(first.name), ("body", "geom", "site", "camera", "light"))
+    number = tree.before(tree.body_of(first.name))
+    axes, place = tree.axes(number), tree.place(number)
+    turn, anchor = _triad(np.asarray(base.axis)), np.asarray(base.offset)
+    (body,) = base.link
+    wrapper = ElementTree.Element("body", {"name": body.name})
+    wrapper.extend(_hinges(base, axes.T @ turn, axes.T @ (anchor - place), straight))
+    wrapper.append(_inertial(body, axes, anchor - place))
+    wrapped(holder, held, wrapper)
+    return turn
 
 
-def _turns(joint: Joint, written: Any) -> list[tuple[Any, Any, float, float]]:
-    """Return axis, anchor, stiffness and damping of the hinges of a bushing, in the axes of the joint's element."""
-    axis = np.asarray(written.axis) / np.linalg.norm(written.axis)
-    across = np.linalg.svd(axis[None])[2][1:]
-    bend = (float(joint.k_bend), float(joint.k_bend * joint.tau_bend))
-    tors = (float(joint.k_tors), float(joint.k_tors * joint.tau_tors))
-    return [(axis, written.pos, *tors), *((each, written.pos, *bend) for each in across)]
+def _put_bodies(tree: Tree, path: str, before: Arm, arm: Arm) -> None:
+    """Write mass, mass centre and inertia of the bodies that differ."""
+    changed = {body.name for joint in before.joints for body in joint.link}
+    changed &= {body.name for body in changed_bodies(before, arm)}
+    if changed:
+        own_masses(path, tree.where)
+    for joint in before.joints:
+        own = {body.name: body for each in arm.joints if each.name == joint.name for body in each.link}
+        for name in (body.name for body in joint.link if body.name in changed):
+            element, number = tree.path("body", name)[-1], tree.model.body(name).id
+            anchor = np.array(tree.data.xanchor[tree.model.joint(joint.name).id])
+            for old in element.findall("inertial"):
+                element.remove(old)
+            element.insert(0, _inertial(own[name], tree.axes(number), anchor - tree.place(number)))
 
 
-def _hinge(joint: Joint, end: str, axis: Any, anchor: Any, stiffness: float, damping: float) -> Any:
-    numbers = {"axis": axis, "pos": anchor, "stiffness": [stiffness], "damping": [damping]}
-    texts = {key: " ".join(repr(float(x)) for x in value) for key, value in numbers.items()}
-    return ElementTree.Element("joint", {"name": f"{joint.name}_{end}", **PLAIN, **texts})
+def _put_offsets(tree: Tree, before: Arm, arm: Arm) -> None:
+    """Move the bodies whose bushings have another offset."""
+    changed, base = changed_numbers(before, arm), before.joints[0].name if before.base is not None else ""
+    ways = {
+        joint.name: np.array([changed.get(path := f"{joint.name}.offset.{axis}", before.get(path)) for axis in "xyz"])
+        - np.asarray(joint.offset)
+        for joint in before.joints
+    }
+    shift = ways.pop(base, np.zeros(3))  # the base's hinges stand in the axes of what is fixed, the arm goes with them
+    for name, way in ways.items():
+        way, shift = way + shift, np.zeros(3)
+        if not way.any():
+            continue
+        body = tree.body_of(name)
+        holder, held = tree.only(tree.body_path(name), ("body", "geom", "site", "camera", "light"))
+        moved(holder, held, tree.axes(tree.before(body)).T @ way)
 
 
-def _place(root: Any, name: str, where: str) -> tuple[Any, int]:
-    """Return the element that holds a joint, and the joint's place in it."""
-    for holder in (each for world in root.iter("worldbody") for each in world.iter()):
-        for place, child in enumerate(holder):
-            if child.tag == "joint" and child.get("name") == name:
-                return holder, place
-    got, expected = "no element of its own", "a <joint> of that name"
-    raise refusal(f"{where}, joint {name}", got, expected, "write it without <attach> and <replicate>")
+def _triad(axis: Any) -> Any:
+    """Return right-handed axes, columns: of a pin, and two across it."""
+    axis = axis / np.linalg.norm(axis)
+    across = np.linalg.svd(axis[None])[2][1]
+    return np.stack([axis, across, np.cross(axis, across)], 1)
+
+
+def _hinges(joint: Joint, turn: Any, anchor: Any, straight: bool) -> list[Any]:
+    return [
+        ElementTree.Element("joint", {"name": f"{joint.name}_{end}", **PLAIN, **{k: numbers(v) for k, v in each}})
+        for end, each in zip(ENDS, _hinge_numbers(joint, turn, anchor, straight), strict=True)
+    ]
+
+
+def _hinge_numbers(joint: Joint, turn: Any, anchor: Any, straight: bool) -> Iterator[list[tuple[str, Any]]]:
+    """Yield what stands in a hinge, in the axes of its body."""
+    tors, bend = (joint.k_tors, joint.tau_tors), (joint.k_bend, joint.tau_bend)
+    for axis, (k, tau) in zip(turn.T, (tors, bend, bend), strict=True):
+        spring = k if straight else 0.0
+        yield [("axis", axis), ("pos", anchor), ("stiffness", [spring]), ("damping", [k * tau])]
+
+
+def _inertial(body: Body, axes: Any, anchor: Any) -> Any:
+    """Return the mass of a body that hangs on an anchor, in the axes of its element [columns in the base frame]."""
+    inertia = axes.T @ np.asarray(body.inertia) @ axes
+    full = [inertia[i, k] for i, k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    place = axes.T @ (anchor + np.asarray(body.com))
+    return ElementTree.Element(
+        "inertial", {"mass": numbers([body.mass]), "pos": numbers(place), "fullinertia": numbers(full)}
+    )

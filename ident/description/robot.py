@@ -31,6 +31,7 @@ class Pin:
     offset: Float[np.ndarray, "3"]
     link: tuple[Body, ...]
     limits: tuple[float, float]
+    driven: bool = True
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,15 @@ class Robot:
             InputError: a joint that nothing beyond it loads, no such frame, or a name that occurs twice.
         """
         joints = [
-            Joint(pin.name, axis=pin.axis, offset=pin.offset, link=pin.link, limits=pin.limits, **bushings[pin.name])
+            Joint(
+                pin.name,
+                axis=pin.axis,
+                offset=pin.offset,
+                link=pin.link,
+                limits=pin.limits,
+                driven=pin.driven,
+                **bushings[pin.name],
+            )
             for pin in self.pins
         ]
         if massless := massless_joint(joints):

@@ -10,9 +10,7 @@ from jaxtyping import Float
 from ident.arm.arm import Arm
 from ident.arm.hinges import CutArm, cut
 from ident.identify.conditions import Conditions, bind
-from ident.identify.loops import with_loops
 from ident.identify.predict import ArmModel, Held
-from ident.identify.setups import in_base_frame
 from ident.identify.slopes import Slopes, slopes, slopes_once
 from ident.identify.uncertain import scaled_inertia
 from ident.inference.fit import Fit
@@ -147,8 +145,8 @@ def _found(
 def _conditions(problem: InverseProblem, parameters: Mapping[str, float], arm: Arm, campaign: Campaign) -> Conditions:
     """Return the conditions of a campaign, all readings in the base frame, and lagging behind, as it was fitted."""
     frames = problem.model.frames if isinstance(problem.model, ArmModel) else None
-    bound = with_loops(in_base_frame(bind(arm, campaign), frames, parameters), parameters)
-    return jax.device_get(bound)
+    _, _, conditions = ArmModel(arm, bind(arm, campaign), frames=frames).at(parameters)
+    return jax.device_get(conditions)
 
 
 def _left_out(arm: Arm, m: Measurement) -> bool:

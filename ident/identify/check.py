@@ -13,6 +13,7 @@ from ident.identify.build_problem import build_problem
 from ident.identify.curved import SpringCheck, check_springs
 from ident.identify.data_checks import check_values, contradictory_repeats
 from ident.identify.label_checks import LabelDoubt, changing_labels, label_doubts
+from ident.identify.loops import Ramp, ramps
 from ident.identify.unknowns import Unknowns
 from ident.inference.consistency import Consistency, consistency
 from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
@@ -36,6 +37,7 @@ class CampaignCheck(Check):
         changing: at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
         springs: the curved springs of the arm, with the eyes of the campaign.
         repeats: pairs of rows that measured the same and contradict each other; refused unless one is trusted.
+        ramps: those of the campaign, and how well it would tell the widths of their loops.
         explanations: what would reconcile the data, see `ident.identify.explanations`; None where that was not asked.
     """
 
@@ -47,6 +49,7 @@ class CampaignCheck(Check):
     changing: Mapping[int, float]
     springs: tuple[SpringCheck, ...]
     repeats: tuple[tuple[int, int], ...]
+    ramps: tuple[Ramp, ...] = ()
     explanations: "Explanations | None" = None
 
     @property
@@ -92,4 +95,5 @@ def check_campaign(
             changing=changing_labels(problem, seed=seed),
             springs=check_springs(arm, campaign, unknowns),
             repeats=tuple(contradictory_repeats(campaign)),
+            ramps=ramps(campaign, problem),
         )

@@ -20,10 +20,14 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ident.inference.information import information
+from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameter
+from ident.inference.problem import InverseProblem
 from ident.measure import Campaign, Measurement
 from ident.measure.kinds import RAMPS
 
@@ -38,35 +42,65 @@ STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Loop:
-    """The loop that a ramp of loads went through.
+class Ramp:
+    """A ramp of loads, and how well the width of its loop is told.
 
     Attributes:
         name: of its width among the unknowns.
         rows: places of its rows in the campaign.
         of: one of these, which says what was read, and at which posture.
-        width: [m or rad] what was read while unloading, less what was read at the same load while loading.
-        sd: [m or rad] its standard deviation; infinite where the data do not tell.
-        largest: [m or rad] the largest value that was read.
+        sd: [m or rad] standard deviation of the width; infinite where the data do not tell.
     """
 
     name: str
     rows: tuple[int, ...]
     of: Measurement
-    width: float
     sd: float
+
+
+@dataclass(frozen=True)
+class Loop(Ramp):
+    """The loop that a ramp of loads went through.
+
+    Attributes:
+        width: [m or rad] what was read while unloading, less what was read at the same load while loading.
+        largest: [m or rad] the largest value that was read.
+    """
+
+    width: float
     largest: float
 
 
 def loops(campaign: Campaign, fit: Fit) -> tuple[Loop, ...]:
     """Return the loops of a campaign's ramps, as a fit has found them."""
-    names, places = fit.problem.parameters.names, loop_places(campaign)
+    found = _ramps(campaign, fit.problem, fit.information.sd)
+    values = [[abs(campaign.measurements[i].value) for i in ramp.rows] for ramp in found]
+    return tuple(
+        Loop(**vars(ramp), width=fit.parameters[ramp.name], largest=max(own, default=0.0))
+        for ramp, own in zip(found, values, strict=True)
+    )
+
+
+def ramps(campaign: Campaign, problem: InverseProblem) -> tuple[Ramp, ...]:
+    """Return the ramps of a campaign, and how well its data alone would tell their widths at the starting values."""
+    if not _names(campaign):
+        return ()
+    parameters = problem.parameters
+    start = np.asarray(parameters.theta(parameters.column("start")))
+    jacobian = np.asarray(jax.device_get(evaluate(problem, start)).jacobian)
+    if not np.isfinite(jacobian).all():
+        return _ramps(campaign, problem, np.full(len(start), np.inf))
+    prior = np.where(parameters.nuisance, parameters.normal_sd, np.inf)
+    known = information(problem.scaled(jacobian), prior, parameters.names, parameters.nuisance)
+    return _ramps(campaign, problem, known.sd)
+
+
+def _ramps(campaign: Campaign, problem: InverseProblem, sd: np.ndarray) -> tuple[Ramp, ...]:
+    names, places = problem.parameters.names, loop_places(campaign)
     found = []
     for number, name in _names(campaign).items():
         rows = tuple(i for i, place in enumerate(places) if abs(place) == number)
-        own, item = [campaign.measurements[i] for i in rows], names.index(name)
-        sd = STEP * float(fit.information.sd[item])
-        found.append(Loop(name, rows, own[0], fit.parameters[name], sd, max((abs(m.value) for m in own), default=0.0)))
+        found.append(Ramp(name, rows, campaign.measurements[rows[0]], STEP * float(sd[names.index(name)])))
     return tuple(found)
 
 

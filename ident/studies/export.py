@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
-from ident.studies.shared import as_file, with_numbers
+from ident.studies.exported import Exported, exported
+from ident.studies.shared import FARTHEST, is_angle
 from ident.text import one_line
 
 if TYPE_CHECKING:
-    from ident.arm.arm import Arm
     from ident.description.file import ArmFile
-    from ident.identify.identified import Identified
     from ident.studies.result import Result
 
 FORM = "ident-export/1"
@@ -21,25 +20,31 @@ ENDINGS = ".xml (MJCF), .urdf, .toml or .json"
 
 
 def export(
-    result: "Result | str | Path", path: str | Path, *, arm: "ArmFile | str | Path | None" = None
+    result: "Result | str | Path",
+    path: str | Path,
+    *,
+    arm: "ArmFile | str | Path | None" = None,
+    posture: tuple[float, ...] | None = None,
 ) -> tuple[Path, ...]:
     """Write the arm that was identified, in the format that a file's ending names, and return the paths written.
 
-    `.xml`: the arm's MJCF with three passive hinges before each driven one, of its bushing's stiffness and damping.
-    `.urdf`: the arm's URDF with the bushings as a comment. Beside both `.joints.toml`, by which ident reads them.
-    `.toml`: the arm file with the identified numbers, of the origin `calibrated`. `.json`: the numbers with intervals.
+    `.xml`: the arm's MJCF with three passive hinges before each driven one, of its bushing's stiffness and damping, and
+    what else was fitted; a soft base is such hinges of a body about the arm. `.urdf`: the arm's URDF with the bushings
+    as a comment. Beside both `.joints.toml`, by which ident reads them. `.toml`: the arm file with the identified
+    numbers, of the origin `calibrated`; of a robot description the whole arm. `.json`: the numbers with intervals.
 
     Args:
         result: of `ident.fit` or `ident.sample`, or its file; of a posterior the medians are written.
         path: the file to write; it is none of those that were read.
         arm: the description to write into; by default the one that was fitted, found by its hash.
+        posture: joint angles [deg] where MJCF gets springs that are exact under the arm's weight, and near it.
 
     Raises:
         InputError: no such result, the arm's format is another, it has not these numbers, or nothing can be written.
     """
-    found, changed, own = _identified(result, arm)
     path = Path(path)
-    writers: Mapping[str, Callable[..., Mapping[Path, bytes]]] = {
+    asked = exported(result, path, arm, posture)
+    writers: Mapping[str, Callable[[Exported], Mapping[Path, bytes]]] = {
         ".xml": _mjcf,
         ".urdf": _urdf,
         ".toml": _toml,
@@ -48,97 +53,99 @@ def export(
     if path.suffix not in writers:
         got = f"the ending {path.suffix}" if path.suffix else "no ending"
         raise InputError(Problem(one_line(str(path)), got, f"a file *{ENDINGS}", "name it so"))
-    files = writers[path.suffix](path, own, with_numbers(own.arm, None, changed), found)
+    _check_posture(asked)
+    files, own = writers[path.suffix](asked), asked.own
     for each in files:
         _check_other(each, (own.path, own.bushings.path if own.bushings else ""))
     return _write(files)
 
 
-def _identified(
-    result: "Result | str | Path", arm: "ArmFile | str | Path | None"
-) -> "tuple[Identified, Mapping[str, float], ArmFile]":
-    """Return what was identified, all numbers [SI] in which the arm differs from its file, and the file."""
-    from ident.identify.identified import Identified
-    from ident.identify.values import OTHER_ARM
-    from ident.studies.fit import FitResult
-    from ident.studies.load import load
-    from ident.studies.rerun import found
-    from ident.studies.sample import SampleResult
-
-    read = load(result) if isinstance(result, str | Path) else result
-    if not isinstance(read, FitResult | SampleResult):
-        got, expected = f"a {type(read).__name__}", "a result of ident.fit or ident.sample, or its file"
-        raise InputError(Problem("result", got, expected, "give that"))
-    if read.options.soft_base is not None:
-        got, remedy = "a base that gives, which no robot description has", "fit it without `soft_base`"
-        raise InputError(Problem("result", got, "a rigid base", remedy))
-    if arm is None:
-        arm = found(read, Path(result).absolute().parent if isinstance(result, str | Path) else Path())["arm"]
-    own = as_file(arm)
-    fitted = read.fit if isinstance(read, FitResult) else read.sample.fitted
-    values = read.parameters if isinstance(read, FitResult) else read.medians
-    items = fitted.problem.parameters.items
-    supported = {path for item, yes in zip(items, fitted.supported, strict=True) if yes for path in item.paths}
-    by_path = {path: values[path if path in values else item.name] for item in items for path in item.paths}
-    intervals = {path: read.intervals[item.name] for item in items for path in item.paths}
-    sources = [("arm", own), *((word, each) for word, each in read.inputs.items() if word != "arm")]
-    told = tuple((word, each.path, each.sha256) for word, each in sources if each is not None)
-    other = () if own.sha256 == read.arm.sha256 else (OTHER_ARM,)
-    identified = Identified(by_path, intervals, frozenset(supported), (*fitted.doubts, *other), told)
-    held = _changed(read.arm.arm, fitted.fitted_arm)
-    return identified, {**held, **by_path}, own
+def _check_posture(asked: Exported) -> None:
+    """Refuse a posture that the arm has not, or a format that has no springs."""
+    given, count = asked.posture, len(asked.own.arm.driven)
+    if given is None:
+        return
+    if asked.path.suffix != ".xml":
+        got, remedy = "a posture for a file without springs", "write .xml, or leave it out"
+        raise InputError(Problem("posture", got, "a file *.xml", remedy))
+    if len(given) != count or not all(map(is_angle, given)):
+        expected = f"{count} angles within {FARTHEST:g} deg"
+        raise InputError(Problem("posture", f"{given}", expected, "give one for each driven joint"))
 
 
-def _mjcf(path: Path, own: "ArmFile", arm: "Arm", found: "Identified") -> Mapping[Path, bytes]:
+def _mjcf(asked: Exported) -> Mapping[Path, bytes]:
+    from math import radians
+
     from ident.description.mjcf_writing import mjcf_with_bushings
 
+    path, own = asked.path, asked.own
     _check_kind(path, own, "mujoco", "an arm that was read from MJCF")
-    beside = _joints(path, own, arm)
-    return {path: mjcf_with_bushings(own.path, arm, _comment(arm, found)), **beside}
+    _check_held(asked, lambda name: name.startswith("tip."), "the place of `tip`")
+    at = None if asked.posture is None else tuple(map(radians, asked.posture))
+    written = mjcf_with_bushings(own.path, own.arm, asked.arm, _comment(asked), at)
+    return {path: written, **_joints(asked)}
 
 
-def _urdf(path: Path, own: "ArmFile", arm: "Arm", found: "Identified") -> Mapping[Path, bytes]:
+def _urdf(asked: Exported) -> Mapping[Path, bytes]:
+    from ident.description.joints_file import BUSHING
     from ident.description.xml_text import with_comment
     from ident.text import read_bytes
 
+    path, own, arm = asked.path, asked.own, asked.arm
     _check_kind(path, own, "robot", "an arm that was read from URDF")
-    beside = _joints(path, own, arm)
-    return {path: with_comment(read_bytes(own.path, "a robot description (URDF)"), _comment(arm, found)), **beside}
+    beside = {point.name for point in arm.points if point.name != "tip"}
+    beside |= {payload.body.name for payload in arm.payloads}
+    joints = {joint.name for joint in own.arm.joints}
+
+    def is_lost(name: str) -> bool:
+        part, field, *_ = name.split(".")
+        return part not in beside and (part not in joints or field not in BUSHING)
+
+    _check_held(asked, is_lost, "what is no stiffness or damping of its joints")
+    text = with_comment(read_bytes(own.path, "a robot description (URDF)"), _comment(asked))
+    return {path: text, **_joints(asked)}
 
 
-def _joints(path: Path, own: "ArmFile", arm: "Arm") -> dict[Path, bytes]:
+def _joints(asked: Exported) -> dict[Path, bytes]:
     """Return the file of bushings that goes beside a robot description, by which ident reads it again."""
     from ident.description.joints_file import beside, joints_text
     from ident.text import decode, read_bytes
 
-    changed = _only_bushings(path, own, arm)
+    own = asked.own
     assert own.bushings, "the arm was read from a robot description"
     where = one_line(own.bushings.path)
     text = decode(read_bytes(own.bushings.path, "the bushings of a robot (TOML)"), where)
-    return {beside(str(path)): joints_text(text, changed, "calibrated", where).encode("utf-8")}
+    written = joints_text(text, own.arm, asked.arm, "calibrated", where)
+    return {beside(str(asked.path)): written.encode("utf-8")}
 
 
-def _toml(path: Path, own: "ArmFile", arm: "Arm", found: "Identified") -> Mapping[Path, bytes]:
-    from ident.description.file import update_file
+def _toml(asked: Exported) -> Mapping[Path, bytes]:
+    from ident.description.file import update_arm
+    from ident.description.writing import arm_text
     from ident.text import decode, read_bytes
 
-    if own.bushings or not own.path:
-        remedy = "write .xml or .urdf as it is, or .json"
-        raise InputError(Problem(one_line(str(path)), f"the arm {one_line(own.path)}", "an arm file (TOML)", remedy))
+    path, own = asked.path, asked.own
+    if not own.path:
+        got, remedy = f"the arm {one_line(own.arm.name)}, of no file", "write .json"
+        raise InputError(Problem(one_line(str(path)), got, "an arm that was read from a file", remedy))
+    if own.bushings:
+        head = "\n".join(_comment(asked))
+        return {path: arm_text(asked.arm, origin="assumed", head=head, origins=asked.origins).encode("utf-8")}
     where = one_line(own.path)
     text = decode(read_bytes(own.path, "an arm description (TOML)"), where)
-    return {path: update_file(text, _changed(own.arm, arm), origin="calibrated", where=where).encode("utf-8")}
+    return {path: update_arm(text, asked.arm, origin="calibrated", where=where).encode("utf-8")}
 
 
-def _json(path: Path, own: "ArmFile", arm: "Arm", found: "Identified") -> Mapping[Path, bytes]:
+def _json(asked: Exported) -> Mapping[Path, bytes]:
     import json
 
     from ident.present.text.units import unit_of
 
+    found = asked.found
     document = {
         "format": FORM,
         "created": _date(),
-        "arm": arm.name,
+        "arm": asked.arm.name,
         "inputs": {word: {"path": name, "sha256": sha256} for word, name, sha256 in found.sources},
         "doubts": list(found.doubts),
         "numbers": [
@@ -152,14 +159,15 @@ def _json(path: Path, own: "ArmFile", arm: "Arm", found: "Identified") -> Mappin
             }
             for name, value in found.values.items()
         ],
+        "changed": {name: value for name, value in sorted(asked.changed.items()) if name not in found.values},
     }
-    return {path: (json.dumps(document, indent=1, allow_nan=False) + "\n").encode("utf-8")}
+    return {asked.path: (json.dumps(document, indent=1, allow_nan=False) + "\n").encode("utf-8")}
 
 
-def _comment(arm: "Arm", found: "Identified") -> list[str]:
+def _comment(asked: Exported) -> list[str]:
     from ident.present.text.export import identified_lines
 
-    return identified_lines(arm, found, _date())
+    return identified_lines(asked.arm, asked.found, _date(), asked.posture)
 
 
 def _date() -> str:
@@ -174,26 +182,17 @@ def _check_kind(path: Path, own: "ArmFile", kind: str, expected: str) -> None:
 
     where = one_line(own.path)
     if own.bushings is None or robot_kind(read_bytes(own.path, expected), where) != kind:
-        remedy = "name the robot's own format, or .json"
+        remedy = "name the robot's own format, .toml or .json"
         raise InputError(Problem(one_line(str(path)), f"the arm {where or own.arm.name}", expected, remedy))
 
 
-def _only_bushings(path: Path, own: "ArmFile", arm: "Arm") -> dict[str, float]:
-    """Return the numbers in which an arm differs from its file, all of which belong to its bushings."""
-    from ident.description.joints_file import BUSHING
-
-    changed, joints = _changed(own.arm, arm), {joint.name for joint in arm.joints}
-    others = [name for name in changed if name.split(".")[0] not in joints or name.split(".")[1] not in BUSHING]
-    if others:
-        got, remedy = f"{', '.join(others[:3])} besides", "hold them (--fix), or write .json"
-        raise InputError(Problem(one_line(str(path)), got, "stiffness and damping of joints only", remedy))
-    return changed
-
-
-def _changed(own: "Arm", arm: "Arm") -> dict[str, float]:
-    """Return the numbers [SI] of an arm that another one has otherwise."""
-    before = own.numbers()
-    return {name: float(value) for name, value in arm.numbers().items() if float(value) != float(before[name])}
+def _check_held(asked: Exported, is_lost: Callable[[str], bool], words: str) -> None:
+    """Refuse numbers in which the arm differs from its file, and for which a format has no place."""
+    if lost := [name for name in asked.changed if is_lost(name)]:
+        got, expected = f"{', '.join(lost[:3])} besides", f"an arm of other bushings alone: no place for {words}"
+        raise InputError(
+            Problem(one_line(str(asked.path)), got, expected, "write .toml or .json, or hold them (--fix)")
+        )
 
 
 def _check_other(path: Path, sources: tuple[str, ...]) -> None:

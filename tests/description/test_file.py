@@ -5,8 +5,10 @@ import jax
 import numpy as np
 import pytest
 
-from ident.description.file import parse_arm, parse_document, read_arm, update_file
+from ident.arm.base import on_soft_base
+from ident.description.file import parse_arm, parse_document, read_arm, update_arm, update_file
 from ident.errors import InputError
+from ident.identify.uncertain import scaled_inertia
 
 jax.config.update("jax_enable_x64", True)
 
@@ -380,6 +382,48 @@ def test_revising_every_written_number_to_itself_keeps_the_arm():
 def test_revising_what_is_not_written_is_refused(path):
     with pytest.raises(InputError, match="a number of this file"):
         update_file(TEXT, {path: 1.0}, origin="calibrated")
+
+
+def inertia(arm, name):
+    return next(np.asarray(part.inertia) for part in arm.parts() if part.name == name)
+
+
+def same_arm(text, arm):
+    again = parse_arm(text)
+    assert again.numbers().keys() == arm.numbers().keys()
+    for path, value in arm.numbers().items():
+        assert float(again.get(path)) == pytest.approx(float(value), rel=1e-11, abs=1e-15)
+    for name in ("link1", "shaft2", "hand", "glass"):
+        np.testing.assert_allclose(inertia(again, name), inertia(arm, name), rtol=1e-9, atol=1e-15)
+
+
+def test_a_fitted_mass_leaves_the_inertia_in_place_of_the_shape_that_would_change_it():
+    arm = parse_arm(TEXT).replace({"hand.mass": 13.0, "joint1.k_tors": 3.0})
+    text = update_arm(TEXT, arm, origin="calibrated")
+    same_arm(text, arm)
+    assert 'shape = { kind = "box"' not in text
+    assert 'shape = { kind = "cylinder"' in text
+    assert parse_document(text).origins()["hand.inertia.xx"] == "calibrated"
+
+
+def test_an_uncertain_mass_takes_its_inertia_along_products_and_all():
+    masses = {"hand.mass": 13.0, "glass.mass": 0.5}
+    arm = scaled_inertia(parse_arm(TEXT), masses, ("hand", "glass")).replace(masses)
+    assert inertia(arm, "glass")[0, 1] == pytest.approx(0.1 * 0.5 / 0.45359237)
+    text = update_arm(TEXT, arm, origin="calibrated")
+    same_arm(text, arm)
+    assert 'shape = { kind = "box"' in text
+
+
+def test_a_base_that_gives_stands_before_the_first_joint():
+    arm = on_soft_base(parse_arm(TEXT), 0.5).replace({"base.k_bend": 7.0, "joint2.k_bend": 2e5})
+    text = update_arm(TEXT, arm, origin="calibrated")
+    same_arm(text, arm)
+    assert not parse_arm(text).joints[0].driven
+    origins = parse_document(text).origins()
+    assert [origins[path] for path in ("base.k_bend", "base.k_tors", "joint1.offset.z")] == ["calibrated"] + 2 * [
+        "assumed"
+    ]
 
 
 def test_revising_to_an_impossible_number_is_refused():

@@ -10,7 +10,10 @@ from scipy.linalg import eigh
 from three_joints import JOINTS, WITHOUT_MESHES
 
 from ident.arm.arm import stiffness_paths
+from ident.arm.base import on_soft_base
 from ident.arm.chain import at_posture
+from ident.arm.equilibrium import equilibrium
+from ident.arm.mechanics import point_positions
 from ident.arm.modes import linearize
 from ident.description.file import read_arm
 from ident.description.mjcf_writing import mjcf_with_bushings
@@ -29,14 +32,19 @@ def robot(tmp_path):
     return tmp_path / "arm.xml"
 
 
-def written(robot, arm, comment=("hello",)):
+def written(robot, arm, comment=("hello",), posture=None):
     path = robot.parent / "fitted.xml"
-    path.write_bytes(mjcf_with_bushings(str(robot), arm, list(comment)))
+    path.write_bytes(mjcf_with_bushings(str(robot), read_arm(robot).arm, arm, list(comment), posture))
     return mujoco.MjModel.from_xml_path(str(path))
 
 
 def in_mujoco(model, posture):
     """Natural frequencies about the equilibrium, with the pins held, and the largest angle of a hinge there."""
+    return about_equilibrium(model, posture)[:2]
+
+
+def about_equilibrium(model, posture):
+    """The same, and where the tool is."""
     data = mujoco.MjData(model)
     pins = [int(model.joint(f"j{n}").qposadr[0]) for n in (1, 2, 3)]
     free = [n for n in range(model.nv) if n not in pins]
@@ -49,17 +57,18 @@ def in_mujoco(model, posture):
     def hessian(x, h=0.01):
         rows = [
             sum(w * (moments(x + n * h * e) - moments(x - n * h * e)) for n, w in EIGHTH_ORDER.items())
-            for e in np.eye(9)
+            for e in np.eye(len(free))
         ]
         return np.stack(rows, 1) / h
 
-    x = np.zeros(9)
+    x = np.zeros(len(free))
     for _ in range(5):
         x -= np.linalg.solve(hessian(x), moments(x))
     H, M = hessian(x), np.zeros((model.nv, model.nv))
     moments(x)
     mujoco.mj_fullM(model, data, M)
-    return np.sqrt(eigh((H + H.T) / 2, M[np.ix_(free, free)], eigvals_only=True)) / (2 * np.pi), np.abs(x).max()
+    hertz = np.sqrt(eigh((H + H.T) / 2, M[np.ix_(free, free)], eigvals_only=True)) / (2 * np.pi)
+    return hertz, np.abs(x).max(), data.site("tool").xpos.copy()
 
 
 def in_ident(arm, posture):
@@ -77,6 +86,59 @@ def test_without_weight_mujocos_frequencies_are_idents(robot):
     model.opt.gravity[:] = 0
     for posture in POSTURES:
         np.testing.assert_allclose(in_mujoco(model, posture)[0], in_ident(floating, posture), rtol=1e-9)
+
+
+CHANGES = {
+    "a.mass": 8.0,
+    "motor.com.y": 0.02,
+    "c.inertia.zz": 0.025,
+    "j1.offset.x": 0.12,
+    "j2.offset.z": 0.02,
+    "j3.offset.y": 0.43,
+}
+
+
+def with_changes(arm, changes=CHANGES):
+    assert changes.keys() <= set(arm.paths())
+    return arm.replace(changes)
+
+
+def test_masses_mass_centres_inertias_and_offsets_are_written(robot):
+    """A capsule's mass is its shape's, and the joint of one body stands in a frame."""
+    arm = with_changes(read_arm(robot).arm)
+    model, floating = written(robot, arm), eqx.tree_at(lambda arm: arm.gravity, arm, jnp.zeros(3))
+    model.opt.gravity[:] = 0
+    changed = in_ident(eqx.tree_at(lambda arm: arm.gravity, read_arm(robot).arm, jnp.zeros(3)), POSTURES[0])
+    assert np.abs(in_ident(floating, POSTURES[0]) / changed - 1).min() > 1e-3
+    for posture in POSTURES:
+        np.testing.assert_allclose(in_mujoco(model, posture)[0], in_ident(floating, posture), rtol=1e-9)
+
+
+@pytest.mark.parametrize("changes", [{}, CHANGES | {"base.offset.x": 0.2, "pedestal.mass": 3.0}])
+def test_a_base_that_gives_is_hinges_about_the_whole_arm(robot, changes):
+    arm = with_changes(on_soft_base(read_arm(robot).arm, 0.25), {"base.k_bend": 4e5, **changes})
+    model, floating = written(robot, arm), eqx.tree_at(lambda arm: arm.gravity, arm, jnp.zeros(3))
+    assert [model.joint(n).name for n in range(3)] == ["base_tors", "base_bend_1", "base_bend_2"]
+    np.testing.assert_array_equal(model.key_qpos[0], [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3])
+    model.opt.gravity[:] = 0
+    for posture in POSTURES[:2]:
+        np.testing.assert_allclose(in_mujoco(model, posture)[0], in_ident(floating, posture), rtol=1e-9)
+
+
+@pytest.mark.parametrize("based", [False, True])
+def test_at_one_posture_it_is_exact_under_weight(robot, based):
+    arm = read_arm(robot).arm
+    arm = on_soft_base(arm, 0.25) if based else arm
+    posture = POSTURES[0]
+    model = written(robot, arm, posture=tuple(posture))
+    chain = at_posture(arm, jnp.asarray(posture))
+    hertz, angle, tool = about_equilibrium(model, posture)
+    assert angle > 3e-4
+    np.testing.assert_allclose(hertz, in_ident(arm, posture), rtol=1e-8)
+    (tip,) = (n for n, point in enumerate(arm.points) if point.name == "tip")
+    np.testing.assert_allclose(tool, np.asarray(point_positions(chain, equilibrium(chain)))[:, tip], atol=1e-11)
+    apart = in_mujoco(written(robot, arm), posture)[0] / in_ident(arm, posture) - 1
+    assert np.abs(apart).max() > 1e-5
 
 
 @pytest.mark.parametrize("factor", [1, 10, 100])
@@ -122,4 +184,26 @@ def test_a_joint_that_is_no_element_is_named(robot):
     arm = read_arm(robot).arm
     robot.write_text(WITHOUT_MESHES.replace('name="j2"', 'name="k2"').replace("<actuator>", "<!-- j2 --><actuator>"))
     with pytest.raises(InputError, match=r"arm\.xml, joint j2"):
-        written(robot, arm)
+        mjcf_with_bushings(str(robot), arm, arm, [])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "changes", "words"),
+    [
+        (
+            '<compiler angle="degree"',
+            '<compiler inertiafromgeom="true" angle="degree"',
+            CHANGES,
+            "compiler: got masses",
+        ),
+        ('<joint name="j3"', '<body name="d"/><joint name="j3"', {}, "joint j3: got a <frame> with more in it"),
+        ('<body name="stand"', '<body name="pedestal"', None, "got a body pedestal"),
+    ],
+)
+def test_what_has_no_place_there_is_named(robot, old, new, changes, words):
+    robot.write_text(WITHOUT_MESHES.replace(old, new))
+    before = read_arm(robot).arm
+    arm = on_soft_base(before, 0.25) if changes is None else with_changes(before, changes)
+    with pytest.raises(InputError, match=words) as caught:
+        mjcf_with_bushings(str(robot), before, arm, [])
+    assert "\n" not in str(caught.value)

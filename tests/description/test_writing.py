@@ -3,13 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from arms import DATA, random_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.arm.arm import Arm
 from ident.description.file import parse_arm, update_file
-from ident.description.writing import arm_text
+from ident.description.writing import arm_text, with_first_joint
+from ident.errors import InputError
 
 WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=30)
 SHIPPED = (DATA / "lcd_arm" / "arm.toml").read_text("utf-8")
@@ -45,3 +47,8 @@ def test_a_file_whose_numbers_are_changed_keeps_all_others(factors):
     numbers = parse_arm(update_file(SHIPPED, values, origin="calibrated")).numbers()
     for path, value in ARM.numbers().items():
         np.testing.assert_allclose(numbers[path], values.get(path, value), rtol=1e-11, err_msg=path)
+
+
+def test_a_file_whose_joints_are_no_tables_has_no_place_for_a_base():
+    with pytest.raises(InputError, match=r"arm\.toml: got joints that are no tables"):
+        with_first_joint('joint = [{ name = "a" }]', "", "arm.toml")

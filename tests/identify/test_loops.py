@@ -16,13 +16,17 @@ from ident.errors import InputError
 from ident.identify.build_problem import build_problem
 from ident.identify.conditions import bind
 from ident.identify.fit import fit_campaign
+from ident.identify.loops import ramps
 from ident.identify.plan import PlanSettings, plan_campaign
 from ident.identify.predict import predict
+from ident.identify.validate import validate_fit
 from ident.jit import jit
 from ident.measure import Campaign, Load, Measurement
 from ident.measure.reading import parse_campaign
 from ident.measure.writing import format_campaign
 from ident.present.text.fit import fit_report
+from ident.present.text.ramps import ramps_told
+from ident.present.text.validate import validate_report
 
 POSTURES = [(0.0, 0.0, 0.0), (0.5, -1.0, 0.6)]
 FORCES = (0.0, 50.0, 100.0, 150.0)
@@ -35,7 +39,7 @@ PREDICT = jit(lambda arm, conditions: predict(arm, {}, conditions))
 
 
 @cache
-def ramps() -> tuple[Measurement, ...]:
+def planned() -> tuple[Measurement, ...]:
     """Up and back with a sideways force at the tip, at both postures: encoders of all joints, and a dial gauge."""
     rows = []
     for posture in POSTURES:
@@ -53,10 +57,10 @@ def measured(widths: dict[str, float], noise: float = 0.0, seed: int = 0, factor
     arm, rng = lcd_arm(), np.random.default_rng(seed)
     off = factors * rng.standard_normal(6)
     true = arm.replace({p: float(arm.get(p)) * np.exp(x) for p, x in zip(stiffness_paths(arm), off, strict=True)})
-    exact = np.asarray(PREDICT(true, bind(true, Campaign(measurements=ramps()))))
-    half = np.array([(-0.5 if m.ramp == "loading" else 0.5) * widths.get(m.joint or "", 0.0) for m in ramps()])
-    values = exact + half + noise * np.array([m.sigma for m in ramps()]) * rng.standard_normal(len(exact))
-    return Campaign(measurements=tuple(replace(m, value=float(v)) for m, v in zip(ramps(), values, strict=True)))
+    exact = np.asarray(PREDICT(true, bind(true, Campaign(measurements=planned()))))
+    half = np.array([(-0.5 if m.ramp == "loading" else 0.5) * widths.get(m.joint or "", 0.0) for m in planned()])
+    values = exact + half + noise * np.array([m.sigma for m in planned()]) * rng.standard_normal(len(exact))
+    return Campaign(measurements=tuple(replace(m, value=float(v)) for m, v in zip(planned(), values, strict=True)))
 
 
 def test_loops_are_found_and_move_no_stiffness():
@@ -132,6 +136,30 @@ def test_the_report_says_each_width():
     assert "twist joint1 at (0, 0, 0) deg" in section
     assert "0.295 +- 0.0071 mrad" in section.splitlines()[1]
     assert "8 loops of ramps" in text.splitlines()[1]
+
+
+def test_before_a_fit_it_is_said_how_well_each_width_will_be_told():
+    """By the closed form above; of one way alone the width is no more than how far its rows are off together."""
+    campaign = measured(WIDTHS, 1.0)
+    found = ramps(campaign, build_problem(lcd_arm(), campaign))
+    assert [len(ramp.rows) for ramp in found] == 8 * [2 * len(FORCES)]
+    for ramp in found:
+        assert ramp.sd == pytest.approx(ramp.of.sigma * np.sqrt(2 / len(FORCES)), rel=1e-6)
+    text = "\n".join(ramps_told(campaign, found))
+    assert "twist joint1 at (0, 0, 0) deg" in text
+    assert "0.0071 mrad     8" in text
+    assert "only" not in text
+    one_way = replace(campaign, measurements=tuple(m for m in campaign if m.ramp == "loading"))
+    assert "only loading" in "\n".join(ramps_told(one_way, ramps(one_way, build_problem(lcd_arm(), one_way))))
+
+
+def test_a_loop_that_is_left_out_whole_is_not_predicted():
+    fit = fit_campaign(lcd_arm(), measured(WIDTHS, 1.0), starts=1)
+    whole, parts = validate_fit(fit, "posture"), validate_fit(fit, "fraction")
+    assert not whole.told
+    assert len(parts.told) == len(parts.parts)
+    assert parts.covered >= binom.ppf(0.001, len(fit.campaign), 0.95)
+    assert "Loops of ramps: 8. What is left out" in validate_report(whole)
 
 
 def test_a_plan_goes_on_from_ramps():

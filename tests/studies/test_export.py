@@ -1,8 +1,10 @@
 """What was identified, written back and read again."""
 
 import json
+from dataclasses import replace
 
 import mujoco
+import numpy as np
 import pytest
 from three_joints import JOINTS, URDF, WITHOUT_MESHES
 
@@ -22,11 +24,11 @@ def robot_in(folder, suffix, text, joints):
     return path
 
 
-def fitted(path):
+def fitted(path, options=OPTIONS):
     """A fit to a simulated campaign, and its file."""
     campaign = path.parent / "campaign.csv"
     campaign.write_text(campaign_text(example(ident.read_arm(path).arm).campaign))
-    result = ident.fit(path, campaign, OPTIONS)
+    result = ident.fit(path, campaign, options)
     (saved,) = result.save(path.parent)
     return result, saved
 
@@ -41,6 +43,66 @@ def mjcf(tmp_path_factory):
 def urdf(tmp_path_factory):
     path = robot_in(tmp_path_factory.mktemp("urdf"), ".urdf", URDF, f"# bushings\n{JOINTS}")
     return path, *fitted(path)
+
+
+MORE = replace(
+    OPTIONS, free={"a.mass": 0.1}, uncertain={"b.mass": "5%", "load": "1%"}, soft_base=0.25, fix=("base.k_tors",)
+)
+
+
+@pytest.fixture(scope="module")
+def with_more(tmp_path_factory):
+    """A fit of a mass, of one that is uncertain, of a load's scale and of a base that gives."""
+    path = robot_in(tmp_path_factory.mktemp("more"), ".xml", WITHOUT_MESHES, JOINTS)
+    return path, *fitted(path, MORE)
+
+
+@pytest.mark.parametrize("name", ["fitted.xml", "fitted.toml"])
+def test_masses_and_a_base_that_gives_are_read_again_as_fitted(with_more, tmp_path, name):
+    path, result, saved = with_more
+    again, arm, before = (
+        ident.read_arm(ident.export(saved, tmp_path / name)[0]),
+        result.fitted_arm,
+        ident.read_arm(path),
+    )
+    assert again.arm.numbers().keys() == arm.numbers().keys()
+    for number, value in arm.numbers().items():
+        assert float(again.arm.get(number)) == pytest.approx(float(value), rel=1e-11, abs=1e-12)
+    pairs = zip(again.arm.joints, arm.joints, strict=True)
+    for one, other in ((one, other) for j, k in pairs for one, other in zip(j.link, k.link, strict=True)):
+        np.testing.assert_allclose(one.inertia, other.inertia, rtol=1e-9, atol=1e-12)
+    masses = [float(each.get("b.mass")) for each in (again.arm, before.arm)]
+    inertias = [float(each.get("b.inertia.xx")) for each in (again.arm, before.arm)]
+    assert inertias[0] / inertias[1] == pytest.approx(masses[0] / masses[1], rel=1e-9)
+    assert abs(masses[0] / masses[1] - 1) > 1e-4
+    assert [joint.driven for joint in again.arm.joints] == [False, True, True, True]
+    assert [again.origins[f"base.{k}"] for k in ("k_bend", "k_tors")] == ["calibrated", "assumed"]
+
+
+def test_the_comment_and_json_say_what_else_was_fitted(with_more, tmp_path):
+    _, result, saved = with_more
+    text = ident.export(saved, tmp_path / "fitted.xml", posture=(10, 20, 30))[0].read_text()
+    assert f"a.mass = {result.parameters['a.mass']:.6g} kg, 95 % interval" in text
+    assert "base: a base that gives about a point 0.25 m below j1\n" in text
+    assert "springs: tangent to the bushings under the arm's own weight at 10, 20, 30 deg\n" in text
+    document = json.loads(ident.export(saved, tmp_path / "fitted.json")[0].read_text())
+    assert {"a.mass", "b.mass", "load", "base.k_bend"} <= {row["path"] for row in document["numbers"]}
+    assert document["changed"]["j1.offset.z"] == 0.25
+    assert document["changed"]["b.inertia.xx"] == pytest.approx(float(result.fitted_arm.get("b.inertia.xx")), rel=1e-12)
+
+
+def test_what_a_format_has_no_place_for_is_one_line(urdf, mjcf, tmp_path):
+    based = replace(urdf[1], options=replace(OPTIONS, soft_base=0.25))
+    calls = {
+        r"fitted\.urdf: got base.* besides, .*; write \.toml or \.json": (based, "fitted.urdf", None),
+        "posture: got a posture for a file without springs": (mjcf[1], "fitted.json", (1, 2, 3)),
+        r"posture: got \(1, 2\), expected 3 angles": (mjcf[1], "fitted.xml", (1, 2)),
+    }
+    for words, (result, name, posture) in calls.items():
+        with pytest.raises(InputError, match=words) as caught:
+            ident.export(result, tmp_path / name, posture=posture)
+        assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
 
 
 def test_mjcf_gets_the_fitted_stiffnesses(mjcf, tmp_path):
@@ -101,7 +163,6 @@ def test_json_has_every_number_with_its_interval(mjcf, tmp_path):
     ("name", "words"),
     [
         ("fitted.urdf", "expected an arm that was read from URDF"),
-        ("fitted.toml", "expected an arm file"),
         ("fitted.stl", "the ending .stl"),
         ("fitted", "no ending"),
     ],

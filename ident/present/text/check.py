@@ -14,6 +14,7 @@ from ident.inference.parameters import Parameter
 from ident.measure import Measurement
 from ident.present.text.agreement import agreement, dependence_on_priors, reconciling
 from ident.present.text.directions import in_words, spread_in_words
+from ident.present.text.ramps import ramps_told
 from ident.present.text.springs import springs_in_words
 from ident.present.text.units import in_read_unit, unit_of
 from ident.present.text.words import (
@@ -51,6 +52,7 @@ def check_report(check: CampaignCheck) -> str:
         _directions(check),
         springs_in_words(check.springs),
         _measurements(check),
+        ramps_told(check.campaign, check.ramps),
         _labels(check),
         _agreement(check),
         reconciling(check.explanations, check.campaign),

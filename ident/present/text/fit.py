@@ -13,7 +13,8 @@ from ident.inference.parameters import Parameter
 from ident.present.text.agreement import agreement, dependence_on_priors, reconciling, what_may_be_wrong
 from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.directions import what_is_fixed, what_is_open
-from ident.present.text.fit_details import loop_widths, measurements, optima, origins, uncertain_numbers
+from ident.present.text.fit_details import measurements, optima, origins, uncertain_numbers
+from ident.present.text.ramps import loop_widths
 from ident.present.text.units import MM, is_length, unit_of
 from ident.present.text.words import correlated_errors, cut, drive_states, in_percent, odd_numbers, paragraphs
 

@@ -11,7 +11,7 @@ from ident.inference.information import Information
 from ident.inference.parameters import Parameter
 from ident.inference.verdicts import farthest
 from ident.present.text.units import SETUP, in_read_unit, is_stiffness, nmm_per_deg, read_unit
-from ident.present.text.words import cut, describe, place_read, priors_in_words, shares
+from ident.present.text.words import cut, describe, priors_in_words, shares
 
 LISTED = 12
 """Optima that are listed at most."""
@@ -84,22 +84,6 @@ def uncertain_numbers(fit: CampaignFit) -> Iterator[str]:
     yield "  costs most: how much wider an interval is than it would be were this number known exactly."
     if any(item.name.startswith(SETUP) for item in parameters.items):
         yield "  setup: place [mm] and further turn [mrad] of its frame; what was free was found from the data first."
-
-
-def loop_widths(fit: CampaignFit) -> Iterator[str]:
-    """Yield for each ramp of loads how wide its loop is."""
-    if not fit.loops:
-        return
-    yield f"{'Loops of ramps':54s}unloading - loading  of largest  rows"
-    for loop in fit.loops:
-        size, unit = read_unit(loop.name)
-        ways = {fit.campaign.measurements[i].ramp for i in loop.rows}
-        width = f"{loop.width / size:9.3g} +- {loop.sd / size:.2g} {unit}" if np.isfinite(loop.sd) else "not told"
-        share = f"{100 * abs(loop.width) / loop.largest:.2g} %" if loop.largest and np.isfinite(loop.sd) else "-"
-        yield f"  {cut(place_read(loop.of), 44):44s} {width:>26s} {share:>11s} {len(loop.rows):5d}"
-        if len(ways) == 1:
-            yield f"    <-- only {ways.pop()}: its rows tell how readings change with the load, not where they begin"
-    yield "  Friction and play: no stiffness follows from the width; rows of both ways tell stiffness by their middle."
 
 
 def _known_to(item: Parameter, sd: float) -> str:

@@ -21,9 +21,14 @@ def _heading(validation: Validation) -> Iterator[str]:
     fit, parts = validation.fit, validation.parts
     yield f"Validation of {cut(fit.arm.name, 30)} by {cut(fit.campaign.name, 30)}"
     yield f"  {len(parts)} {PARTS[validation.leave]}, each left out in turn and predicted by a fit to the others"
+    if fit.loops:
+        count = len(fit.loops)
+        yield f"  Loops of ramps: {count}. What is left out is predicted at the width that the other rows of its loop"
+        yield "  tell; where none stays, nothing tells it, and the part is not predicted: try --leave row"
     z = validation.z
     if not len(z):
-        yield "  NOTHING is predicted: what is left out is needed to tell the stiffnesses. Measure more."
+        needed = "the stiffnesses, or the loops" if fit.loops else "the stiffnesses"
+        yield f"  NOTHING is predicted: what is left out is needed to tell {needed}. Measure more."
         return
     yield f"  {validation.covered} of {len(z)} measurements lie in the 95 % interval of their prediction"
     if validation.missed:
