@@ -35,12 +35,16 @@ def test_what_was_used_is_loaded_and_what_is_used_is_kept(tmp_path):
     assert last(tmp_path) == ["a.program", "b.program", "c.program"]
 
 
-def test_no_more_are_kept_than_are_loaded(tmp_path):
-    early = begun(tmp_path, [f"{i}.program" for i in range(2 * MOST)])
+def test_no_more_are_loaded_than_are_kept(tmp_path):
+    names = [f"{i}.program" for i in range(2 * MOST)]
+    early = begun(tmp_path, names)
     early.pool.submit(int).result()
-    assert [early.take(f"{i}.program") is not None for i in range(2 * MOST)] == MOST * [True] + MOST * [False]
+    assert [early.take(name) for name in names] == names[:MOST] + MOST * [None]
     early.end()
-    assert last(tmp_path) == [f"{i}.program" for i in range(MOST)]
+    early = begun(tmp_path, [])
+    assert [early.take(name) for name in names] == 2 * MOST * [None]
+    early.end()
+    assert last(tmp_path) == names[:MOST]
 
 
 def test_a_program_that_waits_its_turn_is_not_waited_for(tmp_path):
