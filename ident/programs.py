@@ -107,12 +107,12 @@ class Programs:
         except NotKeptError:
             return None
         path = folder / f"{self.f.__name__}-{hashlib.sha256(key.encode()).hexdigest()[:24]}.program"
-        early = EARLY.take(path.name)
-        if early and early[0] == {**early[0], "key": key, "options": self.options}:
-            return _callable(early[1], early[0]["out"])
-        found = _read(path, key)
-        if found is not None:
-            with suppress(Exception):  # whatever a file from elsewhere may do
+        early, found = EARLY.take(path.name), None
+        with suppress(Exception):  # whatever a file from elsewhere may do
+            if early and (early[0]["key"], early[0]["options"]) == (key, self.options):
+                return _callable(early[1], early[0]["out"])
+            found = _read(path, key)
+            if found is not None:
                 return _callable(_program_of(found[0], self.options), found[1]) if found[0] else None
         try:
             exported, document = self._traced(args, more)

@@ -75,7 +75,7 @@ def simulate(
     time, solve = sample_times(motion, rate), fast_method(arm, motion, loads, elastic_belts, rate, step)
     solution = concrete(_over_batch(arm, solve, _whole) if batch else solve(arm))
     refuse_collapse(motion, solution.displacement[:, : len(time)])
-    model, interrupted = _multibody(arm, loads, 1 + len(batch), elastic_belts), None
+    model, interrupted = multibody_of(arm, loads, 1 + len(batch), elastic_belts), None
     if method == "exact":
         solution, interrupted = _exact(model, solve, solution, time, progress)
         time = time[: solution.y.shape[1]]
@@ -294,5 +294,6 @@ def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
 
 
 @partial(jit, options=RUNS_ONCE)
-def _multibody(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
+def multibody_of(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
+    """Return what `multibody` gathers, by one program."""
     return multibody(arm, loads, rank=rank, elastic_belts=elastic)

@@ -9,12 +9,15 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
+from ident.arm.multibody import Multibody
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean, quoted
 from ident.vibrate.motion.motion import Motion
+from ident.vibrate.response import belt_tension
+from ident.vibrate.response import exact as exact_method
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.response import Response, peak, rms, settling_time
-from ident.vibrate.response.simulate import RATE, simulate
+from ident.vibrate.response.simulate import RATE, multibody_of, sample_times, simulate
 from ident.vibrate.signal.compare import Comparison, Trace, compare
 
 DIRECTIONS = ("x", "y", "z")
@@ -118,6 +121,8 @@ def simulate_motion(
     if method not in METHODS:
         remedy = did_you_mean(method, METHODS, "choose one of them")
         raise InputError(Problem("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method"))
+    if method != "fast":
+        _prepare_exact(arm, motion, loads, elastic_belts, rate)
     fast = exact = None
     if method != "exact":
         fast = simulate(arm, motion, loads=loads, elastic_belts=elastic_belts, rate=rate)
@@ -133,6 +138,17 @@ def simulate_motion(
     if len(exact.time) < 2 and fast is None:
         raise KeyboardInterrupt
     return SimulatedMotion(exact) if fast is None else SimulatedMotion(fast, exact)
+
+
+def _prepare_exact(arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float) -> None:
+    """Have compiled, or loaded, what the exact method takes, and the belts' tension, while the fast method's is."""
+
+    def setup() -> tuple[Multibody, Motion, Float[np.ndarray, "T"]]:
+        return multibody_of(arm, loads, 1, elastic), motion, sample_times(motion, rate)
+
+    exact_method.prepare(setup)
+    if not elastic:
+        belt_tension.prepare(setup)
 
 
 def draw(
