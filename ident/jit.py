@@ -58,7 +58,7 @@ def jit(f: F, options: Any = SMALL_KERNELS) -> F:
         leaves, tree = jax.tree.flatten((args, more))  # once: of a model it takes longer than its prediction
         if _traced(leaves):
             return within(*args, **more)
-        program = known.find(args, more, leaves, tree)
+        program = known.find(args, more, (leaves, tree))
         return program(leaves) if program else outermost(*args, **more)
 
     compiled: Any = call

@@ -70,16 +70,16 @@ class Programs:
         self.lock = RLock()  # of several threads that ask for one program, the first makes it
 
     def find(
-        self, args: tuple[Any, ...], more: Mapping[str, Any], leaves: list[Any], tree: Any
+        self, args: tuple[Any, ...], more: Mapping[str, Any], flat: tuple[list[Any], Any] | None = None
     ) -> Callable[[list[Any]], Any] | None:
         """Return what computes f of these arguments without tracing it, or None where there is no such thing.
 
         Args:
             args: of f.
             more: the named ones.
-            leaves: of both; what is returned takes such a list.
-            tree: and their structure.
+            flat: the leaves of both, and their structure, where these are known; what is returned takes such leaves.
         """
+        leaves, tree = flat or jax.tree.flatten((args, more))
         arrays = tuple(aval(leaf) for leaf in leaves if eqx.is_array(leaf))
         settings = tuple(jax.config.values.values())
         key = tree, tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf)), arrays, settings

@@ -103,7 +103,7 @@ def test_a_program_is_used_only_under_its_own_key_and_options(kept, monkeypatch,
     mine.begin(kept.with_name("fit.last"), lambda path: None)
     mine.coming = {kept.name: mine.pool.submit(lambda: ({**head, **change}, lambda x: [3 * x]))}
     mine.pool.submit(int).result()
-    found = Programs(doubled, {}).find((np.arange(3.0),), {})(np.arange(3.0))
+    found = Programs(doubled, {}).find((np.arange(3.0),), {})([np.arange(3.0)])
     np.testing.assert_array_equal(found, (3 if early else 2) * np.arange(3.0))
     mine.end()
 

@@ -98,7 +98,7 @@ def test_a_link_in_the_place_of_the_folder_is_left_alone(cache):
 
 def known(programs, x):
     """What computes a function of one array, as `ident.jit` calls it; None where there is none."""
-    found = programs.find((x,), {}, *jax.tree.flatten(((x,), {})))
+    found = programs.find((x,), {})
     return found and (lambda x: found([x]))
 
 

@@ -302,7 +302,7 @@ def test_on_the_shipped_campaign_profiles_confirm_the_linear_intervals():
 
 
 def test_three_numbers_without_prior_leave_each_stiffness_open_at_99_percent():
-    """Three of the six. At 95 % the arm's geometry closes joint1.k_bend, within a factor of 15, the linear interval not.
+    """Three of the six. At 95 % the arm's geometry closes joint1.k_bend within a factor of 15, the linear interval not.
 
     Another search, 12 random starts for each held joint1.k_bend, put the cost at 3.72 for 5.0e6 and 3.91 for 5.6e6.
     """
