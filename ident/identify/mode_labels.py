@@ -24,8 +24,8 @@ from ident.modal.stabilisation import mac
 DRAWS = 128
 """Draws of an arm."""
 FREQUENCY_SD = (0.3, 0.3, 0.2, 0.1)
-"""How far computed frequencies are off, in ln, from round to round of drawing: at first by how sparse draws are, at last
-by what a model leaves out."""
+"""How far computed frequencies are off, in ln, from round to round of drawing: at first as draws are sparse, at last by
+what a model leaves out."""
 MORE = 3
 """Computed modes beyond the number of measured ones."""
 MOST = 12

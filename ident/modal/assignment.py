@@ -11,8 +11,6 @@ INEXACT = 0.15
 """How far a computed shape is off, as a share of its length: places, directions, what the model leaves out."""
 COUPLING = 0.05
 """How far squared frequencies are off, as a share: it mixes the shapes of modes that are near each other."""
-FREQUENCY_SD = 0.3
-"""How far computed frequencies are off beyond their draws, in ln."""
 NODES = 9
 """Tangents of angles at which mixed shapes are computed."""
 UNSEEN = 0.05
@@ -27,7 +25,7 @@ def likelihoods(
     computed: Float[np.ndarray, "O m D"],
     frequency: Float[np.ndarray, "m D"],
     measured: float,
-    frequency_sd: float = FREQUENCY_SD,
+    frequency_sd: float,
 ) -> Float[np.ndarray, "D m"]:
     """Return ln(likelihood of a measured shape) for each computed one, over that of a shape of no mode.
 
@@ -44,7 +42,7 @@ def likelihoods(
         computed: shapes at the same places, mass-normalised, of D draws of what computes them.
         frequency: [Hz] of the computed modes.
         measured: [Hz] of the measured one.
-        frequency_sd: how far computed frequencies are off, in ln.
+        frequency_sd: how far computed frequencies are off beyond their draws, in ln.
 
     References:
         Fox, Kapoor, "Rates of change of eigenvalues and eigenvectors", AIAA J. 6, 1968 (mixing).
@@ -90,7 +88,7 @@ def _log_density(
 def pair_probabilities(
     logs: Float[np.ndarray, "D R m"], within: Bool[np.ndarray, "D m"]
 ) -> tuple[Float[np.ndarray, "D R m"], Float[np.ndarray, "D"]]:
-    """Return the probability of each pair, and the ln(likelihood) of each draw, over all ways to pair measured modes with computed ones.
+    """Return the probability of each pair, and ln(likelihood) of each draw, over all ways to pair modes.
 
     No computed mode is two measured ones, and a measured one may be none: what is missing of a row's sum to one.
 
