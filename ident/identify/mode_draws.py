@@ -11,6 +11,8 @@ FEWEST = 1 / 8
 """Share of the draws that count at least: else likelihoods are flattened until so many do."""
 KERNEL = 0.5
 """Standard deviation of a new draw about an old one, over that of all."""
+HALVINGS = 40
+"""Steps in which the power is found by which likelihoods are flattened."""
 DEFENSIVE = 0.1
 """Share of new draws that come from the prior again."""
 NARROW = 1e-3
@@ -31,14 +33,12 @@ def shares(logs: Float[np.ndarray, "D"], fewest: float = FEWEST) -> Float[np.nda
     few draws can resolve, one of them would decide alone, though by chance it is the nearest.
     """
     low, high = 0.0, 1.0
-    own = _normalised(logs)
-    if 1 / (own**2).sum() >= fewest * len(logs):
-        return own
-    for _ in range(30):
+    if _count(share := _flattened(logs, 1.0)) >= fewest * len(logs):
+        return share
+    for _ in range(HALVINGS):
         middle = (low + high) / 2
-        own = _normalised(middle * logs)
-        low, high = (middle, high) if 1 / (own**2).sum() >= fewest * len(logs) else (low, middle)
-    return _normalised(low * logs)
+        low, high = (middle, high) if _count(_flattened(logs, middle)) >= fewest * len(logs) else (low, middle)
+    return _flattened(logs, low)
 
 
 def nearer(
@@ -96,5 +96,10 @@ def _log_prior(parameters: Parameters, theta: Float[np.ndarray, "P D"]) -> Float
     return -(residuals**2).sum(0) / 2 - np.log(2 * flat + sd * np.sqrt(2 * np.pi)).sum()
 
 
-def _normalised(logs: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
-    return np.exp(logs - logsumexp(logs))
+def _flattened(logs: Float[np.ndarray, "D"], power: float) -> Float[np.ndarray, "D"]:
+    own = np.where(np.isfinite(logs), power * np.where(np.isfinite(logs), logs, 0.0), -np.inf)
+    return np.exp(own - logsumexp(own))
+
+
+def _count(share: Float[np.ndarray, "D"]) -> float:
+    return float(1 / (share**2).sum())
