@@ -20,18 +20,15 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.stats import binom, chi2
 from timing import commit, machine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 import quickly  # noqa: F401  # the programs of fits compiled with half the effort
+from shaken import PLACES, hammered, shaken
 
 from ident.arm.arm import Arm
-from ident.arm.chain import at_posture
-from ident.arm.modes import linearize
-from ident.arm.motors import point_motion
 from ident.arm.parts import Point
 from ident.assess.identified_modes import IdentifiedModes, modal_campaign
 from ident.description.file import ArmFile, read_arm
@@ -41,32 +38,12 @@ from ident.identify.mode_labels import Measured, label_modes
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.measure import OWN_WEIGHT, Campaign
 from ident.modal.estimate import Modes, modes_of, together
-from ident.modal.frf import Frf, Place
 from ident.modal.stabilisation import mac
 from ident.studies.fit import FitOptions, fit
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 POSTURES = tuple(tuple(np.radians(a) * np.array([1.0, -2.0, 1.0])) for a in (0.0, 60.0))
-LINES = np.arange(1.0, 24.0, 0.05)
-PLACES = tuple(Place(point, axis) for point in ("tip", "elbow") for axis in ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 SPREAD = 0.2
-HITS = 5
-
-
-@dataclass(frozen=True)
-class Shaken:
-    """An arm at a posture as a linear system."""
-
-    M: np.ndarray
-    C: np.ndarray
-    H: np.ndarray
-    rows: np.ndarray
-
-    def accelerance(self, frequency):
-        """B s^2 (s^2 M + s C + H)^-1 B', responses by references by lines."""
-        s = 2j * np.pi * frequency[:, None, None]
-        moved = np.linalg.solve(s**2 * self.M + s * self.C + self.H, self.rows.T[None])
-        return np.moveaxis(s**2 * (self.rows @ moved), 0, -1)[:, :2]
 
 
 @dataclass(frozen=True)
@@ -77,31 +54,6 @@ class Test:
     posture: tuple[float, ...]
     load: object = OWN_WEIGHT
     drives: str = "brake"
-
-
-def hammered(structure: Shaken, noise: float, rng: np.random.Generator) -> Frf:
-    """Return the hits of a test, with noise as a share of the largest response of each accelerometer."""
-    clean = structure.accelerance(LINES)
-    size = noise * np.sqrt((np.abs(clean) ** 2).mean(-1)).max(1)[:, None, None]
-    scatter = rng.normal(size=(HITS, *clean.shape, 2)) @ np.array([1, 1j]) / np.sqrt(2)
-    return Frf(LINES, clean + size * scatter, PLACES, PLACES[:2], 0.0)
-
-
-def shaken(arm: Arm, posture: tuple[float, ...]) -> Shaken:
-    """Return the arm's equations at a posture and how its coordinates move the places."""
-    names = [point.name for point in arm.points]
-    found = linearized(arm, jnp.asarray(posture))
-    rows = [np.asarray(found[1])[:, names.index(place.point)].T @ np.array(place.direction) for place in PLACES]
-    return Shaken(*(np.asarray(each) for each in found[0]), np.array(rows))
-
-
-@jax.jit
-def linearized(arm: Arm, posture):
-    """Return M, C, H and how each coordinate moves the points (3, P, n)."""
-    chain = at_posture(arm, posture)
-    linear = linearize(chain)
-    unit = jnp.eye(len(linear.M))
-    return (linear.M, linear.C, linear.H), jax.vmap(lambda v: point_motion(chain, linear.phi, v), 1, 2)(unit)
 
 
 def measured(true: Arm, rng: np.random.Generator, kept: Path | None) -> tuple[float, list[Modes]]:
