@@ -20,10 +20,9 @@ def test_a_damped_mode_beyond_the_band_does_not_take_the_place_of_one_within():
     arm = read_arm(DATA / "lcd_arm" / "arm.toml").arm
     arm = replace(arm, points=(Point("elbow", arm.joints[2].name, (0.0, 0.0, 0.0)), *arm.points))
     parameters = stiffness_parameters(arm, Unknowns())
-    theta = np.asarray(parameters.theta(parameters.column("start"))) + [0.08, 0.1, -0.11, 0.31, -0.28, 0.09]
-    true = shaken(
-        arm.replace(parameters.by_path(np.asarray(parameters.values(theta)))), tuple(np.radians([60.0, -120.0, 60.0]))
-    )
+    off = np.array([0.08, 0.1, -0.11, 0.31, -0.28, 0.09])
+    values = np.asarray(parameters.values(np.asarray(parameters.theta(parameters.column("start"))) + off))
+    true = shaken(arm.replace(parameters.by_path(values)), tuple(np.radians([60.0, -120.0, 60.0])))
     modes = modes_of(hammered(true, 0.02, np.random.default_rng(42)))
     poles = true.poles[np.argsort(np.abs(true.poles))][:5]
     assert len(modes.frequency) == 5
