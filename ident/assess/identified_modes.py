@@ -8,7 +8,7 @@ from jaxtyping import Complex, Float
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
-from ident.identify.mode_labels import ModeLabels, label_modes
+from ident.identify.mode_labels import Measured, ModeLabels, label_modes
 from ident.inference.parameters import Parameters
 from ident.measure import DEFINITIONS, Campaign, Measurement
 from ident.measure.covariance import Covariance, Group
@@ -76,20 +76,17 @@ def identify_modes(
             remedy = "postures are numbered as in the report"
             raise InputError(Problem("modes", f"posture {number}", f"1 to {len(tests)}", remedy))
     modes = _together([_modes(test, near.get(number)) for number, test in enumerate(tests, 1)])
-    return tuple(
-        IdentifiedModes(each, label_modes(arm, test.posture, each, parameters, test.load, seed=seed))
-        for test, each in zip(tests, modes, strict=True)
-    )
+    measured = [Measured(test.posture, each, test.load) for test, each in zip(tests, modes, strict=True)]
+    labels = label_modes(arm, measured, parameters, seed=seed)
+    return tuple(IdentifiedModes(*pair) for pair in zip(modes, labels, strict=True))
 
 
 def name_modes(
     arm: Arm, tests: Sequence[FinishedTest], parameters: Parameters, *, seed: int = 0
 ) -> tuple[NamedModes, ...]:
     """Name finished modes of each file, see `identify_modes`."""
-    return tuple(
-        NamedModes(test.modes, label_modes(arm, test.posture, test.modes, parameters, test.load, seed=seed))
-        for test in tests
-    )
+    labels = label_modes(arm, [Measured(test.posture, test.modes, test.load) for test in tests], parameters, seed=seed)
+    return tuple(NamedModes(test.modes, own) for test, own in zip(tests, labels, strict=True))
 
 
 def _modes(test: ModalTest | AmbientTest, near: tuple[float, ...] | None) -> Modes | OperationalModes:

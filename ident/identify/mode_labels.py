@@ -1,9 +1,9 @@
-"""Labels of measured modes: their shapes at the accelerometers against the arm's, over draws of the prior."""
+"""Labels of measured modes: their shapes at the accelerometers against those of arms that may be the measured one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -12,6 +12,7 @@ from ident.arm.labels import Label, labels_of_shares, torsion_share, vertical_sh
 from ident.arm.modes import Modes as Computed
 from ident.errors import InputError, Problem
 from ident.identify.modal_analysis import modal_solution
+from ident.identify.mode_draws import nearer, prior_draws, shares
 from ident.inference.parameters import Parameters
 from ident.measure import OWN_WEIGHT, Load
 from ident.modal.assignment import likelihoods, pair_probabilities
@@ -21,7 +22,10 @@ from ident.modal.modal_parameters import ModalParameters
 from ident.modal.stabilisation import mac
 
 DRAWS = 128
-"""Draws of the prior."""
+"""Draws of an arm."""
+FREQUENCY_SD = (0.3, 0.3, 0.2, 0.1)
+"""How far computed frequencies are off, in ln, from round to round of drawing: at first as draws are sparse, at last by
+what a model leaves out."""
 MORE = 3
 """Computed modes beyond the number of measured ones."""
 MOST = 12
@@ -53,66 +57,99 @@ class ModeLabels:
     why: tuple[str, ...]
 
 
-def label_modes(
-    arm: Arm,
-    posture: tuple[float, ...],
-    modes: ModalParameters | FinishedModes,
-    parameters: Parameters,
-    load: Load = OWN_WEIGHT,
-    *,
-    draws: int = DRAWS,
-    seed: int = 0,
-) -> ModeLabels:
-    """Name measured modes by their shapes, with the probability of each name.
+class Measured(NamedTuple):
+    """Modes of one posture.
 
-    For each draw of the prior the shapes of the lowest modes are computed at the places of the responses, and the
+    Attributes:
+        posture: (driven,) [rad] of the test.
+        modes: what was measured there.
+        load: of the test.
+    """
+
+    posture: tuple[float, ...]
+    modes: ModalParameters | FinishedModes
+    load: Load = OWN_WEIGHT
+
+
+def label_modes(
+    arm: Arm, tests: Sequence[Measured], parameters: Parameters, *, draws: int = DRAWS, seed: int = 0
+) -> tuple[ModeLabels, ...]:
+    """Name the measured modes of all postures by their shapes, with the probability of each name.
+
+    For each draw of an arm the shapes of the lowest modes are computed at the places of the responses, and the
     measured ones compared with them (`ident.modal.assignment`): no computed mode is two measured ones, none is matched
-    by order. What a mode of a draw is called counts for that draw alone, so that a mode named by a near draw has two
-    names with a probability each.
+    by order. It is one arm in all postures: a draw counts by how probable it makes the modes of all of them. Draws of
+    the prior are few and far from it, so that further ones are made near those that count, in several rounds
+    (`ident.identify.mode_draws`). What a mode of a draw is called counts for that draw alone, so that a mode named by a
+    near draw has two names with a probability each.
 
     Args:
         arm: the arm, with the points at which was measured.
-        posture: (driven,) [rad] of the test.
-        modes: what was measured there.
+        tests: what was measured in each posture.
         parameters: the unknowns with their priors.
-        load: of the test.
-        draws: of the prior.
+        draws: of an arm in each round.
         seed: of the draws.
 
     Raises:
         InputError: a response was measured at a point that the arm has not.
     """
-    directions = _directions(arm, modes.responses)
-    count = min(len(modes.frequency) + MORE, 3 * len(arm.joints), MOST)
-    computed = modal_solution(drawn_arms(arm, parameters, draws, seed), posture, load).modes
-    hertz, motion = (np.asarray(x) for x in (computed.frequency[:count], computed.motion[:, :, :count]))
-    sound = np.isfinite(hertz).all(0)
-    shapes, frequency = np.einsum("opc,cpmd->omd", directions, motion)[..., sound], hertz[:, sound]
-    logs = np.array(
-        [
-            [
-                likelihoods(y, modes.of_shape([r]), shapes[..., d], frequency[:, d], float(f))
-                for r, (y, f) in enumerate(zip(modes.shape.T, modes.frequency, strict=True))
-            ]
-            for d in range(shapes.shape[-1])
-        ]
-    )
-    band = modes.band
-    pairs, weight = pair_probabilities(logs, ((frequency > band[0]) & (frequency < band[1])).T)
-    names = _names(computed, count, np.flatnonzero(sound))
-    labels, probability = _by_label(names, pairs, weight)
-    return _verdict(
-        labels, probability, mac(modes.shape, shapes[..., 0].astype(complex)), tuple(names[0]), shapes[..., 0]
-    )
-
-
-def drawn_arms(arm: Arm, parameters: Parameters, draws: int, seed: int) -> Arm:
-    """Return the arm as it is and with numbers drawn from the prior, as a batch."""
-    uniform = np.random.default_rng(seed).uniform(size=(len(parameters.items), draws))
+    rng = np.random.default_rng(seed)
     start = np.asarray(parameters.theta(parameters.column("start")))[:, None]
-    theta = np.where(parameters.proper[:, None], np.asarray(parameters.from_uniform(jnp.asarray(uniform))), start)
-    values = np.asarray(parameters.values(np.concatenate([start, theta], 1)))
-    return arm.replace(parameters.by_path(values))
+    theta = np.concatenate([start, prior_draws(parameters, draws, rng)], 1)
+    weight, first = np.zeros(draws + 1), None
+    for sd in FREQUENCY_SD:
+        if first is not None:
+            theta, weight = nearer(parameters, theta, share, rng)
+        compared = [_compared(_drawn(arm, parameters, theta), test, sd) for test in tests]
+        share = shares(sum((each.log for each in compared), weight))
+        first = first or compared
+    return tuple(
+        _verdict(*_by_label(each.names, each.pairs, share), own) for each, own in zip(compared, first, strict=True)
+    )
+
+
+class _Compared(NamedTuple):
+    """Measured modes of a posture beside those of each draw.
+
+    Attributes:
+        names: of the modes of each draw.
+        pairs: (D, R, m) probability of each pair.
+        log: (D,) ln(likelihood) of each draw; minus infinity where it has no stable equilibrium.
+        mac: (R, m) of measured shapes with those of the first draw that has one.
+        shapes: (O, m) of that draw.
+        first: its place.
+    """
+
+    names: list[list[Label]]
+    pairs: Float[np.ndarray, "D R m"]
+    log: Float[np.ndarray, "D"]
+    mac: Float[np.ndarray, "R m"]
+    shapes: Float[np.ndarray, "O m"]
+    first: int
+
+
+def _compared(arms: Arm, test: Measured, frequency_sd: float) -> _Compared:
+    modes = test.modes
+    directions = _directions(arms, modes.responses)
+    count = min(len(modes.frequency) + MORE, 3 * len(arms.joints), MOST)
+    computed = modal_solution(arms, test.posture, test.load).modes
+    frequency, motion = (np.asarray(x) for x in (computed.frequency[:count], computed.motion[:, :, :count]))
+    sound = np.isfinite(frequency).all(0)
+    shapes = np.einsum("opc,cpmd->omd", directions, motion)
+    own = shapes[..., sound], frequency[:, sound]
+    each = zip(modes.shape.T, modes.frequency.tolist(), strict=True)
+    logs = [likelihoods(y, modes.of_shape([r]), *own, f, frequency_sd) for r, (y, f) in enumerate(each)]
+    pairs, log = np.zeros((len(sound), len(logs), count)), np.full(len(sound), -np.inf)
+    band = modes.band
+    pairs[sound], log[sound] = pair_probabilities(np.stack(logs, 1), ((own[1] > band[0]) & (own[1] < band[1])).T)
+    first = int(np.argmax(sound))
+    alike = mac(modes.shape, shapes[..., first].astype(complex))
+    return _Compared(_names(computed, count), pairs, log, alike, shapes[..., first], first)
+
+
+def _drawn(arm: Arm, parameters: Parameters, theta: Float[np.ndarray, "P D"]) -> Arm:
+    """Return arms of draws, as a batch."""
+    return arm.replace(parameters.by_path(np.asarray(parameters.values(theta))))
 
 
 def _directions(arm: Arm, places: Sequence[Place]) -> Float[np.ndarray, "O P 3"]:
@@ -127,10 +164,10 @@ def _directions(arm: Arm, places: Sequence[Place]) -> Float[np.ndarray, "O P 3"]
     return out
 
 
-def _names(computed: Computed, count: int, draws: np.ndarray) -> list[list[Label]]:
+def _names(computed: Computed, count: int) -> list[list[Label]]:
     """Return what the lowest modes of each draw are called."""
     torsion, vertical = np.asarray(torsion_share(computed)), np.asarray(vertical_share(computed))
-    return [labels_of_shares(torsion[:, d], vertical[:, d])[:count] for d in draws]
+    return [labels_of_shares(torsion[:, d], vertical[:, d])[:count] for d in range(torsion.shape[1])]
 
 
 def _by_label(
@@ -144,20 +181,14 @@ def _by_label(
     return labels, probability
 
 
-def _verdict(
-    labels: tuple[Label, ...],
-    probability: Float[np.ndarray, "R L"],
-    likeness: Float[np.ndarray, "R m"],
-    computed: tuple[Label, ...],
-    shapes: Float[np.ndarray, "O m"],
-) -> ModeLabels:
-    given, why = [], []
+def _verdict(labels: tuple[Label, ...], probability: Float[np.ndarray, "R L"], start: _Compared) -> ModeLabels:
+    given, why, computed = [], [], tuple(start.names[start.first])
     for row in probability:
         first, second = np.argsort(row)[::-1][:2].tolist()
         sure = bool(row[first] >= CERTAIN)
         given.append(labels[first] if sure else None)
-        why.append("" if sure else _doubt(labels, row, (first, second), computed, shapes))
-    return ModeLabels(labels, probability, likeness, computed, tuple(given), tuple(why))
+        why.append("" if sure else _doubt(labels, row, (first, second), computed, start.shapes))
+    return ModeLabels(labels, probability, start.mac, computed, tuple(given), tuple(why))
 
 
 def _doubt(

@@ -11,8 +11,6 @@ INEXACT = 0.15
 """How far a computed shape is off, as a share of its length: places, directions, what the model leaves out."""
 COUPLING = 0.05
 """How far squared frequencies are off, as a share: it mixes the shapes of modes that are near each other."""
-FREQUENCY_SD = 0.3
-"""How far computed frequencies are off beyond their draws, in ln."""
 NODES = 9
 """Tangents of angles at which mixed shapes are computed."""
 UNSEEN = 0.05
@@ -24,10 +22,11 @@ NONE = 0.02
 def likelihoods(
     shape: Complex[np.ndarray, "O"],
     covariance: Float[np.ndarray, "n n"],
-    computed: Float[np.ndarray, "O m"],
-    frequency: Float[np.ndarray, "m"],
+    computed: Float[np.ndarray, "O m D"],
+    frequency: Float[np.ndarray, "m D"],
     measured: float,
-) -> Float[np.ndarray, "m"]:
+    frequency_sd: float,
+) -> Float[np.ndarray, "D m"]:
     """Return ln(likelihood of a measured shape) for each computed one, over that of a shape of no mode.
 
     The measured shape is a multiple c of the computed one, c complex and of any size, with its own covariance and an
@@ -40,9 +39,10 @@ def likelihoods(
     Args:
         shape: of the measured mode.
         covariance: its own, real parts first.
-        computed: shapes at the same places, mass-normalised.
+        computed: shapes at the same places, mass-normalised, of D draws of what computes them.
         frequency: [Hz] of the computed modes.
-        measured: [Hz] of the measured one; the frequencies agree to within `FREQUENCY_SD` only.
+        measured: [Hz] of the measured one.
+        frequency_sd: how far computed frequencies are off beyond their draws, in ln.
 
     References:
         Fox, Kapoor, "Rates of change of eigenvalues and eigenvectors", AIAA J. 6, 1968 (mixing).
@@ -52,51 +52,43 @@ def likelihoods(
     S = covariance / length**2 + np.eye(2 * outputs) * INEXACT**2 / (2 * outputs)
     tangents, weights = hermegauss(NODES)
     partner, kappa = _neighbours(frequency)
-    turned = computed[:, None] + computed[:, partner][:, None] * kappa * tangents[:, None]
+    beside = np.take_along_axis(computed, partner[None], 1)
+    turned = computed[:, None] + beside[:, None] * kappa * tangents[:, None, None]
     turned /= np.linalg.norm(turned, axis=0)
-    logs = _log_density(np.concatenate([unit.real, unit.imag]), S, _doubled(turned.reshape(outputs, -1)))
-    mixed = logsumexp(logs.reshape(NODES, -1), 0, b=weights[:, None] / weights.sum())
-    return mixed - (gammaln(outputs) - (outputs - 1) * math.log(math.pi)) + _by_frequency(frequency, measured)
+    logs = _log_density(np.concatenate([unit.real, unit.imag]), S, turned.reshape(outputs, -1))
+    mixed = logsumexp(logs.reshape(NODES, *frequency.shape), 0, b=weights[:, None, None] / weights.sum())
+    found = mixed - (gammaln(outputs) - (outputs - 1) * math.log(math.pi))
+    return (found - (np.log(frequency / measured) / frequency_sd) ** 2 / 2).T
 
 
-def _neighbours(frequency: Float[np.ndarray, "m"]) -> tuple[Int[np.ndarray, "m"], Float[np.ndarray, "m"]]:
+def _neighbours(frequency: Float[np.ndarray, "m D"]) -> tuple[Int[np.ndarray, "m D"], Float[np.ndarray, "m D"]]:
     """Return the mode that each mixes with most, and by how much."""
     gap = np.abs(frequency[:, None] ** 2 - frequency**2)
-    product = frequency[:, None] * frequency * (1 - np.eye(len(frequency)))
+    product = frequency[:, None] * frequency * (1 - np.eye(len(frequency)))[..., None]
     kappa = np.minimum(COUPLING * product / np.maximum(gap, COUPLING * np.maximum(product, 1e-300)), 1.0)
     partner = np.argmax(kappa, 1)
     return partner, np.take_along_axis(kappa, partner[:, None], 1)[:, 0]
 
 
-def _by_frequency(frequency: Float[np.ndarray, "m"], measured: float) -> Float[np.ndarray, "m"]:
-    return -((np.log(frequency / measured) / FREQUENCY_SD) ** 2) / 2
-
-
-def _doubled(shapes: Float[np.ndarray, "O n"]) -> Float[np.ndarray, "n two_O two"]:
-    """Return what the real and the imaginary part of a factor do."""
-    outputs, count = shapes.shape
-    out = np.zeros((count, 2 * outputs, 2))
-    out[:, :outputs, 0] = out[:, outputs:, 1] = shapes.T
-    return out
-
-
 def _log_density(
-    y: Float[np.ndarray, "k"], S: Float[np.ndarray, "k k"], A: Float[np.ndarray, "n k two"]
+    y: Float[np.ndarray, "k"], S: Float[np.ndarray, "k k"], shapes: Float[np.ndarray, "O n"]
 ) -> Float[np.ndarray, "n"]:
-    """Return ln of the integral over c of the normal density of y about A c with covariance S."""
-    factor = np.linalg.cholesky(S)
-    white, columns = np.linalg.solve(factor, y), np.linalg.solve(factor, A)
-    information = np.swapaxes(columns, 1, 2) @ columns
-    c = np.linalg.solve(information, (np.swapaxes(columns, 1, 2) @ white)[..., None])
-    squared = ((white - (columns @ c)[..., 0]) ** 2).sum(1)
-    determinants = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(information)[1]
+    """Return ln of the integral over c of the normal density of y about c times each shape, with covariance S."""
+    inverse, outputs = np.linalg.inv(np.linalg.cholesky(S)), len(shapes)
+    white = inverse @ y
+    real, imaginary = inverse[:, :outputs] @ shapes, inverse[:, outputs:] @ shapes  # what both parts of c do
+    a, b, d = (real**2).sum(0), (real * imaginary).sum(0), (imaginary**2).sum(0)
+    p, q = white @ real, white @ imaginary
+    determinant = a * d - b**2
+    squared = white @ white - (d * p**2 - 2 * b * p * q + a * q**2) / determinant
+    determinants = np.log(determinant) - 2 * np.log(np.diag(inverse)).sum()
     return -(squared + determinants + (len(y) - 2) * math.log(2 * math.pi)) / 2
 
 
 def pair_probabilities(
     logs: Float[np.ndarray, "D R m"], within: Bool[np.ndarray, "D m"]
 ) -> tuple[Float[np.ndarray, "D R m"], Float[np.ndarray, "D"]]:
-    """Return the probability of each pair, and of each draw, over all ways to pair measured modes with computed ones.
+    """Return the probability of each pair, and ln(likelihood) of each draw, over all ways to pair modes.
 
     No computed mode is two measured ones, and a measured one may be none: what is missing of a row's sum to one.
 
@@ -126,7 +118,7 @@ def pair_probabilities(
         behind = before
     total = behind[:, 0]
     log_draw = np.log(total) + height.sum(1)
-    return pairs / total[:, None, None], np.exp(log_draw - logsumexp(log_draw))
+    return pairs / total[:, None, None], log_draw
 
 
 def _next(

@@ -53,7 +53,7 @@ def select(
     References:
         Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978.
     """
-    fit, rejected = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
+    fit, rejected = _begun(frf, noise, start, real)
     for _ in range(MOST_ADDED):
         more = _with_one_more(frf, noise, fit, _beyond(frf), real)
         if more is None and candidates is not None:
@@ -63,6 +63,20 @@ def select(
             break
         fit, rejected = larger, [*rejected, *lost]
     return fit, tuple(rejected)
+
+
+def _begun(frf: Frf, noise: Noise, start: ModalModel, real: bool) -> tuple[Likelihood, list[Rejected]]:
+    """Return the fit of a start without what is no mode; where that loses one, with a mode outside the band if better.
+
+    Where such a mode's tail is more than residuals can be, the search makes it of a mode that the start has within the
+    band, which is lost then: the mode outside has to be there from the beginning.
+    """
+    found = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
+    if not found[1]:
+        return found
+    starts = [_start_with(frf, noise, start, pole) for pole in _beyond(frf)]
+    others = [_pruned(frf, noise, maximise(frf, noise, each, real=real), real) for each in starts]
+    return min([found, *others], key=lambda each: _schwarz(frf, each[0]))
 
 
 def _with_one_more(

@@ -7,17 +7,22 @@ import pytest
 from arms import DATA
 from known_modes import Truth, hammer_test
 
+from ident.arm.parts import Point
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.modal_analysis import modal_analysis
-from ident.identify.mode_labels import label_modes
+from ident.identify.mode_draws import nearer, prior_draws, shares
+from ident.identify.mode_labels import Measured, label_modes
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.modal.estimate import modes_of
+from ident.modal.finished import FinishedModes
 from ident.modal.frf import Place
 
 POSTURE = tuple(np.radians([60.0, -120.0, 60.0]))
 """Lateral torsion 1 and vertical bending 1 are 2.2 % apart."""
 LINES = np.arange(1.0, 18.0, 0.05)
+OFF = np.array([-0.27, -0.36, -0.32, -0.27, 0.28, 0.18])
+"""ln(stiffness) of an arm over its file's: at 60 degrees its third lateral torsion lies beyond the lateral bending."""
 ALONG = {"y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -45,7 +50,8 @@ def measured(arm, directions, noise=0.01):
 @pytest.fixture(scope="module")
 def named(arm, first_guess):
     parameters = stiffness_parameters(first_guess, Unknowns())
-    return {axes: label_modes(first_guess, POSTURE, measured(arm, axes), parameters, draws=64) for axes in ("yz", "z")}
+    each = {axes: [Measured(POSTURE, measured(arm, axes))] for axes in ("yz", "z")}
+    return {axes: label_modes(first_guess, tests, parameters, draws=64)[0] for axes, tests in each.items()}
 
 
 def test_two_modes_two_percent_apart_are_labelled_from_two_directions(named):
@@ -70,4 +76,55 @@ def test_a_point_that_the_arm_has_not_is_refused(arm, first_guess):
     modes = measured(arm, "yz")
     lost = replace(modes, frf=replace(modes.frf, responses=(Place("elbow", ALONG["y"]),) * 2))
     with pytest.raises(InputError, match="no point elbow, expected one of tip"):
-        label_modes(first_guess, POSTURE, lost, stiffness_parameters(first_guess, Unknowns()), draws=2)
+        label_modes(first_guess, [Measured(POSTURE, lost)], stiffness_parameters(first_guess, Unknowns()), draws=2)
+
+
+def exact(arm, posture):
+    """The five lowest modes of an arm as another program may have found them, exact to a percent of the shape."""
+    known = modal_analysis(arm, posture, modes=5)
+    names = [point.name for point in arm.points]
+    places = tuple(Place(point, ALONG[axis]) for point in ("tip", "elbow") for axis in "yz")
+    shape = np.array([np.array(p.direction) @ known.modes.motion[:, names.index(p.point)] for p in places])
+    frequency, ratio = np.asarray(known.modes.frequency), np.asarray(known.damping_ratio)
+    largest = np.repeat(np.abs(shape).max(0), 2 * len(shape))
+    sd = np.concatenate([1e-3 * frequency, 0.1 * ratio, 0.01 * largest])
+    return FinishedModes(frequency, ratio, shape.astype(complex), sd, places, "undamped"), known.labels
+
+
+def test_it_is_one_arm_in_all_postures_and_draws_come_near_it(arm):
+    """By draws of the prior alone the last mode at 60 degrees was called lateral torsion 3, with a probability of 1."""
+    arm = replace(arm, points=(Point("elbow", arm.joints[2].name, (0.0, 0.0, 0.0)), *arm.points))
+    parameters = stiffness_parameters(arm, Unknowns())
+    theta = np.asarray(parameters.theta(parameters.column("start"))) + OFF
+    true = arm.replace(parameters.by_path(np.asarray(parameters.values(theta))))
+    each = [exact(true, posture) for posture in ((0.0, 0.0, 0.0), POSTURE)]
+    tests = [Measured(q, modes) for q, (modes, _) in zip(((0.0, 0.0, 0.0), POSTURE), each, strict=True)]
+    labels = label_modes(arm, tests, parameters)
+    for sure, own, (_, meant) in zip((3, 4), labels, each, strict=True):
+        assert own.given[:sure] == meant[:sure]
+        assert all(given in (None, name) for given, name in zip(own.given, meant, strict=True))
+
+
+def test_draws_near_those_that_count_have_the_posterior_of_a_normal_likelihood(arm):
+    """Importance sampling in rounds against the closed form: N(0, 1) prior, N(theta; 1, 0.3^2) likelihood of each."""
+    parameters, rng = stiffness_parameters(arm, Unknowns()), np.random.default_rng(7)
+    centre = np.asarray(parameters.theta(parameters.column("centre")))[:, None]
+    theta, weight = prior_draws(parameters, 2000, rng), np.zeros(2000)
+    for _ in range(3):
+        share = shares(weight - (((theta - centre - 1) / 0.3) ** 2).sum(0) / 2)
+        theta, weight = nearer(parameters, theta, share, rng)
+    share = shares(weight - (((theta - centre - 1) / 0.3) ** 2).sum(0) / 2)
+    mean = (theta - centre) @ share
+    sd = np.sqrt(((theta - centre - mean[:, None]) ** 2) @ share)
+    precision = 1 + 1 / 0.3**2
+    assert mean == pytest.approx(np.full(6, (precision - 1) / precision), abs=0.05)
+    assert sd == pytest.approx(np.full(6, precision**-0.5), rel=0.15)
+
+
+def test_too_few_draws_do_not_decide_alone():
+    logs = np.array([0.0, -20.0, -30.0, *np.full(13, -40.0)])
+    share = shares(logs)
+    assert 1 / (share**2).sum() == pytest.approx(2.0, rel=1e-3)
+    assert (np.diff(share) <= 0).all()
+    equal = shares(np.log(np.full(8, 0.125)))
+    assert equal == pytest.approx(np.full(8, 0.125))
