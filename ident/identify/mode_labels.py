@@ -90,13 +90,10 @@ def label_modes(
     shapes, frequency = np.einsum("opc,cpmd->omd", directions, motion)[..., sound], hertz[:, sound]
     logs = np.array(
         [
-            [
-                likelihoods(y, modes.of_shape([r]), shapes[..., d], frequency[:, d], float(f))
-                for r, (y, f) in enumerate(zip(modes.shape.T, modes.frequency, strict=True))
-            ]
-            for d in range(shapes.shape[-1])
+            likelihoods(y, modes.of_shape([r]), shapes, frequency, float(f))
+            for r, (y, f) in enumerate(zip(modes.shape.T, modes.frequency, strict=True))
         ]
-    )
+    ).transpose(2, 0, 1)
     band = modes.band
     pairs, weight = pair_probabilities(logs, ((frequency > band[0]) & (frequency < band[1])).T)
     names = _names(computed, count, np.flatnonzero(sound))

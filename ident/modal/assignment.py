@@ -5,6 +5,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from numpy.polynomial.hermite_e import hermegauss
+from scipy.linalg import solve_triangular
 from scipy.special import gammaln, logsumexp
 
 INEXACT = 0.15
@@ -24,10 +25,10 @@ NONE = 0.02
 def likelihoods(
     shape: Complex[np.ndarray, "O"],
     covariance: Float[np.ndarray, "n n"],
-    computed: Float[np.ndarray, "O m"],
-    frequency: Float[np.ndarray, "m"],
+    computed: Float[np.ndarray, "O m *D"],
+    frequency: Float[np.ndarray, "m *D"],
     measured: float,
-) -> Float[np.ndarray, "m"]:
+) -> Float[np.ndarray, "m *D"]:
     """Return ln(likelihood of a measured shape) for each computed one, over that of a shape of no mode.
 
     The measured shape is a multiple c of the computed one, c complex and of any size, with its own covariance and an
@@ -40,7 +41,7 @@ def likelihoods(
     Args:
         shape: of the measured mode.
         covariance: its own, real parts first.
-        computed: shapes at the same places, mass-normalised.
+        computed: shapes at the same places, mass-normalised; of one computation or of a batch of them.
         frequency: [Hz] of the computed modes.
         measured: [Hz] of the measured one; the frequencies agree to within `FREQUENCY_SD` only.
 
@@ -52,45 +53,45 @@ def likelihoods(
     S = covariance / length**2 + np.eye(2 * outputs) * INEXACT**2 / (2 * outputs)
     tangents, weights = hermegauss(NODES)
     partner, kappa = _neighbours(frequency)
-    turned = computed[:, None] + computed[:, partner][:, None] * kappa * tangents[:, None]
+    beside = np.take_along_axis(computed, partner[None], 1) * kappa
+    turned = computed[:, None] + beside[:, None] * tangents.reshape(-1, *(1,) * frequency.ndim)
     turned /= np.linalg.norm(turned, axis=0)
-    logs = _log_density(np.concatenate([unit.real, unit.imag]), S, _doubled(turned.reshape(outputs, -1)))
-    mixed = logsumexp(logs.reshape(NODES, -1), 0, b=weights[:, None] / weights.sum())
+    logs = _log_density(np.concatenate([unit.real, unit.imag]), S, turned.reshape(outputs, -1))
+    mixed = logsumexp(logs.reshape(NODES, -1), 0, b=weights[:, None] / weights.sum()).reshape(frequency.shape)
     return mixed - (gammaln(outputs) - (outputs - 1) * math.log(math.pi)) + _by_frequency(frequency, measured)
 
 
-def _neighbours(frequency: Float[np.ndarray, "m"]) -> tuple[Int[np.ndarray, "m"], Float[np.ndarray, "m"]]:
+def _neighbours(frequency: Float[np.ndarray, "m *D"]) -> tuple[Int[np.ndarray, "m *D"], Float[np.ndarray, "m *D"]]:
     """Return the mode that each mixes with most, and by how much."""
     gap = np.abs(frequency[:, None] ** 2 - frequency**2)
-    product = frequency[:, None] * frequency * (1 - np.eye(len(frequency)))
+    product = frequency[:, None] * frequency
+    product[np.diag_indices(len(frequency))] = 0.0
     kappa = np.minimum(COUPLING * product / np.maximum(gap, COUPLING * np.maximum(product, 1e-300)), 1.0)
-    partner = np.argmax(kappa, 1)
-    return partner, np.take_along_axis(kappa, partner[:, None], 1)[:, 0]
+    return np.argmax(kappa, 1), kappa.max(1)
 
 
 def _by_frequency(frequency: Float[np.ndarray, "m"], measured: float) -> Float[np.ndarray, "m"]:
     return -((np.log(frequency / measured) / FREQUENCY_SD) ** 2) / 2
 
 
-def _doubled(shapes: Float[np.ndarray, "O n"]) -> Float[np.ndarray, "n two_O two"]:
-    """Return what the real and the imaginary part of a factor do."""
-    outputs, count = shapes.shape
-    out = np.zeros((count, 2 * outputs, 2))
-    out[:, :outputs, 0] = out[:, outputs:, 1] = shapes.T
-    return out
-
-
 def _log_density(
-    y: Float[np.ndarray, "k"], S: Float[np.ndarray, "k k"], A: Float[np.ndarray, "n k two"]
+    y: Float[np.ndarray, "two_O"], S: Float[np.ndarray, "two_O two_O"], shapes: Float[np.ndarray, "O n"]
 ) -> Float[np.ndarray, "n"]:
-    """Return ln of the integral over c of the normal density of y about A c with covariance S."""
-    factor = np.linalg.cholesky(S)
-    white, columns = np.linalg.solve(factor, y), np.linalg.solve(factor, A)
-    information = np.swapaxes(columns, 1, 2) @ columns
-    c = np.linalg.solve(information, (np.swapaxes(columns, 1, 2) @ white)[..., None])
-    squared = ((white - (columns @ c)[..., 0]) ** 2).sum(1)
-    determinants = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(information)[1]
-    return -(squared + determinants + (len(y) - 2) * math.log(2 * math.pi)) / 2
+    """Return ln of the integral over c of the normal density of y about c times each shape, with covariance S.
+
+    y has real parts first. What is left of it lies beside the plane that the two parts of c span: by Gram and Schmidt.
+    """
+    factor, outputs = np.linalg.cholesky(S), len(shapes)
+    inverse = solve_triangular(factor, np.eye(len(S)), lower=True)
+    white, real, imag = inverse @ y, inverse[:, :outputs] @ shapes, inverse[:, outputs:] @ shapes
+    first = np.linalg.norm(real, axis=0)
+    real /= first
+    imag -= real * (real * imag).sum(0)
+    second = np.linalg.norm(imag, axis=0)
+    left = white[:, None] - real * (white @ real)
+    left -= imag / second * (white @ (imag / second))
+    determinants = 2 * np.log(np.diag(factor)).sum() + 2 * np.log(first * second)
+    return -((left**2).sum(0) + determinants + (len(y) - 2) * math.log(2 * math.pi)) / 2
 
 
 def pair_probabilities(
