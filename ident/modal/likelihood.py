@@ -1,5 +1,6 @@
 """All modes at once by maximum likelihood, with their joint covariance."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -48,13 +49,25 @@ class Likelihood:
     converged: bool
 
 
-def maximise(frf: Frf, noise: Noise, start: ModalModel, *, real: bool = False, steps: int = STEPS) -> Likelihood:
-    """Search the modes that make the averaged functions most probable, by Levenberg and Marquardt's method."""
+def maximise(
+    frf: Frf, noise: Noise, start: ModalModel, *, real: bool = False, steps: int = STEPS, below: float = math.inf
+) -> Likelihood:
+    """Search the modes that make the averaged functions most probable, by Levenberg and Marquardt's method.
+
+    Args:
+        frf: of the test.
+        noise: of the functions.
+        start: modes to begin with.
+        real: whether shapes are real.
+        steps: at most.
+        below: chi-squared that has to be reached within these steps: where the larger of the last two gains, in all
+            steps that are left, would not do it, the search is given up.
+    """
     s, mean = 2j * np.pi * frf.frequency + frf.decay, channels_of(frf.mean)
     free = free_numbers(start, real)
     model = start.replace(np.where(free, start.vector(), 0.0)) if real else start
-    cost, damping, converged = _cost(mean, noise, model, s), 1e-3, False
-    for _ in range(steps):
+    cost, damping, converged, before = _cost(mean, noise, model, s), 1e-3, False, math.inf
+    for left in reversed(range(steps)):
         gradient, information = _normal_equations(mean, noise, model, s, free)
         scale = np.sqrt(np.diag(information))
         scaled = information / (scale[:, None] * scale)
@@ -72,6 +85,9 @@ def maximise(frf: Frf, noise: Noise, start: ModalModel, *, real: bool = False, s
         if gained < SMALL:
             converged = True
             break
+        if cost - left * max(gained, before) > below:
+            break
+        before = gained
     return Likelihood(model, _covariance(information, free), cost, 2 * mean.size - int(free.sum()), converged)
 
 
@@ -124,7 +140,8 @@ def _normal_equations(
     mean: Complex[np.ndarray, "K F"], noise: Noise, model: ModalModel, s: np.ndarray, free: Bool[np.ndarray, "n"]
 ) -> tuple[Float[np.ndarray, "f"], Float[np.ndarray, "f f"]]:
     residual = noise.whiten(mean - channels_of(model.accelerance(s)))
-    slopes = noise.whiten(channels_of(model.slopes(s)[free]))
+    slopes = model.slopes(s)
+    slopes = noise.whiten(channels_of(slopes if free.all() else slopes[free]))
     return slopes @ residual, slopes @ slopes.T
 
 

@@ -54,15 +54,18 @@ class Noise:
 
     def by_line(self, values: Complex[np.ndarray, "*rest K F"]) -> Complex[np.ndarray, "*rest K F"]:
         """Return values in their standard deviations, channels independent of each other."""
-        return self.channels @ (values / self.sd)
+        return self.channels @ (values * (1 / self.sd))
 
     def whiten(self, values: Complex[np.ndarray, "*rest K F"]) -> Float[np.ndarray, "*rest N"]:
-        """Return real and imaginary parts that have unit covariance where the values scatter as the averages do."""
-        white = self.by_line(values)
+        """Return real and imaginary parts, in turn, of unit covariance where the values scatter as the averages do."""
+        moving = values.any(-1)  # a number of a mode moves few channels: the others need no transform
+        rows = values[moving] * np.broadcast_to(math.sqrt(2) / self.sd, values.shape)[moving]
         if np.ptp(self.course):
-            white = scipy.fft.ifft(white, norm="ortho") / self.course
-        flat = white.reshape(*values.shape[:-2], -1)
-        return math.sqrt(2) * np.concatenate([flat.real, flat.imag], -1)
+            rows = scipy.fft.ifft(rows, norm="ortho", overwrite_x=True) * (1 / self.course)
+        steady = np.zeros(values.shape, complex)
+        steady[moving] = rows
+        white = self.channels @ steady
+        return white.reshape(*values.shape[:-2], -1).view(float)
 
 
 def noise_of(frf: Frf) -> Noise:

@@ -84,9 +84,10 @@ def _with_one_more(
 ) -> Likelihood | None:
     """Return the fit with the one of some poles that lowers chi-squared most; None where none lowers it enough."""
     starts = [_start_with(frf, noise, fit.model, pole) for pole in poles]
-    fits = [maximise(frf, noise, start, real=real, steps=FIRST_STEPS) for start in starts]
+    below = fit.chi_squared - _price(frf, fit.model)
+    fits = [maximise(frf, noise, start, real=real, steps=FIRST_STEPS, below=below) for start in starts]
     best = min(fits, key=lambda each: each.chi_squared, default=fit)
-    if best.chi_squared > fit.chi_squared - _price(frf, fit.model):
+    if best.chi_squared > below:
         return None
     return maximise(frf, noise, best.model, real=real)
 

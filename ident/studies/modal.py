@@ -225,9 +225,10 @@ def modal_test(
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
     arm_file = as_file(arm if arm is not None else folder / ARM, options.soft_base)
     placed = with_places(arm_file.arm, table)
-    measured = measured_tests(in_base_frame(placed, table), recordings, options.processing)
+    based = in_base_frame(placed, table)
+    measured = measured_tests(based, recordings, options.processing)
     files = {"channels": SourceFile(table.path, table.sha256)}
-    finished = finished_tests(in_base_frame(placed, table), recordings, options.sigma, options.frequency_is)
+    finished = finished_tests(based, recordings, options.sigma, options.frequency_is)
     used = {name for test in measured for name in test.files} | {name for test in finished for name in test.files}
     files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
     if not measured and not finished:

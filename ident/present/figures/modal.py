@@ -20,6 +20,8 @@ COLORS = (BLUE, ORANGE, PINK, GREY)
 """Colours of the forces."""
 DECADES = 5
 """Decades that a panel shows at most."""
+LEFT = -0.12
+"""Where the names of upright axes stand, as a share of a panel's width."""
 
 
 def measured_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes | None = None) -> Figure:
@@ -49,7 +51,6 @@ def modal_figure(test: ModalTest, identified: IdentifiedModes | None = None) -> 
             lower.set_visible(False)
     for axes in grid[-1]:
         axes.set_xlabel("frequency [Hz]", fontsize=9)
-    figure.align_ylabels(grid)
     handles = [
         Line2D([], [], color=color, label=f"force at {place_in_words(place)}")
         for place, color in zip(frf.references, COLORS, strict=False)
@@ -63,23 +64,22 @@ def modal_figure(test: ModalTest, identified: IdentifiedModes | None = None) -> 
 
 def _response(axes: Axes, test: ModalTest, o: int) -> None:
     frf = test.frf
+    axes.set_yscale("log")
     for i, color in zip(range(len(frf.references)), COLORS, strict=False):
-        axes.semilogy(frf.frequency, np.abs(frf.hits[:, o, i]).T, color=PALE, linewidth=0.5, zorder=1)
-        axes.semilogy(frf.frequency, np.abs(frf.mean[o, i]), color=color, linewidth=1.1, zorder=2)
+        axes.plot(frf.frequency, np.abs(frf.hits[:, o, i]).T, color=PALE, linewidth=0.5, zorder=1)
+        axes.plot(frf.frequency, np.abs(frf.mean[o, i]), color=color, linewidth=1.1, zorder=2)
     top = float(np.abs(frf.mean[o]).max())
     bottom = float(np.quantile(np.abs(frf.mean[o]), 0.01))
     axes.set_ylim(max(bottom / 2, top / 10**DECADES), 2 * top)
     axes.set_xlim(0, frf.frequency[-1])
     plain(axes, grid=True)
     axes.set_title(f"response {place_in_words(frf.responses[o])}", fontsize=9, loc="left", parse_math=False)
-    axes.set_ylabel("accelerance [1/kg]", fontsize=8)
+    _named(axes, "accelerance [1/kg]")
 
 
 def _fitted(axes: Axes, modes: Modes, o: int) -> None:
     """Draw the responses of the identified modes over the measured ones."""
-    axes.semilogy(
-        modes.frf.frequency, np.abs(modes.fitted[o]).T, color="black", linewidth=0.8, linestyle="--", zorder=3
-    )
+    axes.plot(modes.frf.frequency, np.abs(modes.fitted[o]).T, color="black", linewidth=0.8, linestyle="--", zorder=3)
 
 
 def _coherence(axes: Axes, test: ModalTest, o: int) -> None:
@@ -87,7 +87,13 @@ def _coherence(axes: Axes, test: ModalTest, o: int) -> None:
         axes.plot(test.frf.frequency, test.coherence[o, i], color=color, linewidth=0.9)
     axes.set_ylim(0, 1.05)
     plain(axes)
-    axes.set_ylabel("coherence", fontsize=8)
+    _named(axes, "coherence")
+
+
+def _named(axes: Axes, name: str) -> None:
+    """Name the upright axis at a place that all panels share; aligned by their ticks, it takes half of the drawing."""
+    axes.set_ylabel(name, fontsize=8)
+    axes.yaxis.set_label_coords(LEFT, 0.5)
 
 
 def _note(test: ModalTest) -> str:
