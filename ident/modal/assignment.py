@@ -70,7 +70,7 @@ def _neighbours(frequency: Float[np.ndarray, "m *D"]) -> tuple[Int[np.ndarray, "
     return np.argmax(kappa, 1), kappa.max(1)
 
 
-def _by_frequency(frequency: Float[np.ndarray, "m"], measured: float) -> Float[np.ndarray, "m"]:
+def _by_frequency(frequency: Float[np.ndarray, "m *D"], measured: float) -> Float[np.ndarray, "m *D"]:
     return -((np.log(frequency / measured) / FREQUENCY_SD) ** 2) / 2
 
 
