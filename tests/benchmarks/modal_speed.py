@@ -1,8 +1,8 @@
 """How long `ident modal` takes from files to labelled modes: `python tests/benchmarks/modal_speed.py [--runs 3]`.
 
 The shipped hammer test without one of its six responses: ten frequency responses by five hits at each of four postures.
-Each run is a process of its own, on two cores; the first one compiles. CPU seconds are those of the process; beside
-other work they say more than the clock, and even they are more then, as cores share their caches.
+Each run is a process of its own, on two cores; the first one compiles, the last ones draw no figure (`labelled`). CPU
+seconds are those of the process: beside other work they say more than the clock, and even they are more then.
 """
 
 import argparse
@@ -53,12 +53,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         tests = folder_of_ten(folder)
-        for i in range(1 + given.runs):
-            spent, cpu, said = run(folder, tests)
-            load = os.getloadavg()[0]
-            print(
-                f"{'compiled' if i else 'cold':9s}{spent:7.2f} s, {cpu:6.2f} CPU s, load {load:.1f}; {said}", flush=True
-            )
+        rows = [("cold", ()), *[("compiled", ())] * given.runs, *[("labelled", ("--no-figure",))] * given.runs]
+        for what, more in rows:
+            spent, cpu, said = run(folder, tests, *more)
+            print(f"{what:9s}{spent:7.2f} s, {cpu:6.2f} CPU s, load {os.getloadavg()[0]:.1f}; {said}", flush=True)
 
 
 if __name__ == "__main__":

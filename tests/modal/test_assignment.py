@@ -1,0 +1,31 @@
+"""How probable a measured shape is as a computed one, of one computation and of a batch."""
+
+import numpy as np
+from scipy.stats import multivariate_normal
+
+from ident.modal.assignment import _log_density, likelihoods
+
+
+def spread(rng, size):
+    factor = rng.normal(size=(size, size))
+    return 0.01 * (factor @ factor.T + np.eye(size))
+
+
+def test_the_density_is_the_limit_of_a_wide_normal_factor():
+    rng, width = np.random.default_rng(4), 100.0
+    shapes, y, S = rng.normal(size=(3, 2)), rng.normal(size=6), spread(rng, 6)
+    wide = []
+    for shape in shapes.T:
+        moved = np.kron(np.eye(2), shape[:, None])
+        wide.append(multivariate_normal(np.zeros(6), S + width**2 * moved @ moved.T).logpdf(y))
+    assert np.allclose(_log_density(y, S, shapes), np.array(wide) + np.log(2 * np.pi * width**2), atol=1e-5)
+
+
+def test_a_batch_is_as_one_at_a_time():
+    rng = np.random.default_rng(5)
+    shape, S = rng.normal(size=4) + 0.1j * rng.normal(size=4), spread(rng, 8)
+    computed, hertz = rng.normal(size=(4, 3, 5)), np.sort(rng.uniform(4, 6, (3, 5)), 0)
+    every = likelihoods(shape, S, computed, hertz, 5.0)
+    assert every.shape == (3, 5)
+    for d in range(5):
+        assert np.allclose(every[:, d], likelihoods(shape, S, computed[..., d], hertz[:, d], 5.0), rtol=1e-12)
