@@ -26,18 +26,23 @@ def prior_draws(parameters: Parameters, draws: int, rng: np.random.Generator) ->
     return np.where(parameters.proper[:, None], np.asarray(parameters.from_uniform(jnp.asarray(uniform))), start)
 
 
-def shares(logs: Float[np.ndarray, "D"], fewest: float = FEWEST) -> Float[np.ndarray, "D"]:
+def enough(logs: Float[np.ndarray, "D"]) -> bool:
+    """Tell whether so many draws count by their likelihoods that these need not be flattened."""
+    return _count(_flattened(logs, 1.0)) >= FEWEST * len(logs)
+
+
+def shares(logs: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
     """Return by how much each draw counts: by its likelihood, flattened where too few would count.
 
     As many count as equal ones would that have the same sum of squares (Kish). Where likelihoods differ by more than a
     few draws can resolve, one of them would decide alone, though by chance it is the nearest.
     """
     low, high = 0.0, 1.0
-    if _count(share := _flattened(logs, 1.0)) >= fewest * len(logs):
-        return share
+    if enough(logs):
+        return _flattened(logs, 1.0)
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if _count(_flattened(logs, middle)) >= fewest * len(logs) else (low, middle)
+        low, high = (middle, high) if _count(_flattened(logs, middle)) >= FEWEST * len(logs) else (low, middle)
     return _flattened(logs, low)
 
 

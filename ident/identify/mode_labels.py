@@ -12,7 +12,7 @@ from ident.arm.labels import Label, labels_of_shares, torsion_share, vertical_sh
 from ident.arm.modes import Modes as Computed
 from ident.errors import InputError, Problem
 from ident.identify.modal_analysis import modal_solution
-from ident.identify.mode_draws import nearer, prior_draws, shares
+from ident.identify.mode_draws import enough, nearer, prior_draws, shares
 from ident.inference.parameters import Parameters
 from ident.measure import OWN_WEIGHT, Load
 from ident.modal.assignment import likelihoods, pair_probabilities
@@ -23,9 +23,9 @@ from ident.modal.stabilisation import mac
 
 DRAWS = 128
 """Draws of an arm."""
-FREQUENCY_SD = (0.3, 0.3, 0.2, 0.1)
+FREQUENCY_SD = (0.3, 0.3, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1)
 """How far computed frequencies are off, in ln, from round to round of drawing: at first as draws are sparse, at last by
-what a model leaves out."""
+what a model leaves out. There rounds end as soon as enough draws count."""
 MORE = 3
 """Computed modes beyond the number of measured ones."""
 MOST = 12
@@ -79,7 +79,7 @@ def label_modes(
     For each draw of an arm the shapes of the lowest modes are computed at the places of the responses, and the
     measured ones compared with them (`ident.modal.assignment`): no computed mode is two measured ones, none is matched
     by order. It is one arm in all postures: a draw counts by how probable it makes the modes of all of them. Draws of
-    the prior are few and far from it, so that further ones are made near those that count, in several rounds
+    the prior are few and far from it, so that further ones are made near those that count, round after round
     (`ident.identify.mode_draws`). What a mode of a draw is called counts for that draw alone, so that a mode named by a
     near draw has two names with a probability each.
 
@@ -101,8 +101,10 @@ def label_modes(
         if first is not None:
             theta, weight = nearer(parameters, theta, share, rng)
         compared = [_compared(_drawn(arm, parameters, theta), test, sd) for test in tests]
-        share = shares(sum((each.log for each in compared), weight))
-        first = first or compared
+        log = sum((each.log for each in compared), weight)
+        share, first = shares(log), first or compared
+        if sd == FREQUENCY_SD[-1] and enough(log):
+            break
     return tuple(
         _verdict(*_by_label(each.names, each.pairs, share), own) for each, own in zip(compared, first, strict=True)
     )
