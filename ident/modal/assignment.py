@@ -5,6 +5,7 @@ import math
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from numpy.polynomial.hermite_e import hermegauss
+from scipy.linalg import solve_triangular
 from scipy.special import gammaln, logsumexp
 
 INEXACT = 0.15
@@ -71,18 +72,23 @@ def _neighbours(frequency: Float[np.ndarray, "m D"]) -> tuple[Int[np.ndarray, "m
 
 
 def _log_density(
-    y: Float[np.ndarray, "k"], S: Float[np.ndarray, "k k"], shapes: Float[np.ndarray, "O n"]
+    y: Float[np.ndarray, "two_O"], S: Float[np.ndarray, "two_O two_O"], shapes: Float[np.ndarray, "O n"]
 ) -> Float[np.ndarray, "n"]:
-    """Return ln of the integral over c of the normal density of y about c times each shape, with covariance S."""
-    inverse, outputs = np.linalg.inv(np.linalg.cholesky(S)), len(shapes)
-    white = inverse @ y
-    real, imaginary = inverse[:, :outputs] @ shapes, inverse[:, outputs:] @ shapes  # what both parts of c do
-    a, b, d = (real**2).sum(0), (real * imaginary).sum(0), (imaginary**2).sum(0)
-    p, q = white @ real, white @ imaginary
-    determinant = a * d - b**2
-    squared = white @ white - (d * p**2 - 2 * b * p * q + a * q**2) / determinant
-    determinants = np.log(determinant) - 2 * np.log(np.diag(inverse)).sum()
-    return -(squared + determinants + (len(y) - 2) * math.log(2 * math.pi)) / 2
+    """Return ln of the integral over c of the normal density of y about c times each shape, with covariance S.
+
+    y has real parts first. What is left of it lies beside the plane that the two parts of c span: by Gram and Schmidt.
+    """
+    factor, outputs = np.linalg.cholesky(S), len(shapes)
+    inverse = solve_triangular(factor, np.eye(len(S)), lower=True)
+    white, real, imag = inverse @ y, inverse[:, :outputs] @ shapes, inverse[:, outputs:] @ shapes
+    first = np.linalg.norm(real, axis=0)
+    real /= first
+    imag -= real * (real * imag).sum(0)
+    second = np.linalg.norm(imag, axis=0)
+    left = white[:, None] - real * (white @ real)
+    left -= imag / second * (white @ (imag / second))
+    determinants = 2 * np.log(np.diag(factor)).sum() + 2 * np.log(first * second)
+    return -((left**2).sum(0) + determinants + (len(y) - 2) * math.log(2 * math.pi)) / 2
 
 
 def pair_probabilities(

@@ -1,4 +1,4 @@
-"""How probable a measured shape is as a computed one, of one computation and of a batch."""
+"""How probable a measured shape is as a computed one, of a batch of computations."""
 
 import numpy as np
 from scipy.stats import multivariate_normal
@@ -25,7 +25,8 @@ def test_a_batch_is_as_one_at_a_time():
     rng = np.random.default_rng(5)
     shape, S = rng.normal(size=4) + 0.1j * rng.normal(size=4), spread(rng, 8)
     computed, hertz = rng.normal(size=(4, 3, 5)), np.sort(rng.uniform(4, 6, (3, 5)), 0)
-    every = likelihoods(shape, S, computed, hertz, 5.0)
-    assert every.shape == (3, 5)
+    every = likelihoods(shape, S, computed, hertz, 5.0, 0.3)
+    assert every.shape == (5, 3)
     for d in range(5):
-        assert np.allclose(every[:, d], likelihoods(shape, S, computed[..., d], hertz[:, d], 5.0), rtol=1e-12)
+        alone = likelihoods(shape, S, computed[..., d : d + 1], hertz[:, d : d + 1], 5.0, 0.3)
+        assert np.allclose(every[d], alone[0], rtol=1e-12)
