@@ -198,7 +198,7 @@ def uncertain(found, present):
 
 
 def test_fresh_draws_agree_with_others_and_with_the_exact_method(uncertain):
-    count = 120
+    count = 60
     trial, place, limit = uncertain.evaluator, uncertain.best, uncertain.limit
     checked = verify(trial, place, limit, drawn(count, 3))
     changes = np.stack([0 * place.changes, place.changes])
