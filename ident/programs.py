@@ -33,7 +33,6 @@ import numpy as np
 from jax import export
 
 from ident.codec import CodecError, decode, encode
-from ident.early import EARLY
 from ident.errors import IdentError
 from ident.files import replace_file
 from ident.program_keys import NotKeptError, aval, described
@@ -107,13 +106,10 @@ class Programs:
         except NotKeptError:
             return None
         path = folder / f"{self.f.__name__}-{hashlib.sha256(key.encode()).hexdigest()[:24]}.program"
-        early, found = EARLY.take(path.name), None
-        with suppress(Exception):  # whatever a file from elsewhere may do
-            if early and (early[0]["key"], early[0]["options"]) == (key, self.options):
-                return _callable(early[1], early[0]["out"])
-            found = _read(path, key)
-            if found is not None:
-                return _callable(_program_of(found[0], self.options), found[1]) if found[0] else None
+        found = _read(path, key)
+        if found is not None:
+            with suppress(Exception):  # whatever a file from elsewhere may do
+                return self._callable(*found) if found[0] else None
         try:
             exported, document = self._traced(args, more)
         except (CodecError, _NoExportError):
@@ -122,8 +118,8 @@ class Programs:
             return None
         if sources(Path(__file__).parent) == SOURCES:
             with suppress(IdentError):  # a full disk, say
-                replace_file(path, lambda file: file.write(_packed(key, exported, document, self.options)))
-        return _callable(_program_of(exported, self.options), document) if exported else None
+                replace_file(path, lambda file: file.write(_packed(key, exported, document)))
+        return self._callable(exported, document) if exported else None
 
     def _traced(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> tuple[bytes, Any]:
         arrays, static = eqx.partition((args, more), eqx.is_array)
@@ -146,37 +142,15 @@ class Programs:
         except (ValueError, NotImplementedError) as error:
             raise _NoExportError(str(error)) from None
 
+    def _callable(self, exported: bytes, document: Any) -> Callable[[list[Any]], Any]:
+        run = jax.jit(export.deserialize(bytearray(exported)).call, **self.options)
+        marks, tree = jax.tree.flatten(decode(document))
 
-def _program_of(exported: bytes, options: Mapping[str, Any]) -> Any:
-    return jax.jit(export.deserialize(bytearray(exported)).call, **options)
+        def call(leaves: list[Any]) -> Any:
+            arrays = run(*filter(eqx.is_array, leaves))
+            return jax.tree.unflatten(tree, [arrays[int(m)] if isinstance(m, np.generic) else m for m in marks])
 
-
-def _callable(run: Callable[..., Any], document: Any) -> Callable[[list[Any]], Any]:
-    marks, tree = jax.tree.flatten(decode(document))
-
-    def call(leaves: list[Any]) -> Any:
-        arrays = run(*filter(eqx.is_array, leaves))
-        return jax.tree.unflatten(tree, [arrays[int(m)] if isinstance(m, np.generic) else m for m in marks])
-
-    return call
-
-
-def load_early(command: str) -> None:
-    """Load in a thread the programs that a command used first the last time."""
-    folder = own_folder()
-    if folder:
-        import scipy.linalg  # noqa: F401  # jax does so with its first program: not in the thread, beside others of SciPy
-
-        EARLY.begin(folder / f"{command}.last", _loaded)
-
-
-def _loaded(path: Path) -> tuple[dict[str, Any], Any]:
-    """Return the head of a file and its program, loaded; no module of ours is imported for it."""
-    head, exported = _parts(path)
-    program = export.deserialize(bytearray(exported))
-    run = jax.jit(program.call, **head["options"])
-    run.lower(*(jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in program.in_avals)).compile()
-    return head, run
+        return call
 
 
 def own_folder() -> Path | None:
@@ -210,7 +184,7 @@ def _throw_away_old(above: Path) -> None:
         if (
             ours
             and time.time() - folder.stat().st_mtime > OLD
-            and all(f.suffix in (".program", ".last") for f in folder.iterdir())
+            and all(f.suffix == ".program" for f in folder.iterdir())
         ):
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -260,8 +234,8 @@ def _processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
 
 
-def _packed(key: str, exported: bytes, document: Any, options: Mapping[str, Any]) -> bytes:
-    head = {"key": key, "sha256": _sealed(exported, document), "options": dict(options), "out": document}
+def _packed(key: str, exported: bytes, document: Any) -> bytes:
+    head = {"key": key, "sha256": _sealed(exported, document), "out": document}
     return json.dumps(head).encode() + b"\n" + exported
 
 
@@ -272,16 +246,9 @@ def _sealed(exported: bytes, document: Any) -> str:
 def _read(path: Path, key: str) -> tuple[bytes, Any] | None:
     """Return what a file holds: a program, empty where there can be none, and the tree of what it returns."""
     try:
-        head, exported = _parts(path)
-        return (exported, head["out"]) if head["key"] == key else None
+        text, _, exported = path.read_bytes().partition(b"\n")
+        head = json.loads(text)
+        whole = head["key"] == key and head["sha256"] == _sealed(exported, head["out"])
+        return (exported, head["out"]) if whole else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the two parts of a file, head and program; a damaged one is refused."""
-    text, _, exported = path.read_bytes().partition(b"\n")
-    head = json.loads(text)
-    if head["sha256"] != _sealed(exported, head["out"]):
-        raise ValueError("damaged")
-    return head, exported

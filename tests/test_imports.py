@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "ident"
-GROUND = {"codec", "early", "errors", "files", "jit", "program_keys", "programs", "store", "text", "units"}
+GROUND = {"codec", "errors", "files", "jit", "program_keys", "programs", "store", "text", "units"}
 MAY_USE = {
     "arm": set(),
     "description": {"arm"},

@@ -99,7 +99,7 @@ def register(name: str, function: Callable[..., None], parameters: list[inspect.
     """Hang a function on the program, with the flags that all commands have."""
 
     def call(context: typer.Context, **values: Any) -> None:
-        with speaking(as_json=values.pop("json"), quiet=values.pop("quiet"), command=name), running.early_programs():
+        with speaking(as_json=values.pop("json"), quiet=values.pop("quiet")):
             function(**with_defaults(context, values, kinds))
 
     kind = inspect.Parameter.KEYWORD_ONLY

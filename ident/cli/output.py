@@ -25,14 +25,12 @@ class Output:
     Attributes:
         json: whether a document is printed at the end.
         quiet: whether there are no words.
-        command: its name.
         document: the result for programs, made when it is asked for.
         written: files.
     """
 
     json: bool = False
     quiet: bool = False
-    command: str = ""
     document: Callable[[], Mapping[str, Any]] = dict
     written: list[str] = field(default_factory=list)
 
@@ -57,9 +55,9 @@ def output() -> Output:
 
 
 @contextmanager
-def speaking(*, as_json: bool, quiet: bool, command: str = "") -> Iterator[None]:
+def speaking(*, as_json: bool, quiet: bool) -> Iterator[None]:
     """Speak so within; at the end, whatever the exit status, print the document if that was asked for."""
-    spoken = Output(as_json, quiet, command)
+    spoken = Output(as_json, quiet)
     token = SPOKEN.set(spoken)
     end: typer.Exit | None = None
     try:

@@ -6,7 +6,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -48,32 +48,10 @@ def start() -> None:
     os.environ.setdefault("IDENT_PROGRAMS", "on")
     os.environ.setdefault("EQX_ON_ERROR", "nan")  # the checks of diffrax else call Python, which no cache can keep
     watch_jax()
-    _load_early()
     if sys.stderr.isatty() and not output().quiet:
         import jax.monitoring
 
         jax.monitoring.register_event_listener(_look_out_for_new_programs)
-
-
-def _load_early() -> None:
-    """Begin to load what this command will need, where there is a second core for it."""
-    from ident.jit import cores
-    from ident.programs import load_early
-
-    if cores() > 1 and output().command:
-        load_early(output().command)
-
-
-@contextmanager
-def early_programs() -> Iterator[None]:
-    """Load no more programs early at the end of what is within, and keep which ones it has used first."""
-    try:
-        yield
-    finally:
-        if "ident.early" in sys.modules:
-            from ident.early import EARLY
-
-            EARLY.end()
 
 
 def _look_out_for_new_programs(event: str, **_: Any) -> None:
