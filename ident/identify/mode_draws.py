@@ -74,7 +74,7 @@ def nearer(
     new = prior_draws(parameters, count, rng)
     near = rng.uniform(size=count) >= DEFENSIVE
     moved = centres[:, about] + factor @ rng.standard_normal(old.shape)
-    new[np.ix_(moving, near)] = moved[:, near]
+    new[np.ix_(np.flatnonzero(moving), np.flatnonzero(near))] = moved[:, near]
     return new, -_log_density(parameters, new, centres, factor, share)
 
 

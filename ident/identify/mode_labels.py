@@ -96,9 +96,9 @@ def label_modes(
     rng = np.random.default_rng(seed)
     start = np.asarray(parameters.theta(parameters.column("start")))[:, None]
     theta = np.concatenate([start, prior_draws(parameters, draws, rng)], 1)
-    weight, first = np.zeros(draws + 1), None
+    weight, first = np.zeros(draws + 1), list[_Compared]()
     for sd in FREQUENCY_SD:
-        if first is not None:
+        if first:
             theta, weight = nearer(parameters, theta, share, rng)
         compared = [_compared(_drawn(arm, parameters, theta), test, sd) for test in tests]
         log = sum((each.log for each in compared), weight)
