@@ -96,7 +96,8 @@ def label_modes(
     rng = np.random.default_rng(seed)
     start = np.asarray(parameters.theta(parameters.column("start")))[:, None]
     theta = np.concatenate([start, prior_draws(parameters, draws, rng)], 1)
-    weight, first = np.zeros(draws + 1), list[_Compared]()
+    weight = share = np.zeros(draws + 1)
+    first = list[_Compared]()
     for sd in FREQUENCY_SD:
         if first:
             theta, weight = nearer(parameters, theta, share, rng)
