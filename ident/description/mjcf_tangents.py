@@ -66,9 +66,13 @@ def tendons(hinges: list[Tangent], arm: Arm, posture: tuple[float, ...]) -> Any:
     return section
 
 
+PLAIN = {"damping": "0", "frictionloss": "0", "armature": "0", "limited": "false", "actuatorfrclimited": "false"}
+"""What such a tendon has none of, whatever the file's defaults for tendons are."""
+
+
 def _spring(name: str, joint: str, spring: tuple[float, float], way: Float[np.ndarray, "3"]) -> Any:
     stiffness, rest = (numbers([x]) for x in spring)
-    tendon = ElementTree.Element("fixed", {"name": name, "stiffness": stiffness, "springlength": rest})
+    tendon = ElementTree.Element("fixed", {"name": name, "stiffness": stiffness, "springlength": rest, **PLAIN})
     for end, share in zip(ENDS, way, strict=True):
         tendon.append(ElementTree.Element("joint", {"joint": f"{joint}_{end}", "coef": numbers([share])}))
     return tendon

@@ -90,11 +90,11 @@ class _Writer:
 
     def joint(self, joint: Joint) -> Iterator[str]:
         """Yield a joint with its bodies."""
-        yield from ["[[joint]]", f'name = "{joint.name}"', self.line("axis", joint.axis)]
+        yield from ["[[joint]]", f'name = "{joint.name}"', self.line("axis", joint.axis, part=joint.name)]
         yield self.line("offset", joint.offset, "m", joint.name)
         yield from self.bushing(joint)
         if all(map(math.isfinite, joint.limits)):
-            yield self.line("limits", np.degrees(joint.limits), "deg")
+            yield self.line("limits", np.degrees(joint.limits), "deg", joint.name)
         if not joint.driven:
             yield "driven = false"
         for kind, bodies in (("shaft", joint.shaft), ("link", joint.link)):

@@ -20,6 +20,7 @@ from ident.modal.finished import FinishedModes
 from ident.modal.frf import Place
 from ident.modal.modal_parameters import ModalParameters
 from ident.modal.stabilisation import mac
+from ident.text import one_line
 
 DRAWS = 128
 """Draws of an arm."""
@@ -91,7 +92,7 @@ def label_modes(
         seed: of the draws.
 
     Raises:
-        InputError: a response was measured at a point that the arm has not.
+        InputError: a response was measured at a point that the arm has not, or no draw stands in all postures.
     """
     rng = np.random.default_rng(seed)
     start = np.asarray(parameters.theta(parameters.column("start")))[:, None]
@@ -103,6 +104,10 @@ def label_modes(
             theta, weight = nearer(parameters, theta, share, rng)
         compared = [_compared(_drawn(arm, parameters, theta), test, sd) for test in tests]
         log = sum((each.log for each in compared), weight)
+        if not np.isfinite(log).any():
+            got, expected = "no draw of the prior that stands in all postures of the tests", "one at least"
+            remedy = "check postures and loads of the tests, and the arm's stiffnesses"
+            raise InputError(Problem(one_line(arm.name), got, expected, remedy))
         share, first = shares(log), first or compared
         if sd == FREQUENCY_SD[-1] and enough(log):
             break

@@ -55,9 +55,11 @@ def likelihoods(
     partner, kappa = _neighbours(frequency)
     beside = np.take_along_axis(computed, partner[None], 1)
     turned = computed[:, None] + beside[:, None] * kappa * tangents[:, None, None]
-    turned /= np.linalg.norm(turned, axis=0)
+    moved = np.linalg.norm(turned, axis=0)
+    turned = np.where(moved > 0, turned, 1.0) / np.where(moved > 0, moved, 1.0)
     logs = _log_density(np.concatenate([unit.real, unit.imag]), S, turned.reshape(outputs, -1))
-    mixed = logsumexp(logs.reshape(NODES, *frequency.shape), 0, b=weights[:, None, None] / weights.sum())
+    seen = np.where(moved > 0, logs.reshape(moved.shape), -np.inf)  # what does not move there is not measured there
+    mixed = logsumexp(seen, 0, b=weights[:, None, None] / weights.sum())
     found = mixed - (gammaln(outputs) - (outputs - 1) * math.log(math.pi))
     return (found - (np.log(frequency / measured) / frequency_sd) ** 2 / 2).T
 

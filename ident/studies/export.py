@@ -130,7 +130,9 @@ def _toml(asked: Exported) -> Mapping[Path, bytes]:
         raise InputError(Problem(one_line(str(path)), got, "an arm that was read from a file", remedy))
     if own.bushings:
         head = "\n".join(_comment(asked))
-        return {path: arm_text(asked.arm, origin="assumed", head=head, origins=asked.origins).encode("utf-8")}
+        said = {f"{joint.name}.{key}": "derived" for joint in own.arm.joints for key in ("axis", "limits")}
+        origins = {**said, ".gravity": "derived", **asked.origins}
+        return {path: arm_text(asked.arm, origin="assumed", head=head, origins=origins).encode("utf-8")}
     where = one_line(own.path)
     text = decode(read_bytes(own.path, "an arm description (TOML)"), where)
     return {path: update_arm(text, asked.arm, origin="calibrated", where=where).encode("utf-8")}

@@ -207,3 +207,12 @@ def test_what_has_no_place_there_is_named(robot, old, new, changes, words):
     with pytest.raises(InputError, match=words) as caught:
         mjcf_with_bushings(str(robot), before, arm, [])
     assert "\n" not in str(caught.value)
+
+
+def test_tangent_springs_have_nothing_of_the_defaults(robot):
+    defaults = '<tendon damping="3" frictionloss="2" armature="0.1" range="-0.01 0.01" limited="true"/>'
+    robot.write_text(WITHOUT_MESHES.replace("<default>", f"<default>{defaults}"))
+    model = written(robot, read_arm(robot).arm, posture=(0.1, 0.2, 0.3))
+    assert model.ntendon == 9
+    for none in (model.tendon_damping, model.tendon_frictionloss, model.tendon_armature, model.tendon_limited):
+        assert not none.any()

@@ -79,6 +79,13 @@ def test_a_point_that_the_arm_has_not_is_refused(arm, first_guess):
         label_modes(first_guess, [Measured(POSTURE, lost)], stiffness_parameters(first_guess, Unknowns()), draws=2)
 
 
+def test_an_arm_that_stands_in_no_draw_is_refused(arm, first_guess):
+    soft = first_guess.replace({f"joint{j}.k_bend": 1.0 for j in (1, 2, 3)})
+    tests, parameters = [Measured(POSTURE, measured(arm, "yz"))], stiffness_parameters(soft, Unknowns())
+    with pytest.raises(InputError, match="no draw of the prior that stands in all postures"):
+        label_modes(soft, tests, parameters, draws=64)
+
+
 def exact(arm, posture):
     """The five lowest modes of an arm as another program may have found them, exact to a percent of the shape."""
     known = modal_analysis(arm, posture, modes=5)

@@ -30,3 +30,13 @@ def test_a_batch_is_as_one_at_a_time():
     for d in range(5):
         alone = likelihoods(shape, S, computed[..., d : d + 1], hertz[:, d : d + 1], 5.0, 0.3)
         assert np.allclose(every[d], alone[0], rtol=1e-12)
+
+
+def test_a_mode_that_does_not_move_there_is_not_measured_there():
+    rng = np.random.default_rng(6)
+    shape, S = rng.normal(size=4) + 0.1j * rng.normal(size=4), spread(rng, 8)
+    computed, hertz = np.zeros((4, 2, 1)), np.array([[5.0], [500.0]])
+    computed[:, 0, 0] = shape.real
+    found = likelihoods(shape, S, computed, hertz, 5.0, 0.3)
+    assert np.isfinite(found[0, 0])
+    assert found[0, 1] < found[0, 0] - 100
