@@ -62,15 +62,22 @@ def modal(folder, **options):
     return ident.modal_test(folder, arm=DATA / "lcd_arm" / "arm.toml", options=ident.ModalOptions(**options))
 
 
+def assert_named(labels, known):
+    """Three modes have their names; in arms like this one the fourth may be called otherwise, and is in doubt."""
+    assert [str(label) for label in labels.given[:3]] == [str(label) for label in known.labels[:3]]
+    assert labels.given[3] is None
+    assert labels.why[3].startswith(str(known.labels[3]))
+
+
 def test_modes_of_a_csv_file_are_named_and_become_a_campaign(folder, known, tmp_path):
     csv_file(folder, known)
     result = modal(folder, frequency_is="pole", shapes=True)
-    assert [str(label) for label in result.named[0].labels.given] == [str(label) for label in known.labels]
+    assert_named(result.named[0].labels, known)
     result.save(tmp_path / "out")
     campaign = read_campaign(next((tmp_path / "out").glob("*.modal.csv")))
     frequencies = [m for m in campaign if m.kind == "frequency"]
-    assert [m.of for m in campaign if m.kind != "damping_ratio"] == ["pole"] * (4 + 8)
-    np.testing.assert_allclose([m.value for m in frequencies], known.modes.frequency, rtol=1e-10)
+    assert [m.of for m in campaign if m.kind != "damping_ratio"] == ["pole"] * (3 + 6)
+    np.testing.assert_allclose([m.value for m in frequencies], known.modes.frequency[:3], rtol=1e-10)
     np.testing.assert_allclose([m.sigma for m in frequencies], 0.01)
     shape = [m for m in campaign if m.kind == "shape" and m.mode == str(known.labels[1])]
     moved = known.modes.motion[:, -1, 1]
@@ -92,7 +99,7 @@ def test_modes_of_a_universal_file_are_those_of_their_poles(folder, known):
     np.testing.assert_allclose(modes.frequency, known.modes.frequency, rtol=1e-5)
     np.testing.assert_allclose(modes.damping, known.damping_ratio, rtol=1e-4)
     np.testing.assert_allclose(modes.sigma[0], 0.002 * modes.frequency)
-    assert [str(label) for label in result.named[0].labels.given] == [str(label) for label in known.labels]
+    assert_named(result.named[0].labels, known)
 
 
 @pytest.mark.parametrize("kind", SIGMA)
