@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 
 DRAWS = 30
 WRONG = 6
-ARMS = 4
+ARMS = 6
 
 
 def rate(outcomes, alarm):
@@ -43,13 +43,13 @@ def test_sigmas_ten_times_too_large_are_remarked():
     assert rate(found, "any that withholds") == 0
 
 
-@pytest.mark.timeout(600)  # eight fits of the arm, on a machine that others share
+@pytest.mark.timeout(600)  # a dozen fits of the arm, on a machine that others share
 def test_a_base_that_gives_is_noticed_and_the_stated_shift_covers_it_while_right_campaigns_raise_no_alarm():
     right = [outcome("paper", "none", draw, 0) for draw in range(ARMS)]
     assert rate(right, "assumptions") <= binom.ppf(0.999, len(right), 0.0027)
     wrong = [outcome("paper", "base 10", draw, 0) for draw in range(ARMS)]
     shown, held, widened = (sum(len(getattr(each, name)) for each in wrong) for name in ("shown", "held", "widened"))
     assert rate(wrong, "assumptions") >= 1
-    assert shown > 8
+    assert shown > 12
     assert held < binom.ppf(0.001, shown, 0.95), "as if it were rigid"
     assert widened >= 0.9 * shown
