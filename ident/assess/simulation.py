@@ -140,7 +140,6 @@ def simulated_over_phases(basis: Basis, elastic_belts: bool, rate: float, step: 
             elastic_belts=elastic_belts,
             rate=rate,
             step=step,
-            together=False,
         )
         return over_phases(whole, unknown)
     return None

@@ -183,7 +183,7 @@ def _place(search: Search, u: Float[np.ndarray, "V"], limit: float | None) -> Pl
     """Simulate a design, and its draws."""
     evaluator, changes = search.objective.evaluator, u * search.objective.scale
     amplitude = evaluator.amplitudes(changes[None])[:, 0]
-    frequency, deflection = search.objective.end_state(u)[0].tolist()
+    frequency, deflection = (float(part[0]) for part in evaluator.end_states(changes[None]))
     exceedance = np.nan
     if evaluator.draws and limit is not None:
         exceedance = float((amplitude[:, 1:] > limit).any(0).mean())

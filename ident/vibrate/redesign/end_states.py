@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
@@ -22,8 +22,8 @@ class EndState(NamedTuple):
         deflection: (*batch) [m] how far the end point lies from its place on rigid joints.
     """
 
-    frequency: Float[Array, "*batch"]
-    deflection: Float[Array, "*batch"]
+    frequency: Float[AnyArray, "*batch"]
+    deflection: Float[AnyArray, "*batch"]
 
 
 def end_states(arm: Arm, motion: Motion, loads: Loads | None = None) -> EndState:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,22 +13,22 @@ from jaxtyping import Array, Float, Int
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.errors import ModelError
-from ident.jit import jit
+from ident.jit import AnyArray, ahead, jit
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.redesign.end_states import EndState, end_states
 from ident.vibrate.redesign.variable import Variable, apply
 from ident.vibrate.response.amplitude import Amplitude, amplitude
+from ident.vibrate.response.each import at_once, linearised, numbers_of, vibrations
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.fast import step_for
-from ident.vibrate.response.fast_method import FastMethod, vibration_of
-from ident.vibrate.response.simulate import RATE, by_chunk, fast_method, refuse_collapse, vibrations
+from ident.vibrate.response.fast_method import FastMethod, Linearised, vibration_of
+from ident.vibrate.response.simulate import RATE, fast_method, refuse_collapse
 from ident.vibrate.response.superposition import (
     Superposition,
     largest_over_phases,
-    members_of,
-    numbers_of,
     parts_of,
     rms_over_phases,
+    sets_of,
     superposition,
 )
 
@@ -142,29 +144,51 @@ class Evaluator:
         return min(step_for(arms, self.motion) for arms in groups)
 
     def slopes(
-        self, change: Float[np.ndarray, "V"], which: slice = slice(None)
+        self, change: Float[np.ndarray, "V"], sets: Sequence[Mapping[str, float]] = ()
     ) -> tuple[Float[np.ndarray, "3 W batch"], Float[np.ndarray, "V 3 W batch"]]:
         """Return the parts of which an amplitude is the largest, and their exact derivatives by the changes.
 
         Args:
             change: of each variable.
-            which: of the arms; the first is the arm itself.
+            sets: phases of what excites the arm itself, by path; without, the arms are itself and its draws.
         """
-        numbers = {path: values[which] for path, values in self.batch(change[None]).items()}
-        measure, solve = self.amplitude, self._solver(change[None])
-        parts, slopes = np.zeros(0), []
-        for first in range(0, len(self.variables), WIDTH):
-            point = numbers, _directions(numbers, self.variables[first : first + WIDTH])
-            pair = by_chunk(lambda point: _pushed(self.arm, point, solve, measure), point, chunk=1)
-            parts, pushed = (np.moveaxis(np.asarray(part), 0, -1)[..., : measure.count, :] for part in pair)
-            slopes.append(pushed)
+        numbers, measure, solve = self.batch(change[None]), self.amplitude, self._solver(change[None])
+        arms = [{path: values[k] for path, values in numbers.items()} for k in range(1 if sets else self.size)]
+        groups = [self.variables[first : first + WIDTH] for first in range(0, len(self.variables), WIDTH)]
+        ways = [(values, _directions(values, variables)) for variables in groups for values in arms]
+        linear = at_once([partial(_linear_along, self.arm, *way, solve) for way in ways])
+        others = [{path: np.asarray(x) for path, x in own.items()} for own in sets or ({},)]
+        pairs = zip(ways, linear, strict=True)
+        turned = [(values | own, along, known) for (values, along), known in pairs for own in others]
+        done = at_once([partial(_parts_along, self.arm, *each, solve, measure) for each in turned])
+        done = jax.device_get(done)
+        count = len(done) // len(groups)
+        parts = np.stack([pair[0] for pair in done[:count]], -1)[:, : measure.count]
+        by_group = [np.stack([x[1] for x in done[k : k + count]], -1) for k in range(0, len(done), count)]
         if not np.isfinite(parts).all():
             raise ModelError(self._collapse(change[None]) or f"no response to {self.motion.name}: the arm collapses")
-        return parts, np.concatenate(slopes)[: len(self.variables)]
+        return parts, np.concatenate(by_group)[: len(self.variables), :, : measure.count]
+
+    def prepare(self) -> None:
+        """Have compiled, or loaded, meanwhile what `slopes` takes."""
+        numbers, solve = self.batch(np.zeros((1, len(self.variables)))), self._solver(self.bounds)
+        values = {path: each[0] for path, each in numbers.items()}
+        ways = _directions(values, self.variables[:WIDTH])
+
+        def parts() -> None:
+            linear = linearised(self.arm, values, solve)
+            still = jax.tree.map(lambda x: np.zeros((WIDTH, *x.shape)), linear)
+            _parts_along(self.arm, values, ways, (linear, still), solve, self.amplitude)
+
+        ahead(_linear_along, lambda: _linear_along(self.arm, values, ways, solve))
+        ahead(_parts_along, parts)
 
     def end_states(self, changes: Float[np.ndarray, "G V"]) -> EndState:
         """Return the end states of the arm itself after changes."""
-        return end_states(self.alone.changed(changes), self.motion, self.loads)
+        count = len(changes)
+        filled = np.pad(changes, ((0, -count % BATCH), (0, 0)), mode="edge")  # one program for any number of changes
+        states = end_states(self.alone.changed(filled), self.motion, self.loads)
+        return EndState(*(np.asarray(part)[:count] for part in states))
 
     def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:
         """Return the numbers of the arm itself after changes, by path."""
@@ -180,23 +204,20 @@ class Evaluator:
         places = np.arange(count)
         own = places % self.size == 0 if self.unknown else np.zeros(count, bool)
         for which, unknown in ((places[own], self.unknown), (places[~own], ())):
-            together = max(1, BATCH // (1 + 2 * len(unknown)))
-            for first in range(0, len(which), together):
-                yield which[first : first + together], unknown
+            for first in range(0, len(which), BATCH):
+                yield which[first : first + BATCH], unknown
 
     def _measured(
         self, numbers: Mapping[str, np.ndarray], unknown: tuple[str, ...], solve: FastMethod
     ) -> Float[np.ndarray, "3 some"]:
         """Return the amplitudes of some arms over the phases that are not known."""
-        members = 1 + 2 * len(unknown)
-        each = {path: np.repeat(values, members) for path, values in numbers.items()}
-        each |= {path: np.tile(phases, len(each[path]) // members) for path, phases in members_of(unknown).items()}
-        vibration = np.asarray(vibrations(self.arm, each, solve))
-        refuse_collapse(self.motion, vibration)
-        if unknown:
+
+        def measured(vibration: Float[np.ndarray, "3 T sets"]) -> Float[np.ndarray, "3"]:
+            refuse_collapse(self.motion, vibration)
             over = rms_over_phases if self.measure == "rms" else largest_over_phases
-            vibration = over(*parts_of(vibration.reshape((*vibration.shape[:2], -1, members))))
-        return self.amplitude(vibration)
+            return self.amplitude(over(*parts_of(vibration)) if unknown else vibration[..., 0])
+
+        return np.asarray(vibrations(self.arm, numbers, solve, sets_of(unknown), measured))
 
     def _collapse(self, changes: Float[np.ndarray, "G V"]) -> str:
         """Name the first change after which the arm has no stable equilibrium; empty if there is none."""
@@ -211,27 +232,44 @@ class Evaluator:
 
 def _directions(
     numbers: Mapping[str, np.ndarray], variables: Sequence[Variable]
-) -> dict[str, Float[np.ndarray, "batch WIDTH"]]:
-    """Return how the numbers of each arm change with each variable; zero for those that fill up."""
-    directions = {path: np.zeros((len(values), WIDTH)) for path, values in numbers.items()}
+) -> dict[str, Float[np.ndarray, "WIDTH"]]:
+    """Return how the numbers of an arm change with each variable; zero for those that fill up."""
+    directions = {path: np.zeros(WIDTH) for path in numbers}
     for k, variable in enumerate(variables):
         for path in variable.paths:
-            directions[path][:, k] = 1.0 if variable.shifted else numbers[path]
+            directions[path][k] = 1.0 if variable.shifted else numbers[path]
     return directions
 
 
 @jit
-def _pushed(
-    arm: Arm, point: tuple[dict[str, Array], dict[str, Array]], solve: FastMethod, measure: Amplitude
-) -> tuple[Float[Array, "S 3 W"], Float[Array, "S V 3 W"]]:
-    """Return parts and slopes, arm by arm; the directions of each are pushed forward together."""
+def _linear_along(
+    arm: Arm, values: dict[str, Any], directions: dict[str, Any], solve: FastMethod
+) -> tuple[Linearised, Linearised]:
+    """Return an arm's linearised equations, and how they change along directions, pushed forward together."""
 
-    def one(pair: tuple[dict[str, Array], dict[str, Array]]) -> tuple[Array, Array]:
-        values, directions = pair
+    def along(direction: dict[str, Any]) -> tuple[Linearised, Linearised]:
+        return jax.jvp(lambda now: solve.linearised(arm.replace(now)), (values,), (direction,))
 
-        def pushed(direction: dict[str, Array]) -> tuple[Array, Array]:
-            return jax.jvp(lambda now: measure.parts(vibration_of(solve(arm.replace(now)))), (values,), (direction,))
+    pair: tuple[Linearised, Linearised] = jax.vmap(along, out_axes=(None, 0))(directions)
+    return pair
 
-        return jax.vmap(pushed, out_axes=(None, 0))(directions)
 
-    return jax.lax.map(one, point)
+@jit
+def _parts_along(
+    arm: Arm,
+    values: dict[str, Any],
+    directions: dict[str, Any],
+    linear: tuple[Linearised, Linearised],
+    solve: FastMethod,
+    measure: Amplitude,
+) -> tuple[Float[Array, "3 W"], Float[Array, "V 3 W"]]:
+    """Return the parts of an arm's amplitude, and their slopes along directions."""
+
+    def parts(now: dict[str, Any], linear: Linearised) -> AnyArray:
+        return measure.parts(vibration_of(solve.responded(arm.replace(now), linear)))
+
+    def along(direction: dict[str, Any], changing: Linearised) -> tuple[Array, Array]:
+        return jax.jvp(parts, (values, linear[0]), (direction, changing))
+
+    pair: tuple[Array, Array] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
+    return pair

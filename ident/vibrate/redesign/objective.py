@@ -1,7 +1,7 @@
 """What a design minimises and keeps within limits: functions of scaled changes, with exact slopes."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -15,7 +15,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.jit import AnyArray, jit
 from ident.vibrate.redesign.end_states import ends, worst_state
-from ident.vibrate.redesign.evaluator import Draws, Evaluator
+from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.variable import Variable, apply
 
 BLUR = 0.05
@@ -35,22 +35,22 @@ class Objective:
         scale: (V,) the widest change of each variable.
         low: (V,) lower bounds of u.
         high: (V,) upper bounds of u.
-        cuts: sets of phases, by path: the amplitude is the largest with any of them; without, with those of the arm.
+        cuts: sets of phases, each by path: the amplitude is the largest with any; without, with those of the arm.
     """
 
     evaluator: Evaluator
     scale: Point
     low: Point
     high: Point
-    cuts: Draws = field(default_factory=dict)
+    cuts: tuple[Mapping[str, float], ...] = ()
 
     @classmethod
-    def of(cls, evaluator: Evaluator, cuts: Draws | None = None) -> "Objective":
+    def of(cls, evaluator: Evaluator, cuts: tuple[Mapping[str, float], ...] = ()) -> "Objective":
         """Scale an evaluator's variables."""
         low, high = evaluator.bounds
         scale = np.maximum(np.abs(low), np.abs(high))
         evaluator = evaluator if evaluator.step else replace(evaluator, step=evaluator.step_for(evaluator.bounds))
-        return cls(evaluator, scale, low / scale, high / scale, cuts or {})
+        return cls(evaluator, scale, low / scale, high / scale, cuts)
 
     @cached_property
     def weight(self) -> Point:
@@ -92,8 +92,7 @@ class Objective:
         return lru_cache(CACHED)(lambda compute, u, *more: compute(self, np.frombuffer(u), *more))
 
     def _parts(self, u: Point) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J V"]]:
-        which = slice(1, None) if self.cuts else slice(None)
-        values, slopes = replace(self.evaluator, draws=self.cuts).slopes(u * self.scale, which)
+        values, slopes = self.evaluator.alone.slopes(u * self.scale, self.cuts)
         worst = values.argmax(2)[..., None]  # of each window: more rows than windows would slow the optimiser down
         values, slopes = np.take_along_axis(values, worst, 2), np.take_along_axis(slopes, worst[None], 3)
         return values.ravel(), slopes.reshape((len(u), -1)).T * self.scale
@@ -104,7 +103,7 @@ class Objective:
         return np.asarray(values), np.asarray(slopes) * self.scale
 
     def _log_odds(self, u: Point, limit: float) -> tuple[float, Point]:
-        values, slopes = self.evaluator.slopes(u * self.scale, slice(1, None))
+        values, slopes = (x[..., 1:] for x in self.evaluator.slopes(u * self.scale))
         draws = values.shape[2]
         parts, slopes = values.reshape((-1, draws)), slopes.reshape((len(u), -1, draws))
         worst = parts.argmax(0), np.arange(draws)

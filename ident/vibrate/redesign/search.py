@@ -1,7 +1,7 @@
 """The search for a change: minimum amplitude, minimum change, minimum probability of exceedance."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from ident.vibrate.redesign.constraints import (
     constraints,
     widened,
 )
-from ident.vibrate.redesign.evaluator import Draws, Evaluator
+from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.objective import Objective, Point
 
 APART = 0.25
@@ -56,7 +56,7 @@ class Search:
     evaluator: Evaluator
     required: Requirements
     effort: Effort = Effort()
-    cuts: Draws = field(default_factory=dict)
+    cuts: tuple[Mapping[str, float], ...] = ()
 
     @cached_property
     def objective(self) -> Objective:
@@ -104,8 +104,7 @@ class Search:
     def _seen(self) -> Evaluator:
         """The arm itself with the first set of phases that is seen, which costs less than all phases do."""
         own = self.objective.evaluator.alone
-        first = {path: phases[0] for path, phases in self.cuts.items()}
-        return replace(own, arm=own.arm.replace(first), unknown=()) if first else own
+        return replace(own, arm=own.arm.replace(self.cuts[0]), unknown=()) if self.cuts else own
 
     def spread(self, seed: int) -> Float[np.ndarray, "places V"]:
         """Return places all over the bounds, no further than the largest change norm allows."""

@@ -1,6 +1,6 @@
 """What to change first: percent of amplitude per percent of each number of the arm, and where its sign is not sure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.fields import field_of
+from ident.jit import cores
 from ident.vibrate.redesign.evaluator import WIDTH, Evaluator
 from ident.vibrate.redesign.variable import Variable, check_path
 from ident.vibrate.response.exact import Progress
@@ -77,20 +78,21 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     for path in paths:
         check_path(evaluator.arm, path)
     worst = _worst_phases(evaluator)
-    seen = replace(evaluator, draws=_before_draws(evaluator, worst)) if worst else evaluator
-    groups = [paths[first : first + WIDTH] for first in range(0, len(paths), WIDTH)]
-    elasticity = []
+    together = WIDTH * cores()
+    groups = [paths[first : first + together] for first in range(0, len(paths), together)]
+    own, drawn = [], []
     for k in progress(range(len(groups))):
-        variables = tuple(Variable((path,), -np.inf, np.inf) for path in groups[k])
-        parts, slopes = replace(seen, variables=variables).slopes(np.zeros(len(variables)))
-        elasticity.append(_elasticities(evaluator.arm, variables, parts, slopes))
-    whole = np.concatenate(elasticity)
-    if worst:
-        whole = np.concatenate([np.diagonal(whole[..., 1:4], axis1=1, axis2=2)[..., None], whole[..., 4:]], 2)
+        seen = replace(evaluator, variables=tuple(Variable((path,), -np.inf, np.inf) for path in groups[k]))
+        parts, slopes = seen.alone.slopes(np.zeros(len(groups[k])), worst)
+        each = _elasticities(evaluator.arm, seen.variables, parts, slopes)
+        own.append(np.diagonal(each, axis1=1, axis2=2) if worst else each[..., 0])
+        if evaluator.draws:
+            of_all = _elasticities(evaluator.arm, seen.variables, *seen.slopes(np.zeros(len(groups[k]))))
+            drawn.append(of_all[..., 1:])
+    each, draws = np.concatenate(own), np.concatenate(drawn) if drawn else None
     present = np.array([float(evaluator.arm.get(path)) for path in paths])
     nothing = np.zeros((1, len(evaluator.variables)))
     amplitude = evaluator.alone.amplitudes(nothing)[:, 0, 0] if evaluator.unknown else parts[:, :, 0].max(1)
-    each, draws = whole[..., 0], whole[..., 1:] if evaluator.draws else None
     unsure = _turning(evaluator, paths, each) if draws is None else _of_both_signs(draws)
     return Sensitivities(paths, present, amplitude, each, unsure, draws)
 
@@ -133,16 +135,6 @@ def _worst_phases(evaluator: Evaluator) -> list[dict[str, float]]:
         return []
     whole = evaluator.superposition(np.zeros(len(evaluator.variables)))
     return [whole.worst_phases(int(evaluator.amplitude.first), direction) for direction in range(3)]
-
-
-def _before_draws(evaluator: Evaluator, sets: Sequence[Mapping[str, float]]) -> dict[str, Float[np.ndarray, "D"]]:
-    """Return the draws of an evaluator, and before them the arm itself with each of some sets of numbers."""
-    present = {path: float(evaluator.arm.get(path)) for path in {*evaluator.draws, *sets[0]}}
-    nothing = {path: np.full(evaluator.size - 1, value) for path, value in present.items()}
-    return {
-        path: np.append([each.get(path, value) for each in sets], evaluator.draws.get(path, nothing[path]))
-        for path, value in present.items()
-    }
 
 
 def _elasticities(

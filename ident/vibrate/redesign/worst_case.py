@@ -13,8 +13,6 @@ References:
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from ident.vibrate.redesign.objective import Point
 from ident.vibrate.redesign.search import Search
 
@@ -89,4 +87,4 @@ def worst(search: Search, u: Point) -> tuple[Search, float]:
 
 def with_cut(search: Search, numbers: Mapping[str, float]) -> Search:
     """Return a search that sees one more set of phases, by path [rad]."""
-    return replace(search, cuts={path: np.append(search.cuts.get(path, ()), x) for path, x in numbers.items()})
+    return replace(search, cuts=(*search.cuts, numbers))

@@ -14,10 +14,8 @@ References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
 """
 
-from functools import partial
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,32 +23,21 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
-from ident.arm.linalg import inverse_unpivoted
 from ident.arm.modes import natural_frequencies
-from ident.arm.multibody import Multibody, balanced, may_differ_from_zero
-from ident.arm.multibody_dynamics import equations, imbalance, residual, residual_of
-from ident.arm.multibody_kinematics import (
-    Kinematics,
-    Turning,
-    bushings,
-    deviations,
-    kinematics,
-    pins,
-    transmission_error,
-)
+from ident.arm.multibody import Multibody, may_differ_from_zero
+from ident.arm.multibody_dynamics import equations, imbalance
+from ident.arm.multibody_kinematics import Turning, deviations, pins, transmission_error
 from ident.arm.rotations import matvec
 from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.few_sizes import where
-from ident.vibrate.response.quasi_static import initial_equilibrium, quasi_static_deflection, slope
-from ident.vibrate.response.step_weights import GAUSS, STAGES, STEPS, StepWeights
+from ident.vibrate.response.linear import ONCE, TWICE, Linear, advance, linearised
+from ident.vibrate.response.quasi_static import initial_equilibrium
+from ident.vibrate.response.step_weights import STAGES, STEPS, StepWeights
 from ident.vibrate.response.time_intervals import (
-    NODE_PLACES,
-    NODES,
     TimeIntervals,
     Times,
-    basis,
     between_nodes,
     evaluate,
     fastest,
@@ -60,13 +47,8 @@ from ident.vibrate.response.time_intervals import (
 
 ABSTRACT = 0.005
 """Step for an arm whose first frequency is not known [s]."""
-ONCE, TWICE = ([p.integ(k) for p in basis(GAUSS)] for k in (1, 2))
-"""Rate and value within a step by the stages' accelerations; h and h^2 are factors."""
-A, B = np.array([[p(c) for p in ONCE] for c in GAUSS]), np.array([p(1.0) for p in ONCE])
-A2, B2 = A @ A, B @ A
-"""The same, of the method for first-order equations applied twice: unlike TWICE at the stages it is always stable."""
-START, EDGES, AT_NODES = weights(np.array([0.0]))[0], weights(np.array([0.0, 1.0]))[1], weights(NODE_PLACES)
-"""Weights of the nodes for value at the start of an interval, slopes at its edges, and everything at the nodes."""
+START, EDGES = weights(np.array([0.0]))[0], weights(np.array([0.0, 1.0]))[1]
+"""Weights of the nodes for value at the start of an interval, and slopes at its edges."""
 
 
 class Fast(NamedTuple):
@@ -136,17 +118,23 @@ def integrate(
         at: weights for so many steps.
         loads: the load case.
     """
+    return excited(model, motion, grid, at, linearised(arm, model, motion, grid, at, loads))
+
+
+def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, linear: Linear) -> Fast:
+    """Integrate the linearised equations with what excites the arm: its eccentric masses and kinematic errors.
+
+    For the arguments see `integrate`.
+    """
     first, chunks = grid.start[0], jax.tree.map(jnp.asarray, (at.within, at.middles, at.in_steps, at.stages))
 
-    def interval(state: tuple[Array, Array], given: tuple[Array, Array, _Slow]) -> tuple[tuple, tuple]:
-        (z, seam), (start, h, slow) = state, given
-        first_slope, last_slope = (interpolate(slow.quasi_static, EDGES) / (h * at.steps)).T
-        gain, yields = _transitions(slow, jnp.asarray(at.about_nodes), h)
-        drift, push = _advance(h, model.size)
-        along = drift + push @ gain
+    def interval(state: tuple[Array, Array], given: tuple[Array, Array, Linear]) -> tuple[tuple, tuple]:
+        (z, seam), (start, h, here) = state, given
+        first_slope, last_slope = (interpolate(here.quasi_static, EDGES) / (h * at.steps)).T
+        push = advance(h, model.size)[1]
 
         def begin(z: Array) -> Array:
-            y, K = (interpolate(part, START)[..., 0] for part in (slow.quasi_static, slow.K))
+            y, K = (interpolate(part, START)[..., 0] for part in (here.quasi_static, here.K))
             return jnp.concatenate([initial_equilibrium(model, motion, y, K) - y, jnp.zeros(model.size)])
 
         def go_on(z: Array) -> Array:
@@ -154,15 +142,15 @@ def integrate(
 
         def some_steps(z: Array, given: tuple[Array, ...]) -> tuple[Array, tuple]:
             within, middles, in_steps, stages = given
-            f = _excitation(model, motion, slow, stages, start + h * in_steps, h * at.steps)
-            own = _at_middles(middles, yields @ f)
+            f = _excitation(model, motion, here, stages, start + h * in_steps, h * at.steps)
+            own = _at_middles(middles, here.yields @ f)
 
             def step(z: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array]:
                 share, kick, real = given
-                return jnp.where(real, jnp.tensordot(share, along, 1) @ z + kick, z), z
+                return jnp.where(real, jnp.tensordot(share, here.along, 1) @ z + kick, z), z
 
             z, states = jax.lax.scan(step, z, (middles.T, (push @ own).T, within < at.steps))
-            return z, (states, (_at_middles(middles, gain @ states.T) + own).T)
+            return z, (states, (_at_middles(middles, here.gain @ states.T) + own).T)
 
         parts: tuple[Array, ...]
         z = jax.lax.cond(start == first, begin, go_on, z)
@@ -170,25 +158,15 @@ def integrate(
         z, parts = jax.lax.scan(real, z, chunks)
         return (z, last_slope), tuple(part.reshape((-1, part.shape[-1])) for part in parts)
 
-    slow, rows = _slow(arm, model, motion, loads, grid._replace(steps=at.steps)), (2 * model.size, STAGES * model.size)
+    rows = 2 * model.size, STAGES * model.size
     times = jnp.asarray(grid.start), jnp.asarray(grid.step)
     rest = jnp.zeros(2 * model.size), jnp.zeros(model.size)
     real = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
     states: Array
     a: Array
-    states, a = jax.lax.scan(real, rest, (*times, slow))[1]
+    states, a = jax.lax.scan(real, rest, (*times, linear))[1]
     x, v = jnp.split(states, 2, -1)
-    return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), slow.quasi_static)
-
-
-def _advance(h: Array, n: int) -> tuple[Float[Array, "state state"], Float[Array, "state stages"]]:
-    """Return how x and dx/dt at the end of a step follow from those at its start, and from the stages' accelerations.
-
-    z' = drift z + push a.
-    """
-    unit = np.eye(n)
-    drift = jnp.eye(2 * n) + h * np.kron([[0, 1], [0, 0]], unit)
-    return drift, jnp.concatenate([h * h * np.kron(B2, unit), h * np.kron(B, unit)])
+    return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.quasi_static)
 
 
 def _at_middles(middles: Float[Array, "m S"], x: Float[Array, "m k S"]) -> Float[Array, "k S"]:
@@ -196,75 +174,16 @@ def _at_middles(middles: Float[Array, "m S"], x: Float[Array, "m k S"]) -> Float
     return (x * middles[:, None]).sum(0)
 
 
-class _Slow(NamedTuple):
-    """What changes with the posture alone, at the nodes of each interval."""
-
-    quasi_static: Float[Array, "P n m"]
-    M: Float[Array, "P n n m"]
-    D: Float[Array, "P n n m"]
-    K: Float[Array, "P n n m"]
-    by_pin: tuple[Array, ...]
-    residual: Float[Array, "P n m"]
-    kinematics: Kinematics
-
-
-def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals) -> _Slow:
-    """Linearise the equations at the nodes, nothing exciting them: in the coordinates and in the pins' angles."""
-    length = (grid.step * grid.steps)[:, None]
-    smooth, commanded = balanced(model), command(model, motion, grid.nodes.ravel())
-    y = quasi_static_deflection(arm, model, commanded.q, loads)
-    none = jnp.zeros_like(y)
-
-    def by_interval(x: Array) -> Array:
-        return x.reshape((*x.shape[:-1], len(grid.start), NODES))
-
-    line = [(interpolate(by_interval(y), W) / length**k).reshape(y.shape) for k, W in enumerate(AT_NODES)]
-    turning = pins(smooth, commanded, Turning(*(deviations(model, part) for part in line)))
-
-    def shifted(k: int, pin: Array) -> Array:
-        angles = [part + pin if i == k else part for i, part in enumerate(turning.pin)]
-        return residual_of(smooth, eqx.tree_at(lambda t: t.pin, turning, Turning(*angles)), *line)
-
-    still = jnp.zeros((model.joints, *y.shape[1:]))
-    slow = _Slow(
-        quasi_static=y,
-        M=slope(lambda ydd: residual(smooth, commanded, y, none, ydd), none),
-        D=slope(lambda yd: residual(smooth, commanded, y, yd, none), none),
-        K=slope(lambda y: residual(smooth, commanded, y, none, none), y),
-        by_pin=tuple(slope(partial(shifted, k), still) for k in range(3)) if model.transmission_error else (),
-        residual=residual_of(smooth, turning, *line),
-        kinematics=kinematics(smooth, turning.pin, *(bushings(model, part) for part in line)),
-    )
-    return jax.tree.map(lambda x: jnp.moveaxis(by_interval(x), -2, 0), slow)
-
-
 def _excitation(
-    model: Multibody, motion: Motion, slow: _Slow, stages: Float[Array, "3 m places"], time: Array, length: Array
+    model: Multibody, motion: Motion, linear: Linear, stages: Float[Array, "3 m places"], time: Array, length: Array
 ) -> Float[Array, "stages S"]:
     """Return f at the stages of some steps, one above the other."""
-    moving = jax.tree.map(lambda x: interpolate(x, stages[0]), slow.kinematics)
+    moving = jax.tree.map(lambda x: interpolate(x, stages[0]), linear.kinematics)
     commanded = command(model, motion, time)
-    line = [interpolate(slow.quasi_static, stages[k]) / length**k for k in range(3)]
+    line = [interpolate(linear.quasi_static, stages[k]) / length**k for k in range(3)]
     turning = pins(model, commanded, Turning(*(deviations(model, part) for part in line)))
     turned = equations(model, moving, turning.slope, imbalance(model, moving, turning.pulley))
-    f = interpolate(slow.residual, stages[0]) + turned
-    for by_pin, deviation in zip(slow.by_pin, transmission_error(model, turning), strict=False):
+    f = interpolate(linear.residual, stages[0]) + turned
+    for by_pin, deviation in zip(linear.by_pin, transmission_error(model, turning), strict=False):
         f = f + matvec(interpolate(by_pin, stages[0]), deviation)
     return -jnp.concatenate([f[:, stage::STAGES] for stage in range(STAGES)])
-
-
-def _transitions(
-    slow: _Slow, about_nodes: Float[Array, "inner m m"], h: Array
-) -> tuple[Float[Array, "m stages state"], Float[Array, "m stages stages"]]:
-    """Return how the accelerations at the stages of a step follow from the state at its start, and from f.
-
-    They are computed for steps about the nodes; between, they change as slowly as M, D and K do.
-    """
-    rows, known = [], []
-    for i, W in enumerate(about_nodes):
-        m, d, k = (interpolate(X, W) for X in (slow.M, slow.D, slow.K))
-        rows.append([(m if i == j else 0.0) + h * A[i, j] * d + h * h * A2[i, j] * k for j in range(STAGES)])
-        known.append([-k, -d - h * GAUSS[i] * k])
-    left, right = (jnp.concatenate([jnp.concatenate(row, 1) for row in part], 0) for part in (rows, known))
-    yields, right = (jnp.moveaxis(X, -1, 0) for X in (inverse_unpivoted(left), right))
-    return yields @ right, yields

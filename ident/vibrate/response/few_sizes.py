@@ -26,7 +26,7 @@ def ladder(count: int, least: int, growth: int = 4) -> int:
 
 
 def where(
-    real: Callable[[Any], Array], body: Callable[[Any, Any], tuple], *shapes: tuple[int, int]
+    real: Callable[[Any], Array], body: Callable[[Any, Any], tuple], *shapes: tuple[int, ...]
 ) -> Callable[[Any, Any], tuple]:
     """Return a body of `jax.lax.scan` that does nothing where what is given is not real.
 

@@ -1,38 +1,39 @@
 """An arm carries out a motion: the one function that runs it and samples what happens."""
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
-from typing import Any
+from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, has_transmission_error, multibody
 from ident.errors import InputError, ModelError, Problem
-from ident.jit import RUNS_ONCE, AnyArray, concrete, cores, jit, library
+from ident.jit import RUNS_ONCE, AnyArray, jit, library
 from ident.vibrate.modal.modes_along_path import nominal
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response import exact, fast
 from ident.vibrate.response.curved import refuse_curved
+from ident.vibrate.response.each import each_of, numbers_of
 from ident.vibrate.response.exact import Progress
-from ident.vibrate.response.fast_method import FastMethod, Integrated, Solution, displacement, repeated, vibration_of
+from ident.vibrate.response.fast_method import (
+    FastMethod,
+    Solution,
+    all_of_it,
+    displacement,
+    repeated,
+)
 from ident.vibrate.response.few_sizes import filled_up
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.step_weights import step_weights
-from ident.vibrate.response.time_intervals import TURN, TURN_WITH_ERROR, Times, jumps_of, time_intervals
+from ident.vibrate.response.time_intervals import TURN, TURN_WITH_ERROR, jumps_of, time_intervals
 
 RATE = 500.0
 """Samples a second, unless asked otherwise."""
 
 JUMP = 1e-4
 """Largest jump of a pin's speed [rad/s]: 4 m of arm on a mode of 4 Hz would vibrate by 0.02 mm."""
-CHUNK = 4
-"""Arms of a batch that one call solves."""
 MOST_SAMPLES = 1_000_000
 """Samples of a motion: half an hour at the usual rate."""
 MOST_STEPS = 10_000_000
@@ -69,49 +70,55 @@ def simulate(
             a batch, a motion whose speed jumps, or by the fast method curved springs that leave their tangents.
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
-    batch = arm.batch
-    _check_method(method, batch)
-    _check(arm, rate, step)
-    time, solve = sample_times(motion, rate), fast_method(arm, motion, loads, elastic_belts, rate, step)
-    solution = concrete(_over_batch(arm, solve, _whole) if batch else solve(arm))
-    refuse_collapse(motion, solution.displacement[:, : len(time)])
-    model, interrupted = multibody_of(arm, loads, 1 + len(batch), elastic_belts), None
+    _check_method(method, arm.batch)
+    response, missed = _by_fast_method(arm, motion, loads, elastic_belts, rate, step)
     if method == "exact":
-        solution, interrupted = _exact(model, solve, solution, time, progress)
-        time = time[: solution.y.shape[1]]
-    else:
-        refuse_curved(arm, solution.missed)
-    y, yd, path, displacement, static = (part[:, : len(time)] for part in solution[:5])
-    path = path[(..., *(0,) * len(batch))]
-    return Response(model, motion, time, y, yd, path, displacement, static, method, interrupted)
+        return exactly(response, progress)
+    refuse_curved(arm, missed)
+    return response
 
 
-def _whole(solution: Solution) -> Solution:
-    return solution
-
-
-def vibrations(
-    arm: Arm, numbers: Mapping[str, Float[Array | np.ndarray, "batch"]], solve: "FastMethod"
-) -> Float[AnyArray, "3 T batch"]:
-    """Return how the end point vibrates [m] with each of some numbers of the arm, by path; NaN where it collapses.
+def exactly(response: Response, progress: Progress = iter) -> Response:
+    """Simulate by the exact method, from where a response by the fast one starts.
 
     Raises:
-        InputError: vibrations leave the tangents of curved springs, see `refuse_curved`.
+        ModelError: see `simulate`.
     """
-    if not arm.springs:
-        return _of_each(arm, numbers, solve, vibration_of)
-    vibration, missed = _of_each(arm, numbers, solve, _with_missed)
-    refuse_curved(arm, missed)
-    return vibration
+    model, motion, time = response.model, response.motion, np.asarray(response.time)
+    start = np.asarray(response.y[:, 0])
+    solved = exact.integrate(model, filled_up(motion), (start, np.zeros_like(start)), time, progress=progress)
+    y, count = np.asarray(solved.y), solved.y.shape[1]
+    times = repeated(time)
+    whole = np.pad(y, ((0, 0), (0, len(times) - count)), mode="edge")
+    moved = np.asarray(displacement(model, filled_up(motion), np.minimum(times, time[count - 1]), whole))
+    path, displaced, static = (part[:, :count] for part in (response.path, moved, response.quasi_static))
+    return Response(model, motion, time[:count], y, solved.yd, path, displaced, static, "exact", solved.interrupted)
 
 
-def _with_missed(solution: Solution) -> tuple[AnyArray, AnyArray | None]:
-    return vibration_of(solution), solution.missed
+def _by_fast_method(
+    arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None
+) -> tuple[Response, AnyArray | None]:
+    """Simulate by the fast method, and return by how much springs that are curved leave their tangents."""
+    time, batch = sample_times(motion, rate), arm.batch
+    solution = _whole(arm, fast_method(arm, motion, loads, elastic, rate, step))
+    refuse_collapse(motion, solution.displacement)
+    model = multibody_of(arm, loads, 1 + len(batch), elastic)
+    y, yd, path, displacement, static = solution[:5]
+    path = path.reshape((3, len(time), -1))[..., 0]
+    return Response(model, motion, time, y, yd, path, displacement, static, "fast"), solution.missed
+
+
+def _whole(arm: Arm, solve: FastMethod) -> Solution:
+    """Solve for an arm, and for each of its batch `(*batch)`, whose axes come last."""
+    batch, numbers = arm.batch, {path: library(x).asarray(x) for path, x in numbers_of(arm).items()}
+    flat = {path: library(x).broadcast_to(x, batch).reshape(-1) for path, x in numbers.items()}
+    each = each_of(nominal(arm) if batch else arm, flat, solve, all_of_it)
+    return jax.tree.map(lambda x: x.reshape((*x.shape[:-2], *batch)), each)
 
 
 def fast_method(
     arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None
-) -> "FastMethod":
+) -> FastMethod:
     """Set up the fast method for a motion."""
     _check(arm, rate, step)
     refuse_jumps(arm, motion)
@@ -121,96 +128,6 @@ def fast_method(
     grid = time_intervals(motion, time[-1], longest, turn=TURN_WITH_ERROR if error else TURN)
     weights, samples = step_weights(int(grid.steps)), np.asarray(len(time))
     return FastMethod(filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights, elastic, error)
-
-
-def _over_batch(arm: Arm, solve: "FastMethod", keep: Callable[[Solution], Any]) -> Any:
-    """Solve for each arm of a batch `(*batch)`, one after another on each core, these axes last.
-
-    One arm fills a core better than several side by side, whose intermediate values do not fit its cache. What does not
-    depend on the numbers that differ is computed once for all.
-    """
-    batch, one = arm.batch, nominal(arm)
-    varying = {path: value for path, value in arm.numbers().items() if jnp.ndim(value)}
-    flat = {path: library(value).broadcast_to(value, batch).reshape(-1) for path, value in varying.items()}
-    return jax.tree.map(lambda x: x.reshape((*x.shape[:-1], *batch)), _of_each(one, flat, solve, keep))
-
-
-def _of_each(
-    arm: Arm, numbers: Mapping[str, Array | np.ndarray], solve: "FastMethod", keep: Callable[[Solution], Any]
-) -> Any:
-    """Solve for an arm with each of these numbers (batch,), by path; what is behind the samples is left out."""
-
-    def samples_of(values: Any) -> Any:
-        integrated = _integrated(arm, values, solve)
-        parts = [concrete(_sampled(arm, values, solve, integrated, time, keep)) for time in solve.blocks()]
-        return jax.tree.map(lambda *part: library(part).concatenate(part, -1)[..., : int(solve.samples)], *parts)
-
-    chunked = by_chunk(samples_of, dict(numbers))
-    return jax.tree.map(lambda x: library(x).moveaxis(x, 0, -1), chunked)
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    """Return the threads that solve: one a core, however many callers there are at once."""
-    return ThreadPoolExecutor(cores(), "simulate")
-
-
-def by_chunk(run: Callable[[Any], Any], flat: Any, chunk: int = CHUNK) -> Any:
-    """Run some of a batch at a time, which is the first axis of all arrays, as many chunks at once as there are cores.
-
-    The first to come compiles the program, for which jax lets the others wait. Under `jit` or `grad` all at once.
-    """
-    leaves = jax.tree.leaves(flat)
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-        return run(flat)
-    flat, count = jax.tree.map(np.asarray, flat), len(leaves[0])
-    picked = [np.minimum(np.arange(start, start + chunk), count - 1) for start in range(0, count, chunk)]
-    chunks = [jax.tree.map(lambda leaf, which=which: leaf[which], flat) for which in picked]
-    futures = [_pool().submit(lambda one: jax.block_until_ready(run(one)), one) for one in chunks]
-    try:
-        parts = [future.result() for future in futures]
-    finally:
-        for future in futures:
-            future.cancel()
-    return jax.tree.map(lambda *leaf: np.concatenate(leaf)[:count], *parts)
-
-
-@jit
-def _integrated(arm: Arm, values: dict[str, Array], solve: "FastMethod") -> Integrated:
-    def one(values: dict[str, Array]) -> Integrated:
-        changed = arm.replace(values)
-        return solve.integrated(changed, solve.model(changed))
-
-    return jax.lax.map(one, values)
-
-
-@jit
-def _sampled(
-    arm: Arm,
-    values: dict[str, Array],
-    solve: "FastMethod",
-    integrated: Integrated,
-    time: Times,
-    keep: Callable[[Solution], Any],
-) -> Any:
-    def one(given: tuple[dict[str, Array], Integrated]) -> Any:
-        values, integrated = given
-        return keep(solve.at(solve.model(arm.replace(values)), integrated, time))
-
-    return jax.lax.map(one, (values, integrated))
-
-
-def _exact(
-    model: Multibody, method: FastMethod, solution: Solution, time: Float[np.ndarray, "T"], progress: Progress
-) -> tuple[Solution, float | None]:
-    """Return the exact solution from where the fast one starts, and until when it was solved if interrupted [s]."""
-    start = np.asarray(solution.y[:, 0])
-    solved = exact.integrate(model, method.motion, (start, np.zeros_like(start)), time, progress=progress)
-    y = np.asarray(solved.y)
-    whole = np.pad(y, ((0, 0), (0, len(method.time) - y.shape[1])), mode="edge")
-    times = np.minimum(method.time, time[y.shape[1] - 1])
-    moved = np.asarray(displacement(model, method.motion, times, whole))
-    return solution._replace(y=y, yd=np.asarray(solved.yd), displacement=moved), solved.interrupted
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:

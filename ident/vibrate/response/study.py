@@ -17,7 +17,7 @@ from ident.vibrate.response import belt_tension
 from ident.vibrate.response import exact as exact_method
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.response import Response, peak, rms, settling_time
-from ident.vibrate.response.simulate import RATE, multibody_of, sample_times, simulate
+from ident.vibrate.response.simulate import RATE, exactly, multibody_of, sample_times, simulate
 from ident.vibrate.signal.compare import Comparison, Trace, compare
 
 DIRECTIONS = ("x", "y", "z")
@@ -123,16 +123,18 @@ def simulate_motion(
         raise InputError(Problem("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method"))
     if method != "fast":
         _prepare_exact(arm, motion, loads, elastic_belts, rate)
-    fast = exact = None
-    if method != "exact":
-        fast = simulate(arm, motion, loads=loads, elastic_belts=elastic_belts, rate=rate)
-    if method != "fast":
-        exact = simulate(
-            arm, motion, loads=loads, method="exact", elastic_belts=elastic_belts, rate=rate, progress=progress
+    if method == "exact":
+        fast, exact = (
+            None,
+            simulate(
+                arm, motion, loads=loads, method="exact", elastic_belts=elastic_belts, rate=rate, progress=progress
+            ),
         )
-    if exact is None:
-        assert fast is not None
-        return SimulatedMotion(fast)
+    else:
+        fast = simulate(arm, motion, loads=loads, elastic_belts=elastic_belts, rate=rate)
+        if method == "fast":
+            return SimulatedMotion(fast)
+        exact = exactly(fast, progress)
     if exact.interrupted is None:
         return SimulatedMotion(exact, fast)
     if len(exact.time) < 2 and fast is None:

@@ -32,11 +32,9 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.jit import AnyArray, concrete
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.curved import refuse_curved
-from ident.vibrate.response.fast_method import FastMethod, vibration_of
-from ident.vibrate.response.simulate import RATE, by_chunk, fast_method, refuse_collapse, vibrations
+from ident.vibrate.response.each import numbers_of, vibrations
+from ident.vibrate.response.simulate import RATE, fast_method, refuse_collapse
 
 TOGETHER = 32
 """Sets of phases for which the vibration is computed together."""
@@ -110,12 +108,6 @@ class Superposition:
         return dict(zip(self.unknown, np.arctan2(sine, cosine).tolist(), strict=True))
 
 
-def numbers_of(arm: Arm) -> dict[str, np.ndarray]:
-    """Return the numbers of an arm by path, but for those of its stroke, which is a motion already."""
-    own = "" if arm.stroke is None else f"{arm.stroke.name}."
-    return {path: np.asarray(x) for path, x in arm.numbers().items() if not (own and path.startswith(own))}
-
-
 def is_of_error(path: str) -> bool:
     """Tell whether a phase is that of a kinematic error, and not of an imbalance."""
     return path.endswith(".error_phase")
@@ -130,7 +122,6 @@ def superposition(
     elastic_belts: bool = False,
     rate: float = RATE,
     step: float | None = None,
-    together: bool = True,
 ) -> Superposition:
     """Return the vibration over a motion by what excites it, with the fast method.
 
@@ -142,50 +133,29 @@ def superposition(
         elastic_belts: whether belts stretch.
         rate: samples a second.
         step: longest time step [s]; see `fast.step_for` when None.
-        together: whether the simulations go by the program of many arms, or by that of a single one: whichever is
-            loaded anyhow.
 
     Raises:
         InputError: see `simulate`.
         ModelError: the arm collapses.
     """
     solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
-    members = np.asarray((_together if together else _one_by_one)(arm, unknown, solve))
+    numbers = {path: np.asarray(x)[None] for path, x in numbers_of(arm).items()}
+    members = np.asarray(vibrations(arm, numbers, solve, sets_of(unknown)))[..., 0]
     refuse_collapse(motion, members)
     return Superposition(np.asarray(solve.time)[: int(solve.samples)], tuple(unknown), *parts_of(members))
 
 
-def _together(arm: Arm, unknown: Sequence[str], solve: FastMethod) -> Float[AnyArray, "3 T members"]:
-    count = 1 + 2 * len(unknown)
-    each = {path: np.broadcast_to(value, count) for path, value in numbers_of(arm).items()} | members_of(unknown)
-    return vibrations(arm, each, solve)
-
-
-def _one_by_one(arm: Arm, unknown: Sequence[str], solve: FastMethod) -> Float[AnyArray, "3 T members"]:
-    def alone(phases: Float[np.ndarray, "1 U"]) -> Float[AnyArray, "1 3 T"]:
-        turned = arm.replace(dict(zip(unknown, phases[0], strict=True)))
-        solution = concrete(solve(turned))
-        refuse_curved(arm, solution.missed)
-        return vibration_of(solution)[None, :, : int(solve.samples)]
-
-    return np.moveaxis(by_chunk(alone, _phases_of_members(len(unknown)), chunk=1), 0, -1)
-
-
-def members_of(unknown: Sequence[str]) -> dict[str, Float[np.ndarray, "members"]]:
+def sets_of(unknown: Sequence[str]) -> list[dict[str, float]]:
     """Return the phases [rad] of the simulations that determine a sum: all at 0, then each alone at 90, at 180 degrees.
 
     Without unknown phases it is the arm as it is.
     """
-    return dict(zip(unknown, _phases_of_members(len(unknown)).T, strict=True))
-
-
-def _phases_of_members(count: int) -> Float[np.ndarray, "members U"]:
-    alone = np.eye(count)
-    return np.pi / 2 * np.concatenate([np.zeros((1, count)), alone, 2 * alone])
+    alone = [dict.fromkeys(unknown, 0.0) | {path: turn} for turn in (np.pi / 2, np.pi) for path in unknown]
+    return [dict.fromkeys(unknown, 0.0), *alone]
 
 
 def parts_of(members: Float[np.ndarray, "*shape members"]) -> tuple[Any, Any, Any]:
-    """Return what is sure `(*shape)`, and each phase's parts of cosine and sine `(U, *shape)`, see `members_of`."""
+    """Return what is sure `(*shape)`, and each phase's parts of cosine and sine `(U, *shape)`, see `sets_of`."""
     count = (members.shape[-1] - 1) // 2
     first, quarter, half = (np.moveaxis(x, -1, 0) for x in np.split(members, (1, 1 + count), -1))
     cosine = (first - half) / 2
