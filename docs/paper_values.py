@@ -46,7 +46,7 @@ def simulated(arm: Arm, motion: Motion, arms: dict[str, dict[str, float]]) -> di
     """Return how the finger end of each vibrates [mm], (3, T)."""
     paths = {path for values in arms.values() for path in values}
     numbers = {path: np.array([one.get(path, float(arm.get(path))) for one in arms.values()]) for path in paths}
-    found = 1e3 * np.asarray(vibrations(arm, numbers, fast_method(arm, motion, None, False, RATE, None)))
+    found = 1e3 * np.asarray(vibrations(arm, numbers, fast_method(arm, motion, None, False, RATE, None)))[..., 0, :]
     return {name: found[..., i] for i, name in enumerate(arms)}
 
 

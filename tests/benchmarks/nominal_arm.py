@@ -91,7 +91,7 @@ def basis(arm: Arm, move: Motion, changes: Sequence[dict[str, float]]) -> np.nda
         path: np.array([row.get(path, float(arm.get(path))) for row in rows])
         for path in rows[-1] | dict.fromkeys(TRENDS)
     }
-    found = np.asarray(vibrations(arm, numbers, fast_method(arm, move, None, False, RATE, None)))
+    found = np.asarray(vibrations(arm, numbers, fast_method(arm, move, None, False, RATE, None)))[..., 0, :]
     found = found.reshape(*found.shape[:2], len(changes), 7).copy()
     found[..., 1:] = (found[..., 1:] - found[..., :1]) / SIZES[-1]
     return found

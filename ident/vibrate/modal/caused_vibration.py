@@ -10,10 +10,11 @@ from jaxtyping import Array, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.modes import modes
-from ident.jit import AnyArray, jit
+from ident.jit import AnyArray, ahead, jit
 from ident.vibrate.modal.modes_along_path import nominal
 from ident.vibrate.modal.resonance import ResonanceCrossing
 from ident.vibrate.motion.motion import Motion
+from ident.vibrate.response.each import linearised
 from ident.vibrate.response.superposition import Superposition, superposition
 
 RATE = 250.0
@@ -45,13 +46,22 @@ def with_amplitudes(
     if not crossings:
         return ()
     arm = nominal(arm)
-    whole = superposition(arm, motion, tuple(_phases(arm)), loads=loads, rate=RATE)
+    whole = _whole(arm, motion, loads)
     ways = _ways(arm, crossings, loads)
     sizes = [
         _largest(whole, _phase(arm, crossing), crossing, way) for crossing, way in zip(crossings, ways, strict=True)
     ]
     found = (replace(crossing, amplitude=size) for crossing, size in zip(crossings, sizes, strict=True))
     return tuple(sorted(found, key=lambda crossing: (-crossing.amplitude * crossing.probability, crossing.start)))
+
+
+def prepare(arm: Arm, motion: Motion, loads: Loads | None = None) -> None:
+    """Have compiled, or loaded, meanwhile what simulates the vibration."""
+    ahead(linearised, lambda: _whole(nominal(arm), motion, loads))
+
+
+def _whole(arm: Arm, motion: Motion, loads: Loads | None) -> Superposition:
+    return superposition(arm, motion, tuple(_phases(arm)), loads=loads, rate=RATE)
 
 
 def _phases(arm: Arm) -> Iterator[str]:

@@ -153,7 +153,7 @@ class Evaluator:
             sets: phases of what excites the arm itself, by path; without, the arms are itself and its draws.
         """
         numbers, measure, solve = self.batch(change[None]), self.amplitude, self._solver(change[None])
-        arms = [{path: values[k] for path, values in numbers.items()} for k in range(1 if sets else self.size)]
+        arms = [{path: values[k, ...] for path, values in numbers.items()} for k in range(1 if sets else self.size)]
         groups = [self.variables[first : first + WIDTH] for first in range(0, len(self.variables), WIDTH)]
         ways = [(values, _directions(values, variables)) for variables in groups for values in arms]
         linear = at_once([partial(_linear_along, self.arm, *way, solve) for way in ways])
@@ -172,7 +172,7 @@ class Evaluator:
     def prepare(self) -> None:
         """Have compiled, or loaded, meanwhile what `slopes` takes."""
         numbers, solve = self.batch(np.zeros((1, len(self.variables)))), self._solver(self.bounds)
-        values = {path: each[0] for path, each in numbers.items()}
+        values = {path: each[0, ...] for path, each in numbers.items()}
         ways = _directions(values, self.variables[:WIDTH])
 
         def parts() -> None:
@@ -231,7 +231,7 @@ class Evaluator:
 
 
 def _directions(
-    numbers: Mapping[str, np.ndarray], variables: Sequence[Variable]
+    numbers: Mapping[str, Float[np.ndarray, ""]], variables: Sequence[Variable]
 ) -> dict[str, Float[np.ndarray, "WIDTH"]]:
     """Return how the numbers of an arm change with each variable; zero for those that fill up."""
     directions = {path: np.zeros(WIDTH) for path in numbers}

@@ -84,7 +84,7 @@ def each_of(
     if library(arm, numbers) is jnp:  # under `jit` or `grad`
         traced = jax.lax.map(lambda values: jax.tree.map(cut, keep(solve(arm.replace(values)))), dict(numbers))
         return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1)[..., None, :], traced)
-    each = [{path: values[k] for path, values in numbers.items()} for k in range(count)]
+    each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(count)]
 
     def one(values: dict[str, Any], linear: Linearised, own: Mapping[str, float]) -> Any:
         values = values | {path: np.asarray(x) for path, x in own.items()}

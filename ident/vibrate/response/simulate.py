@@ -71,6 +71,7 @@ def simulate(
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
     _check_method(method, arm.batch)
+    _check(arm, rate, step)
     response, missed = _by_fast_method(arm, motion, loads, elastic_belts, rate, step)
     if method == "exact":
         return exactly(response, progress)

@@ -14,8 +14,8 @@ from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.simulate import simulate
 from ident.vibrate.response.superposition import (
     Superposition,
-    members_of,
     parts_of,
+    sets_of,
     superposition,
 )
 
@@ -131,16 +131,16 @@ def test_half_the_eccentricity_is_half_the_part_of_the_imbalance() -> None:
 
 
 def test_a_sum_of_functions_that_are_sums() -> None:
-    """Members of a + b cos x + c sin x + d cos y + e sin y."""
+    """With each set of phases of a + b cos x + c sin x + d cos y + e sin y."""
     a, b, c, d, e = np.random.default_rng(2).normal(size=(5, 3, 4))
-    x, y = (members_of(("x", "y"))[name] for name in "xy")
+    x, y = (np.array([phases[name] for phases in sets_of(("x", "y"))]) for name in "xy")
     members = a[..., None] + sum(
         part[..., None] * turn for part, turn in ((b, np.cos(x)), (c, np.sin(x)), (d, np.cos(y)), (e, np.sin(y)))
     )
     for part, expected in zip(parts_of(members), (a, [b, d], [c, e]), strict=True):
         np.testing.assert_allclose(part, expected, atol=1e-12)
     assert members.shape[-1] == 5
-    assert members_of(()) == {}
+    assert sets_of(()) == [{}]
 
 
 def test_an_arm_without_drives() -> None:
