@@ -125,6 +125,8 @@ def design(
     required = required or Requirements()
     _check(evaluator, limit, required, extents)
     search = Search(evaluator, required)
+    if not search.can_be_met(seed):
+        raise ModelError(_why_not(search, seed))
     search, _ = worst(search, 0 * search.objective.scale)
     begins = search.starts(starts, seed)
     ends = side_by_side([partial(search.minimum_amplitude, begin) for begin in begins], progress)

@@ -23,6 +23,8 @@ from ident.vibrate.redesign.objective import Objective, Point
 
 APART = 0.25
 """Least distance of two starts, in units of the bounds."""
+FEW = 3
+"""Places from which one that is allowed is searched for."""
 CLOSE = 1e-7
 """Relative change of the amplitude at which an optimum counts as reached."""
 
@@ -87,6 +89,21 @@ class Search:
         u = self._minimize(lambda u: self.objective.log_odds(u, limit), start, rows, self.effort.iterations_with_draws)
         candidates = [start, u] if are_met(rows, u) else [start]
         return min(candidates, key=lambda u: self.objective.log_odds(u, limit)[0])
+
+    def can_be_met(self, seed: int) -> bool:
+        """Tell whether some place keeps the requirements: a search from some for the nearest that does.
+
+        It takes no simulation, so that what is asked in vain is told at once.
+        """
+        rows = self._constraints()
+
+        def nearest(start: Point) -> Point:
+            return self._minimize(
+                lambda u: (float(((u - start) ** 2).sum()), 2 * (u - start)), start, rows, self.effort.iterations
+            )
+
+        tried = [0 * self.objective.scale, *self.spread(seed)[:FEW]] if rows else []
+        return not rows or any(are_met(rows, nearest(start)) for start in tried)
 
     def starts(self, count: int, seed: int) -> list[Point]:
         """Return the arm as it is, and those of some places that are apart and have the least amplitude."""
