@@ -25,7 +25,6 @@ ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "mo
 install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 
 import jax  # noqa: E402
-import quickly  # noqa: E402, F401
 from reports import too_wide, without_number  # noqa: E402
 
 from ident import cli  # noqa: E402

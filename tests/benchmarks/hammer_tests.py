@@ -26,7 +26,6 @@ from scipy.stats import binom, chi2, norm
 from timing import commit, machine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-import quickly  # noqa: F401  # the programs of fits compiled with half the effort
 from shaken import PLACES, hammered, shaken
 
 from ident.arm.arm import Arm

@@ -18,7 +18,6 @@ from scipy.stats import binom, chi2
 from timing import commit, machine
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-import quickly  # noqa: F401  # the programs of fits compiled with half the effort
 from known_shapes import CROSSING, SKEW, rows, with_elbow
 
 from ident.identify.build_problem import build_problem

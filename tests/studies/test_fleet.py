@@ -29,13 +29,6 @@ from ident.studies.fleet import FleetOptions, fleet
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
 QUICK = FleetOptions(starts=4, normal=True)
-SUPPORT = Path(__file__).parents[1] / "support"
-
-
-@pytest.fixture
-def quick_workers(monkeypatch):
-    """Workers whose programs are compiled like those here, so that bits can be compared."""
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(SUPPORT / "quick_workers"), *filter(None, sys.path)]))
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +82,6 @@ def test_what_it_says(result, robots):
     assert off["against_fleet_log"] < np.log(0.75)
 
 
-@pytest.mark.usefixtures("quick_workers")
 def test_its_draws_can_be_trusted_and_agree_with_normal_data_where_these_are_good(result, robots, tmp_path):
     """Drawn by two processes, and read again."""
     folder = tmp_path / "kept"
@@ -181,7 +173,6 @@ def test_another_design_is_none_of_the_fleet(robots, tmp_path):
     assert "wrist.k_tors" in result.failed["other"]
 
 
-@pytest.mark.usefixtures("quick_workers")
 def test_what_is_done_is_not_done_again(robots, fitted, kept):
     before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in kept.iterdir()}
     assert len(before) == 9
@@ -225,15 +216,7 @@ def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
     few.mkdir()
     for name in ("arm.toml", "broken.csv", *(f"robot00{i}.csv" for i in range(1, 5))):
         shutil.copy(robots[0] / name, few)
-    line = [
-        sys.executable,
-        str(SUPPORT / "quick_ident.py"),
-        "fleet",
-        str(few),
-        "--starts=4",
-        "--normal",
-        "--no-figure",
-    ]
+    line = [sys.executable, "-m", "ident", "fleet", str(few), "--starts=4", "--normal", "--no-figure"]
     line += [f"--soft-base={0.3}"]  # more unknowns: enough time to be killed in
 
     def run(out, kill_at=None):

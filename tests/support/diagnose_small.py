@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated
 
-import quickly  # noqa: F401
 import typer
 from arms import DATA
 

@@ -9,8 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import quickly  # noqa: F401
-
 import ident
 
 OPTIONS: Mapping[str, Mapping[str, Any]] = {

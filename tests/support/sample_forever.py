@@ -8,7 +8,6 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 import numpy as np  # noqa: E402
-import quickly  # noqa: E402, F401
 from chains import linear_problem  # noqa: E402
 
 from ident.inference.fit import fit  # noqa: E402

@@ -1,3 +1,0 @@
-"""Processes that are started with this folder on `PYTHONPATH` compile their programs as the tests do theirs."""
-
-import quickly  # noqa: F401
