@@ -24,6 +24,7 @@ from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_assignment import NAMING_SD, most_probable
 from ident.identify.predict import chains
 from ident.inference.least_squares import End, solve
+from ident.jit import jit
 from ident.measure import Campaign, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow
@@ -41,9 +42,13 @@ def two_states():
         for mode in modes
     )
     conditions = bind(arm, Campaign(measurements=rows))
+    return conditions.named, five_lowest(arm, conditions)
+
+
+@jit
+def five_lowest(arm, conditions):
     chain = chains(arm, {}, conditions)
-    lowest = modes_about(chain, static_equilibrium(chain), 5)
-    return conditions.named, lowest
+    return modes_about(chain, static_equilibrium(chain), 5)
 
 
 def by_enumeration(values, modes, state):
