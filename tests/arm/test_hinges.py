@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from arms import lcd_arm, posture_of, random_arm
+from equinox import filter_jit
 
 from ident.arm.arm import Arm
 from ident.arm.base import on_soft_base
@@ -11,7 +12,6 @@ from ident.arm.checks import MOST_JOINTS
 from ident.arm.hinges import cut
 from ident.arm.mechanics import mass_matrix, point_positions, potential_energy
 from ident.arm.parts import Body, Joint, Payload
-from ident.jit import jit
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +24,7 @@ ARMS = [
 ]
 
 
-@jit
+@filter_jit
 def seen(arm, posture, phi):
     """Mass matrix, potential less that at rest, and where the points are."""
     chain = at_posture(arm, posture)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from equinox import filter_jit
 from scipy.linalg import eigh
 from three_joints import JOINTS, WITHOUT_MESHES
 
@@ -18,7 +19,6 @@ from ident.arm.modes import linearize
 from ident.description.file import read_arm
 from ident.description.mjcf_writing import mjcf_with_bushings
 from ident.errors import InputError
-from ident.jit import jit
 
 jax.config.update("jax_enable_x64", True)
 POSTURES = np.random.default_rng(3).uniform(-1, 1, (5, 3))
@@ -72,7 +72,7 @@ def about_equilibrium(model, posture):
     return hertz, np.abs(x).max(), data.site("tool").xpos.copy()
 
 
-@jit
+@filter_jit
 def about(arm, posture):
     """The equations about the equilibrium, and where the points are there."""
     chain = at_posture(arm, posture)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from equinox import filter_jit
 from one_program import predicted
 from scipy.stats import norm
 
@@ -24,7 +25,6 @@ from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_assignment import NAMING_SD, most_probable
 from ident.identify.predict import chains
 from ident.inference.least_squares import End, solve
-from ident.jit import jit
 from ident.measure import Campaign, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow
@@ -45,7 +45,7 @@ def two_states():
     return conditions.named, five_lowest(arm, conditions)
 
 
-@jit
+@filter_jit
 def five_lowest(arm, conditions):
     chain = chains(arm, {}, conditions)
     return modes_about(chain, static_equilibrium(chain), 5)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from arms import lcd_arm
+from equinox import filter_jit
 from one_program import shown
 
 from ident.arm.arm import stiffness_paths
@@ -22,7 +23,6 @@ from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.problem import Data
-from ident.jit import jit
 from ident.measure import DEFINITIONS, Campaign, Load, Measurement
 
 pytestmark = pytest.mark.slow
@@ -47,7 +47,7 @@ def predicted_at(arm, k, count, sigma):
     return np.asarray(jax.jit(lambda k: predict(arm, {"joint1.k_tors": k}, conditions, data))(jnp.asarray(k)))
 
 
-@jit
+@filter_jit
 def at_rest(arm, posture):
     chain = at_posture(arm, posture)
     return chain, modes(chain)
@@ -57,7 +57,7 @@ def exact(posture):
     return at_rest(lcd_arm(), np.asarray(posture))
 
 
-@jit
+@filter_jit
 def poles(chain):
     return damped_eigenvalues(linearize(chain))
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from equinox import filter_jit
 from one_program import shown
 from scipy.linalg import eig
 
@@ -22,7 +23,6 @@ from ident.identify.fit import CampaignFit, fit_campaign
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.parts import LARGE, in_parts
 from ident.identify.unknowns import Unknowns
-from ident.jit import jit
 from ident.measure import Campaign, Measurement
 from ident.present.text.fit import fit_report
 
@@ -50,7 +50,7 @@ def predicted(arm: Arm, *rows: Measurement) -> np.ndarray:
     return shown(arm, Campaign(measurements=rows))
 
 
-@jit
+@filter_jit
 def with_servo_on(arm: Arm, posture):
     return linearize(at_posture(arm, posture, None, jnp.ones(1)))
 

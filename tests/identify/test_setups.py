@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 from arms import lcd_arm
+from equinox import filter_jit
 from one_program import predicted
 from scipy.spatial.transform import Rotation
 
@@ -18,7 +19,6 @@ from ident.identify.build_problem import build_problem
 from ident.identify.fit import fit_campaign
 from ident.identify.loads import loads_of
 from ident.identify.plan import PlanSettings, plan_campaign
-from ident.jit import jit
 from ident.measure import Campaign, Load, Measurement, parse_campaign, read_campaign, write_campaign
 from ident.measure.setups import Setup, Setups
 
@@ -36,7 +36,7 @@ def at_rest(posture, load) -> np.ndarray:
     return np.asarray(places)[:, [p.name for p in arm.points].index("tip")]
 
 
-@jit
+@filter_jit
 def _places(arm, posture, loads):
     chain = at_posture(arm, posture, loads)
     return point_positions(chain, static_equilibrium(chain).phi)
@@ -92,7 +92,7 @@ def test_the_derivatives_are_those_of_finite_differences():
     problem = build_problem(lcd_arm(), Campaign(measurements=rows))
     theta = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     theta = theta + 0.1 * np.random.default_rng(1).standard_normal(len(theta))
-    exact = jit(jax.jacfwd(problem.predict))(theta)
+    exact = filter_jit(jax.jacfwd(problem.predict))(theta)
     step = 1e-4
     for i in range(len(theta)):
         ends = [predicted(problem, theta + way * step * np.eye(len(theta))[i]) for way in (-1, 1)]

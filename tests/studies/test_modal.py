@@ -3,8 +3,10 @@
 from dataclasses import replace
 from shutil import copy
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from equinox import filter_jit
 from hammer_files import FOLDER, generator
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
@@ -18,7 +20,6 @@ from ident.arm.modes import damped_eigenvalues, linearize, modes
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.loads import loads_of
-from ident.jit import jit
 from ident.measure import Load
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording
@@ -50,7 +51,7 @@ def posture():
     return replace(rows, rows=tuple(row for row in rows.rows if "alpha60" in row.file))
 
 
-@jit
+@filter_jit
 def at_rest(arm, posture, loads):
     """The arm held there, its equilibrium, the equations about that, undamped modes and damped eigenvalues."""
     chain = at_posture(arm, posture, loads)
@@ -71,7 +72,7 @@ def test_the_generators_response_is_that_of_an_integrator(arm, seen):
     chain, at, linear, *_ = at_rest(arm, POSTURE, loads_of(arm, Load.parse(made.LOAD)))
     M, C, H = (np.asarray(each) for each in (linear.M, linear.C, linear.H))
     small, tip = 1e-6, [point.name for point in arm.points].index("tip")
-    shifts, places = [small * np.asarray(unflatten(each)) for each in jnp.eye(len(M))], jit(point_positions)
+    shifts, places = [small * np.asarray(unflatten(each)) for each in jnp.eye(len(M))], filter_jit(point_positions)
     phi = np.asarray(at.phi)
     J = np.array([np.asarray(places(chain, phi + d) - places(chain, phi - d))[:, tip] for d in shifts])
     J = J.T / (2 * small)

@@ -9,10 +9,9 @@ from ident.arm.arm import Arm
 from ident.identify.conditions import bind
 from ident.identify.predict import predict
 from ident.inference.problem import InverseProblem
-from ident.jit import jit
 from ident.measure import Campaign
 
-_predict = jit(predict)
+_predict = eqx.filter_jit(predict)
 
 
 def predicted(problem: InverseProblem, theta: Any) -> np.ndarray:

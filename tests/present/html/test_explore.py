@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from arms import lcd_arm, random_arm
 from commands import posterior
+from equinox import filter_jit
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import at_posture
@@ -18,7 +19,6 @@ from ident.arm.multibody_dynamics import residual
 from ident.arm.multibody_kinematics import Command
 from ident.arm.parts import Body, Joint, Point
 from ident.arm.rotations import matvec, transpose
-from ident.jit import jit
 from ident.studies.explore import ExploreOptions, explore
 from ident.studies.predict import PredictOptions, predict
 from ident.studies.resonance import ResonanceOptions, resonance
@@ -140,10 +140,10 @@ def test_an_arm_that_collapses_has_no_answer(plain_page, browser_page):
 ALPHA, SPEED = 40.0, 100.0
 
 
-out_of_balance, places = jit(residual), jit(point_positions)
+out_of_balance, places = filter_jit(residual), filter_jit(point_positions)
 
 
-@jit
+@filter_jit
 def at_rest(arm, posture):
     """The arm held there, its equilibrium, and the equations about that."""
     chain = at_posture(arm, posture)
