@@ -70,10 +70,6 @@ def unmet(optima: Sequence[Optimum]) -> float:
     return w * (n - 1) / (n - w - 2) - w if n > w + 2 else np.inf
 
 
-def _score(reached: Ended) -> float:
-    return reached[0].score
-
-
 def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
     """Merge ends that data and prior cannot tell apart: a flat valley is one optimum, however long and curved.
 
@@ -81,14 +77,15 @@ def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
     """
     groups: list[list[Ended]] = []
     prior_sd = normal_prior_sd(problem)
+    scaled = problem.scaled  # once: equinox makes a module of a method each time that it is looked up
     for end, how in in_order(problem, ends):
         for group in groups:
             first, _ = group[0]
             step = end.theta - first.theta
-            apart = np.concatenate([problem.scaled(np.asarray(first.jacobian @ step)), step / prior_sd])
+            apart = np.concatenate([scaled(np.asarray(first.jacobian @ step)), step / prior_sd])
             near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
             level = abs(end.cost - first.cost) < SAME * SAME * (1 + end.cost)
-            if near or (level and _is_valley(problem.scaled(np.asarray(first.jacobian)), prior_sd)):
+            if near or (level and _is_valley(scaled(np.asarray(first.jacobian)), prior_sd)):
                 group.append((end, how))
                 break
         else:
@@ -102,9 +99,11 @@ def in_order(problem: InverseProblem, ends: list[Ended]) -> list[Ended]:
     parameters = problem.parameters
     centre, scale = np.asarray(parameters.theta(parameters.column("centre"))), np.minimum(parameters.normal_sd, 1.0)
     ranks: list[tuple[int, float, tuple[float, ...], int]] = []
-    ends = sorted(ends, key=_score)
+    scores = [end.score for end, _ in ends]  # once each: ends are ordered after every start
+    places = sorted(range(len(ends)), key=scores.__getitem__)
+    ends, scores = [ends[place] for place in places], [scores[place] for place in places]
     for i, (end, _) in enumerate(ends):
-        level = ranks[-1][0] if i and is_tie(_score(ends[i - 1]), _score(ends[i])) else i
+        level = ranks[-1][0] if i and is_tie(scores[i - 1], scores[i]) else i
         off = (end.theta - centre) / scale
         ranks.append((level, round(float(off @ off), DIGITS), tuple(np.round(end.theta, DIGITS).tolist()), i))
     return [ends[rank[-1]] for rank in sorted(ranks)]

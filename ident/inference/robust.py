@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -40,24 +39,24 @@ def robust_weights(fit: Fit, units: Int[np.ndarray, "D"], loss: str) -> Float[np
     References:
         Holland, Welsch, "Robust regression using iteratively reweighted least-squares", Commun. Stat. A6(9), 1977.
     """
-    theta, weights = _settled(fit.problem, fit.best.theta, units, _huber)
-    return weights if loss == "huber" else _settled(fit.problem, theta, units, _student)[1]
+    theta, predicted, weights = _settled(fit.problem, fit.best.theta, fit.predicted, units, _huber)
+    return weights if loss == "huber" else _settled(fit.problem, theta, predicted, units, _student)[2]
 
 
 def _settled(
     problem: InverseProblem,
     theta: Float[np.ndarray, "P"],
+    predicted: Float[np.ndarray, "D"],
     units: Int[np.ndarray, "D"],
     weigh: Callable[[Float[np.ndarray, "D"]], Float[np.ndarray, "D"]],
-) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "D"]]:
+) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "D"], Float[np.ndarray, "D"]]:
     weights = np.zeros(len(units))
-    predicted = problem.predict(jnp.asarray(theta))
     for _ in range(STEPS):
-        before, weights = weights, weigh(_sizes(problem, np.asarray(predicted), units))
+        before, weights = weights, weigh(_sizes(problem, predicted, units))
         if np.abs(weights - before).max() < SETTLED:
-            return theta, weights
+            return theta, predicted, weights
         end = solve(weighted(problem, weights), theta)
-        theta, predicted = np.asarray(end.theta), end.predicted
+        theta, predicted = np.asarray(end.theta), np.asarray(end.predicted)
     raise ConvergenceError("the robust weights have not settled; take the other loss, or leave out what is wrong")
 
 

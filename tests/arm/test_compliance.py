@@ -4,9 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import posture_of, random_arm, without_gravity
+from one_program import shown
 
-from ident.identify.conditions import bind
-from ident.identify.predict import predict
 from ident.measure import Campaign, Load, Measurement
 
 STIFFER = 1e3
@@ -62,7 +61,7 @@ def test_it_is_the_limit_of_stiff_joints(seed):
     def off(stiffer: float) -> float:
         """By how much the model is off linear compliance, as a share of the displacement."""
         stiff = arm.replace({path: jnp.asarray(stiffer * k) for path, k in stiffness.items()})
-        found = np.asarray(predict(stiff, {}, bind(stiff, Campaign(measurements=rows))))
+        found = shown(stiff, Campaign(measurements=rows))
         linear = np.concatenate(compliant(arm, posture, point, force, moment, stiffer))
         return float(np.linalg.norm(found - linear) / np.linalg.norm(linear))
 

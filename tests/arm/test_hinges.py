@@ -1,9 +1,9 @@
 """An arm that is cut at hinges is the arm that it was, as long as they stay at rest."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm, posture_of, random_arm
+from equinox import filter_jit
 
 from ident.arm.arm import Arm
 from ident.arm.base import on_soft_base
@@ -24,24 +24,26 @@ ARMS = [
 ]
 
 
+@filter_jit
+def seen(arm, posture, phi):
+    """Mass matrix, potential less that at rest, and where the points are."""
+    chain = at_posture(arm, posture)
+    energy = potential_energy(chain, phi) - potential_energy(chain, 0 * phi)
+    return mass_matrix(chain, phi), energy, point_positions(chain, phi)
+
+
 @pytest.mark.parametrize("arm", ARMS, ids=lambda arm: f"{arm.name}-{arm.base is None}")
 def test_with_its_hinges_at_rest_it_is_the_same_arm(arm):
     rng, pieces = np.random.default_rng(0), cut(arm)
     posture = posture_of(arm, rng)
-    own, other = at_posture(arm, posture), at_posture(pieces.arm, posture)
     n, own_places = len(pieces.arm.joints), list(pieces.own)
     phi = rng.normal(size=(3, len(arm.joints))) * 0.3
     wide = np.zeros((3, n))
     wide[:, own_places] = phi
     rows = np.ravel([[3 * place + a for a in range(3)] for place in own_places])
-    mass = np.asarray(mass_matrix(other, jnp.asarray(wide)))[np.ix_(rows, rows)]
-    np.testing.assert_allclose(mass, mass_matrix(own, jnp.asarray(phi)), rtol=1e-11, atol=1e-12)
-    change = [float(potential_energy(chain, x) - potential_energy(chain, 0 * x)) for chain, x in
-              ((own, jnp.asarray(phi)), (other, jnp.asarray(wide)))]  # fmt: skip
-    assert change[1] == pytest.approx(change[0], rel=1e-11)
-    places = [
-        np.asarray(point_positions(chain, x)) for chain, x in ((own, jnp.asarray(phi)), (other, jnp.asarray(wide)))
-    ]
+    mass, change, places = zip(seen(arm, posture, phi), seen(pieces.arm, posture, wide), strict=True)
+    np.testing.assert_allclose(np.asarray(mass[1])[np.ix_(rows, rows)], mass[0], rtol=1e-11, atol=1e-12)
+    assert float(change[1]) == pytest.approx(float(change[0]), rel=1e-11)
     np.testing.assert_allclose(places[1], places[0], atol=1e-13)
 
 

@@ -9,14 +9,14 @@ import pytest
 import scipy.linalg as sl
 
 from ident.arm.linalg import inverse_cholesky_factor, largest_eigenpairs, lowest_modes, solve_positive
+from ident.jit import jit
 
 pytestmark = pytest.mark.slow
 
 EPS = 2.2e-16
 SIZES = (3, 6, 9, 18, 36)
-factor = jax.jit(inverse_cholesky_factor)
-pairs = jax.jit(largest_eigenpairs, static_argnums=1)
-low = jax.jit(lowest_modes, static_argnums=2)
+factor, pairs, low = jit(inverse_cholesky_factor), jit(largest_eigenpairs), jit(lowest_modes)
+solved = jit(solve_positive)
 
 
 def turned(eigenvalues: np.ndarray, seed: int = 0) -> np.ndarray:
@@ -135,7 +135,7 @@ def test_whitener_and_solve(n: int) -> None:
     W, b = np.asarray(factor(jnp.asarray(A))), np.random.default_rng(3).normal(size=n)
     expected = sl.solve_triangular(np.linalg.cholesky(A), np.eye(n), lower=True)
     assert np.allclose(W, expected, rtol=1e-12, atol=1e-14)
-    assert np.allclose(solve_positive(jnp.asarray(A), jnp.asarray(b)), np.linalg.solve(A, b), rtol=1e-12, atol=1e-14)
+    assert np.allclose(solved(jnp.asarray(A), jnp.asarray(b)), np.linalg.solve(A, b), rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("lowest", [-1.0, -1e-3])
@@ -164,7 +164,7 @@ def test_batch_equals_one_at_a_time() -> None:
         assert np.allclose(values[:, i], one[0], rtol=1e-14)
         alignment = np.abs((vectors[..., i] * one[1]).sum(0))  # a vector's sign is free
         assert np.allclose(alignment, 1, rtol=1e-13)
-    mapped = jax.vmap(partial(largest_eigenpairs, count=3), in_axes=-1, out_axes=-1)(A)
+    mapped = jit(jax.vmap(partial(largest_eigenpairs, count=3), in_axes=-1, out_axes=-1))(A)
     assert np.allclose(mapped[0], values, rtol=1e-14)
 
 
@@ -172,6 +172,6 @@ def test_batch_equals_one_at_a_time() -> None:
 def test_solves_are_differentiable(mode: str) -> None:
     A, b = random_positive(6), np.random.default_rng(5).normal(size=6)
     jacobian = {"fwd": jax.jacfwd, "rev": jax.jacrev}[mode]
-    slope = jacobian(lambda s: solve_positive(jnp.asarray(A) + s * jnp.eye(6), jnp.asarray(b)))(0.0)
+    slope = jax.jit(jacobian(lambda s: solve_positive(jnp.asarray(A) + s * jnp.eye(6), jnp.asarray(b))))(0.0)
     inverse = np.linalg.inv(A)
     assert np.allclose(slope, -inverse @ inverse @ b, rtol=1e-10)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -85,8 +86,9 @@ class MotorizedMujoco(MujocoArm):
         phi, a = x[: self.size], x[self.size :]
         self.data.qpos[:] = self.held
         self.data.qpos[self.q_pin] = self.at_pins + self.gears @ a
-        for index, p in zip(self.q_ball, local(self._frames, phi), strict=True):
-            self.data.qpos[index : index + 4] = Rotation.from_rotvec(p).as_quat(scalar_first=True)
+        turns = Rotation.from_rotvec(local(self._frames, phi)).as_quat(scalar_first=True)
+        for index, turn in zip(self.q_ball, turns, strict=True):
+            self.data.qpos[index : index + 4] = turn
         mujoco.mj_forward(self.model, self.data)
 
     def ways(self, x: np.ndarray) -> np.ndarray:
@@ -138,6 +140,15 @@ def reference(arm: Arm, posture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return engine.mass_matrix(x), H
 
 
+@jax.jit
+def on_and_off(arm: Arm, posture: jax.Array) -> tuple[Any, jax.Array, jax.Array]:
+    """The equations with servos on and with brakes on, the frequencies of both, and those of brakes alone."""
+    chain = at_posture(arm, posture[:, None] * jnp.ones(2), None, jnp.array([1.0, 0.0]))
+    held = 3 * len(arm.joints)
+    braked = natural_frequencies(at_posture(arm, posture), held)
+    return linearize(chain), natural_frequencies(chain, held + len(arm.servos)), braked
+
+
 @pytest.mark.parametrize("belts", [False, True])
 @pytest.mark.parametrize("joints", [3, 4])
 def test_random_arms_are_as_in_mujoco(joints: int, belts: bool) -> None:
@@ -148,16 +159,11 @@ def test_random_arms_are_as_in_mujoco(joints: int, belts: bool) -> None:
         arm = driven_arm(rng, joints, belts=belts)
         posture = posture_of(arm, rng)
         M, H = reference(arm, np.asarray(posture))
-        both = jax.jit(
-            lambda arm, q: linearize(at_posture(arm, q[:, None] * jnp.ones(2), None, jnp.array([1.0, 0.0])))
-        )(arm, posture)
+        both, frequency, braked = jax.tree.map(np.asarray, on_and_off(arm, posture))
         np.testing.assert_allclose(both.M[..., 0], M, atol=1e-10 * np.abs(M).max())
         np.testing.assert_allclose(both.H[..., 0], (H + H.T) / 2, atol=1e-9 * np.abs(H).max())
-        chain = at_posture(arm, posture[:, None] * jnp.ones(2), None, jnp.array([1.0, 0.0]))
-        frequency = np.asarray(jax.jit(natural_frequencies, static_argnums=1)(chain, len(M)))
         mu = eigh(M, (H + H.T) / 2, eigvals_only=True)[::-1]
         worst.append(np.abs(frequency[:, 0] * 2 * np.pi * np.sqrt(mu) - 1).max())
-        braked = np.asarray(jax.jit(natural_frequencies, static_argnums=1)(at_posture(arm, posture), 3 * joints))
         np.testing.assert_allclose(frequency[: 3 * joints, 1], braked, rtol=1e-9)
         assert (frequency[3 * joints :, 1] > braked[-1]).all()
         seen = [
@@ -196,6 +202,12 @@ def test_frequencies_are_differentiable_in_all_that_they_depend_on() -> None:
     np.testing.assert_allclose(slopes[:, 1, [0, 3]], 0, atol=1e-12)  # and not where a brake does
 
 
+@jax.jit
+def with_servo_on_and_off(arm: Arm) -> tuple[Any, Any, jax.Array]:
+    chain = at_posture(arm, jnp.zeros((3, 1)), None, jnp.ones(1))
+    return chain, modes(chain), natural_frequencies(at_posture(arm, jnp.zeros((3, 1))), 9)
+
+
 def test_the_first_guess_has_its_motor_at_8_hz_with_belts_that_can_run() -> None:
     """Its own belts can't: the ratios of the first guess have one sense. Their radii are chosen anew here."""
     arm = first_guess_arm().replace({"drive2.ratio": -120.0})
@@ -203,9 +215,8 @@ def test_the_first_guess_has_its_motor_at_8_hz_with_belts_that_can_run() -> None
     arm = with_servo(
         arm.replace({path: float(arm.get(path.replace("driven", "driver"))) * x for path, x in radii.items()})
     )
-    chain = at_posture(arm, jnp.zeros((3, 1)), None, jnp.ones(1))
+    chain, found, still = with_servo_on_and_off(arm)
     np.testing.assert_allclose(chain.motors.share[:, 0, ...].ravel(), [1.0, -2.0, 1.0])
-    found, still = jax.jit(lambda: (modes(chain), natural_frequencies(at_posture(arm, jnp.zeros((3, 1))), 9)))()
     assert found.frequency[2, 0] == pytest.approx(8.11, abs=0.1)
     assert found.frequency[4, 0] / still[3, 0] - 1 == pytest.approx(0.0653, abs=0.001)  # lateral torsion 2
     np.testing.assert_allclose(found.bend.sum(0) + found.tors.sum(0), 1.0)

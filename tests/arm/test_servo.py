@@ -4,16 +4,18 @@ One motor turns wave generator 1 and, by belts, all others: its angle is a coord
 q + direction a, rotors that turn with them, and a servo of stiffness k (N1 direction1)^2 seen from a.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import first_guess_arm, lcd_arm
+from jaxtyping import Array
 from scipy.linalg import eigh
 
 from ident.arm.arm import Arm
 from ident.arm.drive import Drive
-from ident.arm.multibody import balanced, multibody
+from ident.arm.multibody import Multibody, balanced, multibody
 from ident.arm.multibody_dynamics import drive_torques, residual
 from ident.arm.multibody_kinematics import Command
 from ident.arm.parts import Body, Joint
@@ -26,19 +28,26 @@ Matrices = tuple[np.ndarray, np.ndarray]
 def matrices(arm: Arm, direction: np.ndarray, posture: np.ndarray) -> Matrices:
     """Mass and stiffness by the bushings and, last, by the motor without a servo, about the equilibrium."""
     model = balanced(multibody(arm))
+    n = model.size
+    x = np.zeros(n + 1)
+    for _ in range(6):
+        force, stiffness, _ = linear(model, direction, posture, x)
+        x[:n] -= np.linalg.solve(stiffness[:n, :n], force[:n])
+    _, stiffness, mass = linear(model, direction, posture, x)
+    return np.asarray(mass), np.asarray(stiffness)
+
+
+@eqx.filter_jit
+def linear(model: Multibody, direction: Array, posture: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Forces on all coordinates at rest, and their derivatives by these and by their accelerations."""
     n, still, none = model.size, jnp.zeros(len(direction)), jnp.zeros(model.size)
 
-    def forces(x: jax.Array, acceleration: jax.Array) -> jax.Array:
+    def forces(x: Array, acceleration: Array) -> Array:
         command = Command(posture + direction * x[n], still, direction * acceleration[n])
         state = model, command, x[:n], none, acceleration[:n]
         return jnp.append(residual(*state), direction @ drive_torques(*state))
 
-    nothing = jnp.zeros(n + 1)
-    static, stiffness = (jax.jit(f(lambda x: forces(x, nothing))) for f in (lambda g: g, jax.jacfwd))
-    x = nothing
-    for _ in range(6):
-        x = x.at[:n].add(-jnp.linalg.solve(stiffness(x)[:n, :n], static(x)[:n]))
-    return np.asarray(jax.jit(jax.jacfwd(lambda a: forces(x, a)))(nothing)), np.asarray(stiffness(x))
+    return forces(x, 0 * x), *jax.jacfwd(forces, (0, 1))(x, 0 * x)
 
 
 def hertz(mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:

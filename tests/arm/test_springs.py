@@ -106,6 +106,9 @@ def differences(f, x: np.ndarray, h: float) -> np.ndarray:
     return np.stack([(8 * (f(x + e) - f(x - e)) - f(x + 2 * e) + f(x - 2 * e)) / (12 * h) for e in steps], -1)
 
 
+held = jax.jit(at_posture)
+
+
 @jax.jit
 def computed(arm: Arm, posture):
     chain = at_posture(arm, posture)
@@ -137,7 +140,7 @@ def test_those_arms_bend_into_all_pieces_of_their_curves():
     for seed in range(SEEDS):
         arm = curved_arm(seed)
         phi = np.asarray(computed(arm, POSTURE)[0])
-        axes = np.asarray(at_posture(arm, POSTURE).curved.axis)
+        axes = np.asarray(held(arm, POSTURE).curved.axis)
         along = (axes * phi).sum(0)
         across = np.linalg.norm(phi - axes * along, axis=0)
         for s in (each for each in arm.springs if isinstance(each, Spring)):
@@ -158,7 +161,7 @@ def variations(chain: Chain, phi, v):
 
 def test_gradient_hessian_and_second_variation_are_the_energys_derivatives():
     arm, rng = bent_arm(), np.random.default_rng(1)
-    chain = at_posture(arm, POSTURE)
+    chain = held(arm, POSTURE)
     for _ in range(3):
         phi, v = jnp.asarray(rng.normal(size=(2, 3, 3)) * 4e-3)
         gradient, H, slope, along = variations(chain, phi, v)
@@ -207,7 +210,7 @@ def test_unloaded_and_below_t1_the_springs_are_straight():
 
 def test_bending_gives_alike_in_all_directions():
     arm = bent_arm()
-    curved = at_posture(arm, POSTURE).curved
+    curved = held(arm, POSTURE).curved
     assert curved is not None
     axis = np.asarray(curved.axis)[:, 0]
     across = np.cross(axis, [0.3, 0.5, -0.2])
@@ -227,9 +230,9 @@ def test_bending_gives_alike_in_all_directions():
 def test_servos_see_the_tangent_as_brakes_do():
     rng = np.random.default_rng(3)
     arm = replace(bent_arm(), drives=(Drive("d", "j1", ratio=50.0),), servos=(Servo("servo", "j1", k_servo=20.0),))
-    held, phi = at_posture(arm, POSTURE), jnp.asarray(rng.normal(size=(3, 3)) * 4e-3)
-    H = potential_derivatives(held, phi)[1]
-    assert float(jnp.abs(H - potential_derivatives(replace(held, curved=None), phi)[1]).max()) > 100
+    chain, phi = held(arm, POSTURE), jnp.asarray(rng.normal(size=(3, 3)) * 4e-3)
+    H, straight = (jax.jit(potential_derivatives)(each, phi)[1] for each in (chain, replace(chain, curved=None)))
+    assert float(jnp.abs(H - straight).max()) > 100
     _, _, on = jax.jit(system)(at_posture(arm, POSTURE, servo=jnp.array(1.0)), phi)
     np.testing.assert_allclose(on[:9, :9], H, rtol=1e-9, atol=1e-6)
 
@@ -272,6 +275,7 @@ def test_a_pendulum_sees_the_chord_at_rest_and_the_tangent_in_its_frequency():
     assert k1 * 1.3 < chord < 0.7 * r3 * k1
 
 
+@jax.jit
 def computed_pendulum(arm: Arm):
     chain = at_posture(arm, np.zeros(1))
     return equilibrium(chain), modes(chain).frequency

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from equinox import filter_jit
 from scipy.linalg import eigh
 from three_joints import JOINTS, WITHOUT_MESHES
 
@@ -71,8 +72,15 @@ def about_equilibrium(model, posture):
     return hertz, np.abs(x).max(), data.site("tool").xpos.copy()
 
 
+@filter_jit
+def about(arm, posture):
+    """The equations about the equilibrium, and where the points are there."""
+    chain = at_posture(arm, posture)
+    return linearize(chain), point_positions(chain, equilibrium(chain))
+
+
 def in_ident(arm, posture):
-    at = linearize(at_posture(arm, jnp.asarray(posture)))
+    at = about(arm, np.asarray(posture))[0]
     return np.sqrt(eigh(np.asarray(at.H), np.asarray(at.M), eigvals_only=True)) / (2 * np.pi)
 
 
@@ -131,12 +139,11 @@ def test_at_one_posture_it_is_exact_under_weight(robot, based):
     arm = on_soft_base(arm, 0.25) if based else arm
     posture = POSTURES[0]
     model = written(robot, arm, posture=tuple(posture))
-    chain = at_posture(arm, jnp.asarray(posture))
     hertz, angle, tool = about_equilibrium(model, posture)
     assert angle > 3e-4
     np.testing.assert_allclose(hertz, in_ident(arm, posture), rtol=1e-8)
     (tip,) = (n for n, point in enumerate(arm.points) if point.name == "tip")
-    np.testing.assert_allclose(tool, np.asarray(point_positions(chain, equilibrium(chain)))[:, tip], atol=1e-11)
+    np.testing.assert_allclose(tool, np.asarray(about(arm, np.asarray(posture))[1])[:, tip], atol=1e-11)
     apart = in_mujoco(written(robot, arm), posture)[0] / in_ident(arm, posture) - 1
     assert np.abs(apart).max() > 1e-5
 

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from one_program import shown
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Body, Joint, Point
@@ -12,10 +13,8 @@ from ident.arm.springs import CubicSpring, Spring
 from ident.assess.exploration import exploration
 from ident.errors import InputError
 from ident.identify.check import check_campaign
-from ident.identify.conditions import bind
 from ident.identify.curved import check_springs
 from ident.identify.fit import fit_campaign
-from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, Load, Measurement
 from ident.present.text.springs import springs_in_words
@@ -73,7 +72,7 @@ def campaign(seed: int = 0) -> Campaign:
     rows.append(
         Measurement(kind="deflection", posture=(0.0,), point="tip", direction=(0, 1, 0), load=SIDEWAYS, **blank)
     )
-    exact = np.asarray(predict(true_arm(), {}, bind(true_arm(), Campaign(measurements=tuple(rows)))))
+    exact = shown(true_arm(), Campaign(measurements=tuple(rows)))
     sigma = np.array([RELATIVE[m.kind] for m in rows]) * np.abs(exact)
     values = exact + sigma * np.random.default_rng(seed).normal(size=len(exact))
     each = zip(rows, values.tolist(), sigma.tolist(), strict=True)

@@ -8,17 +8,15 @@ import jax
 import numpy as np
 import pytest
 from arms import lcd_arm
-from one_program import predicted
+from one_program import predicted, shown
 from scipy.stats import binom
 
 from ident.arm.arm import stiffness_paths
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
-from ident.identify.conditions import bind
 from ident.identify.fit import fit_campaign
 from ident.identify.loops import ramps
 from ident.identify.plan import PlanSettings, plan_campaign
-from ident.identify.predict import predict
 from ident.identify.validate import validate_fit
 from ident.jit import jit
 from ident.measure import Campaign, Load, Measurement
@@ -35,7 +33,6 @@ TWIST, DIAL = 1e-5, 2e-5
 """Standard deviations of encoders [rad] and of a dial gauge [m]."""
 WIDTHS = {"joint1": 3e-4, "joint2": -1e-4, "joint3": 5e-5}
 """Of the loops in the joints' twists [rad]."""
-PREDICT = jit(lambda arm, conditions: predict(arm, {}, conditions))
 
 
 @cache
@@ -57,7 +54,7 @@ def measured(widths: dict[str, float], noise: float = 0.0, seed: int = 0, factor
     arm, rng = lcd_arm(), np.random.default_rng(seed)
     off = factors * rng.standard_normal(6)
     true = arm.replace({p: float(arm.get(p)) * np.exp(x) for p, x in zip(stiffness_paths(arm), off, strict=True)})
-    exact = np.asarray(PREDICT(true, bind(true, Campaign(measurements=planned()))))
+    exact = shown(true, Campaign(measurements=planned()))
     half = np.array([(-0.5 if m.ramp == "loading" else 0.5) * widths.get(m.joint or "", 0.0) for m in planned()])
     values = exact + half + noise * np.array([m.sigma for m in planned()]) * rng.standard_normal(len(exact))
     return Campaign(measurements=tuple(replace(m, value=float(v)) for m, v in zip(planned(), values, strict=True)))

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from equinox import filter_jit
 from one_program import predicted
 from scipy.stats import norm
 
@@ -41,9 +42,13 @@ def two_states():
         for mode in modes
     )
     conditions = bind(arm, Campaign(measurements=rows))
+    return conditions.named, five_lowest(arm, conditions)
+
+
+@filter_jit
+def five_lowest(arm, conditions):
     chain = chains(arm, {}, conditions)
-    lowest = modes_about(chain, static_equilibrium(chain), 5)
-    return conditions.named, lowest
+    return modes_about(chain, static_equilibrium(chain), 5)
 
 
 def by_enumeration(values, modes, state):

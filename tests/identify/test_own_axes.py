@@ -1,9 +1,9 @@
 """Loads along the axes of a body: against the same loads, turned into the base frame by SciPy."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from one_program import predicted
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
@@ -26,7 +26,7 @@ def moved(load: Load) -> np.ndarray:
         for d in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
     problem = build_problem(lcd_arm(), Campaign(measurements=rows))
-    return np.asarray(problem.predict(jnp.asarray(problem.parameters.theta(problem.parameters.column("start")))))
+    return predicted(problem, problem.parameters.theta(problem.parameters.column("start")))
 
 
 @pytest.mark.parametrize("text", TEXTS)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 from arms import lcd_arm
+from equinox import filter_jit
+from one_program import shown
 
 from ident.arm.arm import stiffness_paths
 from ident.arm.chain import at_posture
@@ -34,9 +36,7 @@ def frequency(value, posture=UNFOLDED, **more):
 
 
 def predicted(*measurements, parameters=None):
-    arm, campaign = lcd_arm(), Campaign(measurements=measurements)  # not within: what is made there is traced
-    conditions = bind(arm, campaign)
-    return np.asarray(jax.jit(lambda: predict(arm, parameters or {}, conditions))())
+    return shown(lcd_arm(), Campaign(measurements=measurements), parameters)
 
 
 def predicted_at(arm, k, count, sigma):
@@ -47,9 +47,19 @@ def predicted_at(arm, k, count, sigma):
     return np.asarray(jax.jit(lambda k: predict(arm, {"joint1.k_tors": k}, conditions, data))(jnp.asarray(k)))
 
 
-def exact(posture):
-    chain = at_posture(lcd_arm(), jnp.asarray(posture))
+@filter_jit
+def at_rest(arm, posture):
+    chain = at_posture(arm, posture)
     return chain, modes(chain)
+
+
+def exact(posture):
+    return at_rest(lcd_arm(), np.asarray(posture))
+
+
+@filter_jit
+def poles(chain):
+    return damped_eigenvalues(linearize(chain))
 
 
 def test_values_come_in_the_order_of_the_campaign_not_of_size_or_kind():
@@ -98,7 +108,7 @@ def test_the_highest_measured_mode_is_smooth_where_the_next_one_crosses_it():
 
 def test_damping_ratios_belong_to_the_modes_of_their_labels():
     chain, _ = exact(BENT)
-    s = np.asarray(damped_eigenvalues(linearize(chain)))
+    s = np.asarray(poles(chain))
     ratio = -s.real / abs(s)
     values = predicted(
         Measurement(kind="damping_ratio", posture=BENT, value=0.03, sigma=0.01, mode="lateral torsion 1"),

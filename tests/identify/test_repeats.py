@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import lcd_arm
+from one_program import shown
 from scipy.stats import binom
 
 from ident.errors import InputError
 from ident.identify.build_problem import build_problem
-from ident.identify.conditions import bind
 from ident.identify.fit import fit_campaign
-from ident.identify.predict import predict
 from ident.identify.repeats import shared_error
 from ident.measure import Campaign, parse_campaign
 
@@ -41,7 +40,7 @@ def test_without_a_resolution_they_count_as_they_did():
 @pytest.mark.parametrize(("resolution", "remarked"), [("0.01", False), ("", True)])
 def test_equal_hits_are_no_sign_of_large_sigmas_where_a_display_has_rounded_them(resolution, remarked):
     arm, campaign = lcd_arm(), hits(40, resolution=resolution)
-    value = float(predict(arm, {}, bind(arm, campaign))[0])
+    value = float(shown(arm, campaign)[0])
     campaign = Campaign(measurements=tuple(replace(m, value=value) for m in campaign))
     found = fit_campaign(arm, campaign, starts=1)
     assert found.degrees_of_freedom == 39

@@ -5,11 +5,12 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from equinox import filter_jit
+from one_program import shown
 from scipy.linalg import eig
 
 from ident.arm.arm import Arm
@@ -21,7 +22,6 @@ from ident.identify.conditions import bind
 from ident.identify.fit import CampaignFit, fit_campaign
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.parts import LARGE, in_parts
-from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, Measurement
 from ident.present.text.fit import fit_report
@@ -47,10 +47,15 @@ def frequency(mode: str | None, posture=UNFOLDED, **more) -> Measurement:
 
 
 def predicted(arm: Arm, *rows: Measurement) -> np.ndarray:
-    conditions = bind(arm, Campaign(measurements=rows))
-    return np.asarray(jax.jit(lambda: predict(arm, {}, conditions))())
+    return shown(arm, Campaign(measurements=rows))
 
 
+@filter_jit
+def with_servo_on(arm: Arm, posture):
+    return linearize(at_posture(arm, posture, None, jnp.ones(1)))
+
+
+@cache
 def reference(posture) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies with the servo on and with the brake on, by the equations of motion."""
     direction = np.asarray(arm().stroke.direction)
@@ -86,7 +91,7 @@ def test_damping_ratios_contain_the_servo():
     ratio = Measurement(
         kind="damping_ratio", posture=UNFOLDED, value=0.05, sigma=0.01, mode="lateral torsion 2", drives="servo"
     )
-    system = linearize(at_posture(arm(), jnp.zeros((3, 1)), None, jnp.ones(1)))
+    system = with_servo_on(arm(), np.zeros((3, 1)))
     M, C, H = (np.asarray(x[..., 0]) for x in (system.M, system.C, system.H))
     n = len(M)
     state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, H), -np.linalg.solve(M, C)]])

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import random_arm
+from one_program import shown
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
 from ident.identify.conditions import bind
-from ident.identify.predict import predict
 from ident.measure import Campaign, Load, Measurement
 from ident.measure.reading import parse_campaign
 from ident.measure.writing import format_campaign
@@ -71,7 +71,7 @@ def twists(arm, force):
 @pytest.mark.parametrize("seed", range(4))
 def test_twists_are_those_of_the_energys_minimum(seed):
     arm = random_arm(np.random.default_rng(seed), JOINTS, gravity=0.0)
-    weightless, pulled, difference = np.asarray(predict(arm, {}, bind(arm, CAMPAIGN))).reshape(3, JOINTS)
+    weightless, pulled, difference = shown(arm, CAMPAIGN).reshape(3, JOINTS)
     expected = twists(arm, FORCE)
     assert np.abs(expected).max() > 1e-6
     np.testing.assert_allclose(weightless, 0.0, atol=1e-15)

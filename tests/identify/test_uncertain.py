@@ -4,10 +4,10 @@ from dataclasses import replace
 from functools import cache
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from one_program import predicted as at_theta
 
 from ident.description.file import read_arm
 from ident.errors import InputError
@@ -47,7 +47,12 @@ def predicted(arm, rows, **unknowns):
     problem = build_problem(arm, rows, Unknowns(**unknowns))
     start = dict(zip(problem.parameters.names, np.asarray(problem.parameters.column("start")), strict=True))
     theta = problem.parameters.theta(np.array([(start | values)[name] for name in problem.parameters.names]))
-    return np.asarray(problem.predict(jnp.asarray(theta)))
+    return at_theta(problem, theta)
+
+
+@cache
+def fitted():
+    return fit_campaign(lcd_arm(), campaign(), Unknowns(uncertain=WIDTHS), starts=2)
 
 
 def test_an_uncertain_mass_takes_its_inertia_along_and_a_load_all_loads():
@@ -64,7 +69,7 @@ def test_an_uncertain_mass_takes_its_inertia_along_and_a_load_all_loads():
 
 def test_the_fit_knows_what_generalised_least_squares_knows():
     """Covariance of the stiffnesses: inv(J' inv(C + G P G') J + priors), by dense matrices."""
-    fit = fit_campaign(lcd_arm(), campaign(), Unknowns(uncertain=WIDTHS), starts=2)
+    fit = fitted()
     names = fit.problem.parameters.names
     nuisance = np.array([name in WIDTHS for name in names])
     J, sigma = np.asarray(fit.jacobian), np.asarray(fit.problem.sigma)
@@ -150,7 +155,7 @@ def test_the_check_counts_them_as_noise():
 
 def test_chi_squared_is_that_of_the_whole_covariance():
     """(y - f)' inv(C + G P G') (y - f) at the optimum, where the nuisances' prior costs are in it: linear in them."""
-    fit = fit_campaign(lcd_arm(), campaign(), Unknowns(uncertain=WIDTHS), starts=2)
+    fit = fitted()
     problem, nuisance = fit.problem, fit.problem.parameters.nuisance
     theta = fit.best.theta
     z = problem.parameters.prior_residuals(theta)[0][nuisance]

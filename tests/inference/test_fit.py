@@ -6,18 +6,16 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from one_program import shown
 
 from ident.errors import InputError, ModelError
 from ident.identify.build_problem import arm_problem
-from ident.identify.conditions import bind
 from ident.identify.data_checks import check_values
 from ident.identify.fit import fit_campaign
-from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
 from ident.inference.fit import fit
 from ident.inference.least_squares import evaluate
@@ -36,7 +34,7 @@ ALPHA = np.deg2rad([0.0, 30.0, 60.0, 80.0])
 def exact(campaign, parameters=None):
     """The campaign with the arm's own predictions in place of what was measured; sigma keeps its proportion."""
     arm = lcd_arm()
-    values = np.asarray(jax.jit(lambda: predict(arm, parameters or {}, bind(arm, campaign)))())
+    values = shown(arm, campaign, parameters)
     return Campaign(
         measurements=tuple(
             Measurement(
@@ -207,7 +205,7 @@ def test_a_value_is_far_off_only_beyond_its_own_uncertainty(sigma, refused):
 
 
 def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():
-    first, second, *rest = shipped().of_kind("frequency")
+    first, second, *rest = shipped()
     mistyped = dataclasses.replace(second, value=second.value + 1.0, sigma=second.sigma)
     result = fit_campaign(lcd_arm(), Campaign(measurements=(first, mistyped, *rest)), starts=4)
     assert result.outliers[1]

@@ -152,11 +152,11 @@ def test_too_short_a_chain_says_how_much_is_missing():
 def test_a_longer_run_begins_with_the_shorter_one(tmp_path):
     problem, _, _ = linear_problem()
     found, target = fit(problem), posterior(problem)
-    short = sample(found, target, replace(SHORT, target_ess=1e9), folder=tmp_path)
-    long = sample(found, target, replace(SHORT, target_ess=1e9, max_steps=700), folder=tmp_path)
-    alone = sample(found, target, replace(SHORT, target_ess=1e9, max_steps=700, threads=2))
-    assert len(short.theta) == 500
-    np.testing.assert_array_equal(long.theta[:500], short.theta)
+    short = sample(found, target, replace(SHORT, target_ess=1e9, max_steps=200), folder=tmp_path)
+    long = sample(found, target, replace(SHORT, target_ess=1e9, max_steps=300), folder=tmp_path)
+    alone = sample(found, target, replace(SHORT, target_ess=1e9, max_steps=300, threads=2))
+    assert len(short.theta) == 200
+    np.testing.assert_array_equal(long.theta[:200], short.theta)
     np.testing.assert_array_equal(long.theta, alone.theta)
     np.testing.assert_array_equal(long.acceptance, alone.acceptance)
 
@@ -165,26 +165,26 @@ def test_a_long_run_keeps_every_second_step_then_every_fourth(tmp_path):
     """As many draws as are wanted at most, the same that a run without bound has, and no more of them on disk."""
     problem, _, _ = linear_problem()
     found, target = fit(problem), posterior(problem)
-    long = replace(SHORT, target_ess=1e9, max_steps=900)
+    long = replace(SHORT, target_ess=1e9, max_steps=400)
     whole = sample(found, target, long)
-    most = 300 * 4 * 12
+    most = 134 * 4 * 12
     bounded = sample(found, target, replace(long, most_draws=most), folder=tmp_path)
     assert (whole.thin, bounded.thin) == (1, 4)
     np.testing.assert_array_equal(bounded.theta, whole.theta[3::4])
     np.testing.assert_array_equal(bounded.acceptance, whole.acceptance)
-    assert [d.steps for d in bounded.diagnosis] == [900]
+    assert [d.steps for d in bounded.diagnosis] == [400]
     (diagnosis,) = bounded.diagnosis
     assert 4 <= diagnosis.tau.max() < 6, "in steps, though every fourth is kept"
-    assert len(bounded.draws()) == (225 - diagnosis.burn_in // 4) * 4 * 12
+    assert len(bounded.draws()) == (100 - diagnosis.burn_in // 4) * 4 * 12
     size = sum(file.stat().st_size for file in tmp_path.glob("draws*.item"))
-    assert 225 * 4 * 12 * 4 * 8 <= size < 1.5 * most * 4 * 8
-    again = sample(found, target, replace(long, most_draws=most, max_steps=1000), folder=tmp_path)
-    np.testing.assert_array_equal(again.theta[:225], bounded.theta)
+    assert 100 * 4 * 12 * 4 * 8 <= size < 1.5 * most * 4 * 8
+    again = sample(found, target, replace(long, most_draws=most, max_steps=450), folder=tmp_path)
+    np.testing.assert_array_equal(again.theta[:100], bounded.theta)
 
 
-def test_killed_at_five_moments_the_chain_is_the_same_to_the_bit(tmp_path):
+def test_killed_at_three_moments_the_chain_is_the_same_to_the_bit(tmp_path):
     """Kill -9, start again, over and over; twenty moments are tests/benchmarks/killed.py."""
-    killed, alone = killed_and_alone(tmp_path, 5, seed=4)
+    killed, alone = killed_and_alone(tmp_path, 3, seed=4)
     np.testing.assert_array_equal(killed, alone)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from arms import DATA
 from commands import files
-from diagnose_small import CAMPAIGN, OPTIONS, SMALL, small_diagnosis
+from diagnose_small import CAMPAIGN, OPTIONS, SMALL
 from results import assert_plain
 
 import ident
@@ -24,8 +24,25 @@ MEASURED = ident.read_campaign(CAMPAIGN)
 
 
 @pytest.fixture(scope="module")
-def result():
-    return small_diagnosis()
+def behind_five(tmp_path_factory):
+    """Where the stages lie that were finished when the fifth one was; `result` fills it."""
+    return tmp_path_factory.mktemp("diagnose") / "behind five"
+
+
+@pytest.fixture(scope="module")
+def result(behind_five, tmp_path_factory):
+    whole = tmp_path_factory.mktemp("diagnose") / "whole"
+
+    def copy_behind_five(report):
+        if report.number == 5:
+            shutil.copytree(whole, behind_five)
+
+    return diagnose(ARM, MEASURED, OPTIONS, folder=whole, on_stage=copy_behind_five)
+
+
+@pytest.fixture(scope="module")
+def page(result):
+    return result.html()
 
 
 def with_stage(result, stage, value):
@@ -103,8 +120,7 @@ def test_its_table_has_a_row_for_each_remedy(result):
     assert_plain([{**row, "verified": ""} for row in rows])
 
 
-def test_its_page_has_every_stage(result):
-    page = result.html()
+def test_its_page_has_every_stage(result, page):
     assert page.startswith("<!DOCTYPE html>")
     assert [f'id="stage-{i}"' in page for i in range(1, 11)] == [True] * 9 + [False]
     assert page.count("<figure>") == len(result.figures()) + 2 == 8
@@ -159,29 +175,30 @@ def test_without_other_postures_nothing_is_predicted_and_a_motion_within_them_is
     assert "where the model is not tested" not in with_stage(result, "stiffness", narrow).html()
 
 
-def test_where_nothing_turns_there_is_no_chart_of_resonance(result):
+def test_where_nothing_turns_there_is_no_chart_of_resonance(result, page):
     undriven = with_stage(result, "resonance", ResonanceAssessment())
     assert "resonance" not in undriven.figures()
     assert "no turning mass does" in undriven.report()
-    assert undriven.html().count("<figure>") == result.html().count("<figure>") - 1
+    assert undriven.html().count("<figure>") == page.count("<figure>") - 1
 
 
-def test_an_interrupted_one_goes_on_and_comes_to_the_same(result, tmp_path):
-    """Interrupted behind the third stage; the chains are the same to the bit, and so is all that follows."""
+def test_an_interrupted_one_goes_on_and_comes_to_the_same(result, behind_five, tmp_path):
+    """From what lay there behind the fifth stage, interrupted there: all that follows is the same."""
+    shutil.copytree(behind_five, tmp_path / "part")
     reports = []
 
-    def stop_behind_three(report):
+    def stop_behind_five(report):
         reports.append(report)
-        if report.number == 3:
+        if report.number == 5:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=stop_behind_three)
+        diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=stop_behind_five)
     resumed = diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=reports.append)
     assert [(report.number, report.resumed) for report in reports] == [
-        *((number, False) for number in (1, 2, 3)),
-        *((number, True) for number in (1, 2, 3)),
-        *((number, False) for number in (4, 5, 6, 7)),
+        *((number, True) for number in (1, 2, 3, 4, 5)),
+        *((number, True) for number in (1, 2, 3, 4, 5)),
+        *((number, False) for number in (6, 7)),
     ]
     assert resumed.report() == result.report()
     np.testing.assert_equal(resumed.table(), result.table())
@@ -189,6 +206,15 @@ def test_an_interrupted_one_goes_on_and_comes_to_the_same(result, tmp_path):
         assert one.values == other.values
     discard(tmp_path / "part")
     assert not (tmp_path / "part").exists()
+
+
+def test_without_a_folder_nothing_is_kept(result, tmp_path, monkeypatch):
+    """With stages that are known already in the place of what computes them."""
+    known = {stage: lambda job, diagnosis, value=value: value for stage, value in result.diagnosis.stages.items()}
+    monkeypatch.setattr("ident.studies.diagnose_stages.STAGES", known)
+    monkeypatch.chdir(tmp_path)
+    assert diagnose(ARM, MEASURED, OPTIONS).report() == result.report()
+    assert not list(tmp_path.iterdir())
 
 
 def test_stages_of_other_inputs_are_refused_and_can_be_thrown_away(tmp_path, monkeypatch):

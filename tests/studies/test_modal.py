@@ -6,6 +6,7 @@ from shutil import copy
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from equinox import filter_jit
 from hammer_files import FOLDER, generator
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
@@ -50,9 +51,17 @@ def posture():
     return replace(rows, rows=tuple(row for row in rows.rows if "alpha60" in row.file))
 
 
+@filter_jit
+def at_rest(arm, posture, loads):
+    """The arm held there, its equilibrium, the equations about that, undamped modes and damped eigenvalues."""
+    chain = at_posture(arm, posture, loads)
+    at = static_equilibrium(chain)
+    linear = linearize(chain, at)
+    return chain, at, linear, modes(chain), damped_eigenvalues(linear)
+
+
 def test_the_generators_modes_are_those_of_the_model(arm, seen):
-    chain = at_posture(arm, jnp.asarray(POSTURE), loads_of(arm, Load.parse(generator().LOAD)))
-    expected = np.asarray(damped_eigenvalues(linearize(chain)))
+    expected = np.asarray(at_rest(arm, POSTURE, loads_of(arm, Load.parse(generator().LOAD)))[-1])
     poles = seen.poles[seen.poles.imag > 0]
     assert max(min(abs(poles - each)) / abs(each) for each in expected) < 1e-9
 
@@ -60,13 +69,12 @@ def test_the_generators_modes_are_those_of_the_model(arm, seen):
 def test_the_generators_response_is_that_of_an_integrator(arm, seen):
     """M x'' + C x' + H x = J' f by DOP853 with the static deflection, shifts of the tip by differences."""
     made = generator()
-    chain = at_posture(arm, jnp.asarray(POSTURE), loads_of(arm, Load.parse(made.LOAD)))
-    at = static_equilibrium(chain)
-    linear = linearize(chain, at)
+    chain, at, linear, *_ = at_rest(arm, POSTURE, loads_of(arm, Load.parse(made.LOAD)))
     M, C, H = (np.asarray(each) for each in (linear.M, linear.C, linear.H))
     small, tip = 1e-6, [point.name for point in arm.points].index("tip")
-    shifts = [small * unflatten(each) for each in jnp.eye(len(M))]
-    J = np.array([(point_positions(chain, at.phi + d) - point_positions(chain, at.phi - d))[:, tip] for d in shifts])
+    shifts, places = [small * np.asarray(unflatten(each)) for each in jnp.eye(len(M))], filter_jit(point_positions)
+    phi = np.asarray(at.phi)
+    J = np.array([np.asarray(places(chain, phi + d) - places(chain, phi - d))[:, tip] for d in shifts])
     J = J.T / (2 * small)
     pulse, peak = 0.025, 150.0
     push = lambda t: peak * np.sin(np.pi * t / pulse) * (t < pulse)  # noqa: E731
@@ -150,9 +158,8 @@ def test_no_name_is_wrong(arm, result):
     """The names of the arm that made the data, at the frequencies that it has there."""
     given = 0
     for test, each in zip(result.tests, result.identified, strict=True):
-        chain = at_posture(arm, jnp.asarray(test.posture), loads_of(arm, test.load))
-        right = modes(chain)
-        poles = np.abs(np.asarray(damped_eigenvalues(linearize(chain)))) / (2 * np.pi)
+        *_, right, s = at_rest(arm, np.array(test.posture), loads_of(arm, test.load))
+        poles = np.abs(np.asarray(s)) / (2 * np.pi)
         for frequency, label in zip(each.modes.frequency, each.labels.given, strict=True):
             given += label is not None
             assert label in (None, mode_labels(right)[int(np.argmin(abs(poles - frequency)))])

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import h5py
+import jax
 import numpy as np
 from hammer_files import FOLDER, generator
 
@@ -59,9 +60,8 @@ class Shaken:
 
 def shaken(duration, posture=POSTURE, band=(1.0, 28.0)):
     """The arm with the two accelerometers of the hammer test, recorded for a time [s]; truth within a band [Hz]."""
-    M, C, H, outputs, _ = map(
-        np.asarray, generator()._matrices(read_arm(FOLDER / "arm.toml").arm, np.radians(posture), generator().LOAD)
-    )
+    matrices = jax.jit(lambda arm: generator()._matrices(arm, np.radians(posture), generator().LOAD))
+    M, C, H, outputs, _ = map(np.asarray, matrices(read_arm(FOLDER / "arm.toml").arm))
     samples = int(duration * RATE)
     lines = np.fft.rfftfreq(2 * samples, 1 / RATE)
     poles, right = np.linalg.eig(

@@ -4,18 +4,16 @@ As a program it is the command `small`, to be killed.
 """
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from arms import DATA
 
-from ident import read_arm, read_campaign
 from ident.assess.effort import Effort
 from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, command
 from ident.cli.diagnosing import run_diagnose
-from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
+from ident.studies.diagnose import DiagnoseOptions
 
 SMALL = Effort(
     steps=500,
@@ -29,11 +27,6 @@ SMALL = Effort(
 )
 OPTIONS = DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=SMALL)
 CAMPAIGN = DATA / "lcd_arm" / "campaign.csv"
-
-
-@cache
-def small_diagnosis() -> DiagnoseResult:
-    return diagnose(read_arm(DATA / "lcd_arm" / "arm.toml"), read_campaign(CAMPAIGN), OPTIONS)
 
 
 def small_command(

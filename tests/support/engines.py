@@ -36,10 +36,13 @@ def skew(v: np.ndarray) -> np.ndarray:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
+CROSS = np.stack([skew(e) for e in np.eye(3)], -1)
+
+
 def left_jacobian(p: np.ndarray) -> np.ndarray:
-    """Closed form, away from p = 0; analytic, so that a complex step differentiates it."""
-    t = np.sqrt(p @ p)
-    return np.eye(3) + 2 * (np.sin(t / 2) / t) ** 2 * skew(p) + (t - np.sin(t)) / t**3 * skew(p) @ skew(p)
+    """Closed form of vectors `(..., 3)`, away from 0; analytic, so that a complex step differentiates it."""
+    t, cross = np.sqrt((p * p).sum(-1))[..., None, None], np.tensordot(p, CROSS, (-1, 2))
+    return np.eye(3) + 2 * (np.sin(t / 2) / t) ** 2 * cross + (t - np.sin(t)) / t**3 * cross @ cross
 
 
 def jacobian_slope(p: np.ndarray, moment: np.ndarray) -> np.ndarray:
@@ -60,12 +63,15 @@ def stiffness(arm: Arm, engine: Engine) -> np.ndarray:
 
 def local(frames: list[np.ndarray], x: np.ndarray) -> np.ndarray:
     """Rotation vectors (N, 3) in the shafts' axes."""
-    return np.stack([F.T @ p for F, p in zip(frames, x.reshape(-1, 3), strict=True)])
+    return np.einsum("nji,nj->ni", frames, x.reshape(-1, 3))
 
 
 def rates(frames: list[np.ndarray], x: np.ndarray) -> np.ndarray:
     """B of the module's docstring, for all joints."""
-    return block_diag(*(left_jacobian(-p) @ F.T for F, p in zip(frames, local(frames, x), strict=True)))
+    each, n = left_jacobian(-local(frames, x)) @ np.swapaxes(frames, 1, 2), len(frames)
+    whole = np.zeros((n, 3, n, 3))
+    whole[range(n), :, range(n)] = each
+    return whole.reshape(3 * n, 3 * n)
 
 
 class PinocchioArm:
@@ -96,32 +102,34 @@ class PinocchioArm:
         self.held = pin.neutral(model)
         for index, angle in angle_at.items():
             self.held[index] = angle
+        pin.forwardKinematics(self.model, self.data, self.held)
+        self._frames = [self.data.oMi[ball].rotation.copy() for ball in self.shafts]
 
     def frames(self) -> list[np.ndarray]:
-        pin.forwardKinematics(self.model, self.data, self.held)
-        return [self.data.oMi[ball].rotation.copy() for ball in self.shafts]
+        return self._frames
 
     def _q(self, x: np.ndarray) -> np.ndarray:
         q = self.held.copy()
-        for index, p in zip(self.q_ball, local(self.frames(), x), strict=True):
-            q[index : index + 4] = Rotation.from_rotvec(p).as_quat()
+        turns = Rotation.from_rotvec(local(self._frames, x)).as_quat()
+        for index, turn in zip(self.q_ball, turns, strict=True):
+            q[index : index + 4] = turn
         return q
 
     def mass_matrix(self, x: np.ndarray) -> np.ndarray:
         M = np.triu(pin.crba(self.model, self.data, self._q(x)))
         M = (M + np.triu(M, 1).T)[np.ix_(self.v_ball, self.v_ball)]
-        B = rates(self.frames(), x)
+        B = rates(self._frames, x)
         return B.T @ M @ B
 
     def _moments(self, x: np.ndarray) -> np.ndarray:
         return pin.computeGeneralizedGravity(self.model, self.data, self._q(x))[self.v_ball]
 
     def gravity_gradient(self, x: np.ndarray) -> np.ndarray:
-        return rates(self.frames(), x).T @ self._moments(x)
+        return rates(self._frames, x).T @ self._moments(x)
 
     def gravity_hessian(self, x: np.ndarray) -> np.ndarray:
         """Analytic: Pinocchio's slope of the moments, and the slope of B'."""
-        frames, moments, q = self.frames(), self._moments(x).reshape(-1, 3), self._q(x)
+        frames, moments, q = self._frames, self._moments(x).reshape(-1, 3), self._q(x)
         slope = pin.computeGeneralizedGravityDerivatives(self.model, self.data, q)
         slope = slope[np.ix_(self.v_ball, self.v_ball)]
         turned = zip(frames, local(frames, x), moments, strict=True)
@@ -183,8 +191,9 @@ class MujocoArm:
 
     def _place(self, x: np.ndarray) -> None:
         self.data.qpos[:] = self.held
-        for index, p in zip(self.q_ball, local(self._frames, x), strict=True):
-            self.data.qpos[index : index + 4] = Rotation.from_rotvec(p).as_quat(scalar_first=True)
+        turns = Rotation.from_rotvec(local(self._frames, x)).as_quat(scalar_first=True)
+        for index, turn in zip(self.q_ball, turns, strict=True):
+            self.data.qpos[index : index + 4] = turn
         mujoco.mj_forward(self.model, self.data)
 
     def mass_matrix(self, x: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from arms import lcd_arm, random_arm
 from commands import posterior
+from equinox import filter_jit
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import at_posture
@@ -139,6 +140,17 @@ def test_an_arm_that_collapses_has_no_answer(plain_page, browser_page):
 ALPHA, SPEED = 40.0, 100.0
 
 
+out_of_balance, places = filter_jit(residual), filter_jit(point_positions)
+
+
+@filter_jit
+def at_rest(arm, posture):
+    """The arm held there, its equilibrium, and the equations about that."""
+    chain = at_posture(arm, posture)
+    at = static_equilibrium(chain)
+    return chain, at, linearize(chain, at)
+
+
 @pytest.fixture(scope="module")
 def forcing():
     """Phasors of the torques by the exact equations of motion, a column for each drive, and what they act on.
@@ -147,9 +159,8 @@ def forcing():
     angle of the pin. By the first harmonic over sixteen phases of the pulley.
     """
     arm = lcd_arm()
-    posture = jnp.radians(jnp.array([ALPHA, -2 * ALPHA, ALPHA]))
-    chain = at_posture(arm, posture)
-    at = static_equilibrium(chain)
+    posture = np.radians([ALPHA, -2 * ALPHA, ALPHA])
+    chain, at, _ = at_rest(arm, posture)
     y = flat(matvec(transpose(chain.frame), at.phi))
     phases, ratio = 2 * np.pi * np.arange(16) / 16, 1e7
 
@@ -162,8 +173,8 @@ def forcing():
                 f"{drive.name}.phase": phase - (ratio * float(posture[j])) % (2 * np.pi),
             }
             model = multibody(arm.replace({**quiet, **own}))
-            qd = jnp.zeros(3).at[j].set(rate / ratio)
-            columns.append(residual(model, Command(posture, qd, jnp.zeros(3)), y, jnp.zeros(9), jnp.zeros(9)))
+            qd = rate / ratio * np.eye(3)[j]
+            columns.append(out_of_balance(model, Command(posture, qd, np.zeros(3)), y, np.zeros(9), np.zeros(9)))
         harmonic = -2 * np.mean([np.asarray(c) * np.exp(-1j * p) for c, p in zip(columns, phases, strict=True)], 0)
         turned = [matvec(chain.frame, unflatten(jnp.asarray(part))) for part in (harmonic.real, harmonic.imag)]
         return np.asarray(flat(turned[0])) + 1j * np.asarray(flat(turned[1]))
@@ -187,9 +198,7 @@ def test_torques_of_the_turning_masses_are_those_of_the_exact_equations(forcing,
 def test_steady_response_at_its_peaks_is_that_of_the_damped_equations(plain_page, browser_page):
     """Against a complex solve of H + i w C - w^2 M at each resonance of each drive, with all drives at worst phases."""
     arm = lcd_arm()
-    chain = at_posture(arm, jnp.radians(jnp.array([ALPHA, -2 * ALPHA, ALPHA])))
-    at = static_equilibrium(chain)
-    linear = linearize(chain, at)
+    chain, at, linear = at_rest(arm, np.radians([ALPHA, -2 * ALPHA, ALPHA]))
     M, C, H = (np.asarray(x) for x in (linear.M, linear.C, linear.H))
     slope = np.stack([_slope(chain, at.phi, i) for i in range(9)], 1)
     script = """([alpha, low]) => {
@@ -233,8 +242,8 @@ def test_the_worst_posture_is_found_between_the_places(plain_page, browser_page)
 
 def _slope(chain, phi, i):
     """How the end point moves with one coordinate, by a central difference [m/rad]."""
-    step = unflatten(jnp.zeros(9).at[i].set(1e-5))
-    there, back = (point_positions(chain, phi + side * step)[:, -1] for side in (1, -1))
+    step = np.asarray(unflatten(jnp.asarray(1e-5 * np.eye(9)[i])))
+    there, back = (np.asarray(places(chain, np.asarray(phi) + side * step))[:, -1] for side in (1, -1))
     return np.asarray(there - back) / 2e-5
 
 

@@ -5,9 +5,8 @@ import re
 import numpy as np
 import pytest
 from arms import lcd_arm, random_arm
+from one_program import shown
 
-from ident.identify.conditions import bind
-from ident.identify.predict import predict
 from ident.measure import Campaign, Load, Measurement
 from ident.studies.explore import ExploreOptions, explore
 
@@ -103,7 +102,7 @@ def test_readings_at_rest_are_those_of_predict(tmp_path, browser_page):
     """Under loads of their own, whatever hangs on the arm on the page."""
     arm = lcd_arm()
     campaign = Campaign(measurements=tuple(static_readings(arm)))
-    expected = np.asarray(predict(arm, {}, bind(arm, campaign)))
+    expected = shown(arm, campaign)
     options = ExploreOptions(load="2 kg @ tip", posture=(0, 0, 0))
     with browser_page(explore(arm, options, measured=campaign).save(tmp_path)[0], 1280, 900) as opened:
         found = opened.page.evaluate("explorer.read()")
