@@ -56,7 +56,7 @@ def jit(f: F, options: Any = SMALL_KERNELS) -> F:
     @wraps(f)
     def call(*args: Any, **more: Any) -> Any:
         leaves, tree = jax.tree.flatten((args, more))  # once: of a model it takes longer than its prediction
-        if _traced(leaves):
+        if is_traced(leaves):
             return within(*args, **more)
         program = known.find(args, more, (leaves, tree))
         return program(leaves) if program else outermost(*args, **more)
@@ -86,8 +86,8 @@ def _try(first: Callable[[], Any]) -> None:
         first()
 
 
-def _traced(leaves: list[Any]) -> bool:
-    """Return whether a program is being traced: then what is made anew is a tracer, too."""
+def is_traced(leaves: list[Any]) -> bool:
+    """Return whether any of these is traced, or a program is being: then what is made anew is a tracer, too."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or isinstance(jnp.zeros(()), jax.core.Tracer)
 
 

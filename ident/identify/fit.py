@@ -168,8 +168,8 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     problem = build_problem(arm, campaign, unknowns)
-    prepare(problem, arm, campaign)  # while the values are looked at by the program of the searches
     check_values(problem, campaign, arm, trusted)
+    prepare(problem, arm, campaign)
     best = fit(problem, starts=starts, seed=seed, progress=progress)
     weights = None if robust is None else robust_weights(best, units_of(campaign), robust)
     if weights is not None:

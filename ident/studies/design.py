@@ -190,7 +190,7 @@ def design(
     from ident.assess.design import DesignStudy
     from ident.vibrate.redesign.design import design
     from ident.vibrate.redesign.sensitivity import sensitivities
-    from ident.vibrate.redesign.verify import prepare, verify
+    from ident.vibrate.redesign.verify import verify
 
     options = DesignOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
@@ -202,8 +202,6 @@ def design(
         return DesignResult(DesignStudy(basis, evaluator, each), "", options)
     text = _checked_text(basis, evaluator.variables)
     evaluator = replace(evaluator, step=evaluator.step_for(evaluator.bounds))  # one for all: they share programs
-    evaluator.prepare()
-    prepare(evaluator)
     best = design(
         evaluator,
         limit=options.limit_si,

@@ -24,20 +24,21 @@ MEASURED = ident.read_campaign(CAMPAIGN)
 
 
 @pytest.fixture(scope="module")
-def behind_five(tmp_path_factory):
-    """Where the stages lie that were finished when the fifth one was; `result` fills it."""
-    return tmp_path_factory.mktemp("diagnose") / "behind five"
+def diagnosed(tmp_path_factory):
+    """A diagnosis, and where the stages lie that were finished when the third one was."""
+    folder = tmp_path_factory.mktemp("diagnose")
+
+    def copy_behind_three(report):
+        if report.number == 3:
+            shutil.copytree(folder / "whole", folder / "behind three")
+
+    result = diagnose(ARM, MEASURED, OPTIONS, folder=folder / "whole", on_stage=copy_behind_three)
+    return result, folder / "behind three"
 
 
 @pytest.fixture(scope="module")
-def result(behind_five, tmp_path_factory):
-    whole = tmp_path_factory.mktemp("diagnose") / "whole"
-
-    def copy_behind_five(report):
-        if report.number == 5:
-            shutil.copytree(whole, behind_five)
-
-    return diagnose(ARM, MEASURED, OPTIONS, folder=whole, on_stage=copy_behind_five)
+def result(diagnosed):
+    return diagnosed[0]
 
 
 @pytest.fixture(scope="module")
@@ -182,23 +183,24 @@ def test_where_nothing_turns_there_is_no_chart_of_resonance(result, page):
     assert undriven.html().count("<figure>") == page.count("<figure>") - 1
 
 
-def test_an_interrupted_one_goes_on_and_comes_to_the_same(result, behind_five, tmp_path):
-    """From what lay there behind the fifth stage, interrupted there: all that follows is the same."""
-    shutil.copytree(behind_five, tmp_path / "part")
+def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
+    """From what lay there behind the third stage, interrupted there: all that follows is the same."""
+    result, behind_three = diagnosed
+    shutil.copytree(behind_three, tmp_path / "part")
     reports = []
 
-    def stop_behind_five(report):
+    def stop_behind_three(report):
         reports.append(report)
-        if report.number == 5:
+        if report.number == 3:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=stop_behind_five)
+        diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=stop_behind_three)
     resumed = diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=reports.append)
     assert [(report.number, report.resumed) for report in reports] == [
-        *((number, True) for number in (1, 2, 3, 4, 5)),
-        *((number, True) for number in (1, 2, 3, 4, 5)),
-        *((number, False) for number in (6, 7)),
+        *((number, True) for number in (1, 2, 3)),
+        *((number, True) for number in (1, 2, 3)),
+        *((number, False) for number in (4, 5, 6, 7)),
     ]
     assert resumed.report() == result.report()
     np.testing.assert_equal(resumed.table(), result.table())

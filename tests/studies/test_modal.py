@@ -167,7 +167,7 @@ def test_no_name_is_wrong(arm, result):
 
 
 def test_the_fit_recovers_table_1_within_its_joint_covariance(arm, result):
-    fit = ident.fit(arm, result.campaign)
+    fit = ident.fit(result.arm, result.campaign)
     assert not fit.doubts
     known = fit.fit.information
     true = np.array([float(arm.get(name.split("=")[0])) for name in known.names])

@@ -46,7 +46,7 @@ def with_amplitudes(
     if not crossings:
         return ()
     arm = nominal(arm)
-    whole = _whole(arm, motion, loads)
+    whole = superposition(arm, motion, tuple(_phases(arm)), loads=loads, rate=RATE)
     ways = _ways(arm, crossings, loads)
     sizes = [
         _largest(whole, _phase(arm, crossing), crossing, way) for crossing, way in zip(crossings, ways, strict=True)
@@ -57,11 +57,7 @@ def with_amplitudes(
 
 def prepare(arm: Arm, motion: Motion, loads: Loads | None = None) -> None:
     """Have compiled, or loaded, meanwhile what simulates the vibration."""
-    ahead(linearised, lambda: _whole(nominal(arm), motion, loads))
-
-
-def _whole(arm: Arm, motion: Motion, loads: Loads | None) -> Superposition:
-    return superposition(arm, motion, tuple(_phases(arm)), loads=loads, rate=RATE)
+    ahead(linearised, lambda: superposition(nominal(arm), motion, (), loads=loads, rate=RATE))
 
 
 def _phases(arm: Arm) -> Iterator[str]:

@@ -17,12 +17,13 @@ from ident.jit import AnyArray, ahead, jit
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.redesign.end_states import EndState, end_states
 from ident.vibrate.redesign.variable import Variable, apply
+from ident.vibrate.response import exact
 from ident.vibrate.response.amplitude import Amplitude, amplitude
 from ident.vibrate.response.each import at_once, linearised, numbers_of, vibrations
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.fast import step_for
 from ident.vibrate.response.fast_method import FastMethod, Linearised, vibration_of
-from ident.vibrate.response.simulate import RATE, fast_method, refuse_collapse
+from ident.vibrate.response.simulate import RATE, exact_setup, fast_method, refuse_collapse
 from ident.vibrate.response.superposition import (
     Superposition,
     largest_over_phases,
@@ -144,33 +145,55 @@ class Evaluator:
         return min(step_for(arms, self.motion) for arms in groups)
 
     def slopes(
-        self, change: Float[np.ndarray, "V"], sets: Sequence[Mapping[str, float]] = ()
-    ) -> tuple[Float[np.ndarray, "3 W batch"], Float[np.ndarray, "V 3 W batch"]]:
+        self, change: Float[np.ndarray, "V"], sets: Sequence[Mapping[str, float]] = ({},)
+    ) -> tuple[Float[np.ndarray, "3 W sets"], Float[np.ndarray, "V 3 W sets"]]:
         """Return the parts of which an amplitude is the largest, and their exact derivatives by the changes.
 
         Args:
             change: of each variable.
-            sets: phases of what excites the arm itself, by path; without, the arms are itself and its draws.
+            sets: phases of what excites the arm, by path: with each of them instead of its own.
         """
-        numbers, measure, solve = self.batch(change[None]), self.amplitude, self._solver(change[None])
-        arms = [{path: values[k, ...] for path, values in numbers.items()} for k in range(1 if sets else self.size)]
+        numbers = self.batch(change[None])
+        return self._slopes(change, [{path: values[0, ...] for path, values in numbers.items()}], sets)
+
+    def slopes_of_draws(
+        self, change: Float[np.ndarray, "V"]
+    ) -> tuple[Float[np.ndarray, "3 W D"], Float[np.ndarray, "V 3 W D"]]:
+        """Return the same of each of the draws."""
+        numbers = self.batch(change[None])
+        each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(1, self.size)]
+        return self._slopes(change, each, ({},))
+
+    def _slopes(
+        self, change: np.ndarray, arms: Sequence[Mapping[str, np.ndarray]], sets: Sequence[Mapping[str, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return parts and slopes of each of some arms with each of some sets, one after the other on the last axis."""
+        measure, solve = self.amplitude, self._solver(change[None])
         groups = [self.variables[first : first + WIDTH] for first in range(0, len(self.variables), WIDTH)]
-        ways = [(values, _directions(values, variables)) for variables in groups for values in arms]
-        linear = at_once([partial(_linear_along, self.arm, *way, solve) for way in ways])
-        others = [{path: np.asarray(x) for path, x in own.items()} for own in sets or ({},)]
-        pairs = zip(ways, linear, strict=True)
-        turned = [(values | own, along, known) for (values, along), known in pairs for own in others]
-        done = at_once([partial(_parts_along, self.arm, *each, solve, measure) for each in turned])
-        done = jax.device_get(done)
-        count = len(done) // len(groups)
+        ways = [(dict(values), _directions(values, variables)) for variables in groups for values in arms]
+        turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
+
+        def one(values: dict[str, Any], along: dict[str, Any], linear: Any, own: dict[str, Any]) -> Any:
+            return jax.device_get(_parts_along(self.arm, values | own, along, linear, solve, measure))
+
+        def all_sets(values: dict[str, Any], along: dict[str, Any]) -> list[Any]:
+            linear = _linear_along(self.arm, values, along, solve)
+            return [one(values, along, linear, own) for own in turned]
+
+        if len(ways) > 1:
+            done = [pair for pairs in at_once([partial(all_sets, *way) for way in ways]) for pair in pairs]
+        else:
+            linear = _linear_along(self.arm, *ways[0], solve)
+            done = at_once([partial(one, *ways[0], linear, own) for own in turned])
+        count = len(arms) * len(sets)
         parts = np.stack([pair[0] for pair in done[:count]], -1)[:, : measure.count]
-        by_group = [np.stack([x[1] for x in done[k : k + count]], -1) for k in range(0, len(done), count)]
+        by_group = [np.stack([pair[1] for pair in done[k : k + count]], -1) for k in range(0, len(done), count)]
         if not np.isfinite(parts).all():
             raise ModelError(self._collapse(change[None]) or f"no response to {self.motion.name}: the arm collapses")
         return parts, np.concatenate(by_group)[: len(self.variables), :, : measure.count]
 
     def prepare(self) -> None:
-        """Have compiled, or loaded, meanwhile what `slopes` takes."""
+        """Have compiled, or loaded, meanwhile what `slopes` takes, and the exact method that verifies."""
         numbers, solve = self.batch(np.zeros((1, len(self.variables)))), self._solver(self.bounds)
         values = {path: each[0, ...] for path, each in numbers.items()}
         ways = _directions(values, self.variables[:WIDTH])
@@ -182,13 +205,14 @@ class Evaluator:
 
         ahead(_linear_along, lambda: _linear_along(self.arm, values, ways, solve))
         ahead(_parts_along, parts)
+        exact.prepare(partial(exact_setup, self.arm, self.motion, self.loads, self.elastic_belts, self.rate))
 
     def end_states(self, changes: Float[np.ndarray, "G V"]) -> EndState:
-        """Return the end states of the arm itself after changes."""
-        count = len(changes)
-        filled = np.pad(changes, ((0, -count % BATCH), (0, 0)), mode="edge")  # one program for any number of changes
-        states = end_states(self.alone.changed(filled), self.motion, self.loads)
-        return EndState(*(np.asarray(part)[:count] for part in states))
+        """Return the end states of the arm itself after changes, by one program for any number of them."""
+        filled = np.pad(changes, ((0, -len(changes) % BATCH), (0, 0)), mode="edge")
+        some = [filled[first : first + BATCH] for first in range(0, len(filled), BATCH)]
+        states = [end_states(self.alone.changed(each), self.motion, self.loads) for each in some]
+        return EndState(*(np.concatenate(part)[: len(changes)] for part in zip(*states, strict=True)))
 
     def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:
         """Return the numbers of the arm itself after changes, by path."""

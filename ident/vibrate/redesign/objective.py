@@ -92,7 +92,7 @@ class Objective:
         return lru_cache(CACHED)(lambda compute, u, *more: compute(self, np.frombuffer(u), *more))
 
     def _parts(self, u: Point) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J V"]]:
-        values, slopes = self.evaluator.alone.slopes(u * self.scale, self.cuts)
+        values, slopes = self.evaluator.slopes(u * self.scale, self.cuts or ({},))
         worst = values.argmax(2)[..., None]  # of each window: more rows than windows would slow the optimiser down
         values, slopes = np.take_along_axis(values, worst, 2), np.take_along_axis(slopes, worst[None], 3)
         return values.ravel(), slopes.reshape((len(u), -1)).T * self.scale
@@ -103,7 +103,7 @@ class Objective:
         return np.asarray(values), np.asarray(slopes) * self.scale
 
     def _log_odds(self, u: Point, limit: float) -> tuple[float, Point]:
-        values, slopes = (x[..., 1:] for x in self.evaluator.slopes(u * self.scale))
+        values, slopes = self.evaluator.slopes_of_draws(u * self.scale)
         draws = values.shape[2]
         parts, slopes = values.reshape((-1, draws)), slopes.reshape((len(u), -1, draws))
         worst = parts.argmax(0), np.arange(draws)

@@ -24,7 +24,7 @@ from ident.vibrate.redesign.objective import Objective, Point
 APART = 0.25
 """Least distance of two starts, in units of the bounds."""
 FEW = 3
-"""Places from which one that is allowed is searched for."""
+"""Places from which one that keeps the requirements is searched for."""
 CLOSE = 1e-7
 """Relative change of the amplitude at which an optimum counts as reached."""
 
@@ -91,19 +91,28 @@ class Search:
         return min(candidates, key=lambda u: self.objective.log_odds(u, limit)[0])
 
     def can_be_met(self, seed: int) -> bool:
-        """Tell whether some place keeps the requirements: a search from some for the nearest that does.
+        """Tell whether some place keeps the requirements, without a simulation: what is in vain is told at once.
 
-        It takes no simulation, so that what is asked in vain is told at once.
+        Of places all over the bounds, and from those that miss least by a search for the nearest that misses nothing.
         """
-        rows = self._constraints()
+        rows, places = self._constraints(), np.vstack([0 * self.objective.scale, self.spread(seed)])
+        if not rows:
+            return True
+        missed = self._missed(places)
 
         def nearest(start: Point) -> Point:
             return self._minimize(
                 lambda u: (float(((u - start) ** 2).sum()), 2 * (u - start)), start, rows, self.effort.iterations
             )
 
-        tried = [0 * self.objective.scale, *self.spread(seed)[:FEW]] if rows else []
-        return not rows or any(are_met(rows, nearest(start)) for start in tried)
+        return bool((missed <= 0).any()) or any(are_met(rows, nearest(places[k])) for k in np.argsort(missed)[:FEW])
+
+    def _missed(self, places: Float[np.ndarray, "places V"]) -> Float[np.ndarray, "places"]:
+        """Return by which share of itself a requirement is missed at most; infinite where the arm collapses."""
+        ends, required = self.evaluator.end_states(places * self.objective.scale), self.required
+        frequency = 1 - np.asarray(ends.frequency) / required.frequency if required.frequency > 0 else 0 * places[:, 0]
+        missed = np.maximum(frequency, np.asarray(ends.deflection) / required.deflection - 1)
+        return np.where(np.isfinite(missed), missed, np.inf)
 
     def starts(self, count: int, seed: int) -> list[Point]:
         """Return the arm as it is, and those of some places that are apart and have the least amplitude."""

@@ -83,12 +83,12 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     own, drawn = [], []
     for k in progress(range(len(groups))):
         seen = replace(evaluator, variables=tuple(Variable((path,), -np.inf, np.inf) for path in groups[k]))
-        parts, slopes = seen.alone.slopes(np.zeros(len(groups[k])), worst)
+        nothing = np.zeros(len(groups[k]))
+        parts, slopes = seen.slopes(nothing, worst or ({},))
         each = _elasticities(evaluator.arm, seen.variables, parts, slopes)
         own.append(np.diagonal(each, axis1=1, axis2=2) if worst else each[..., 0])
         if evaluator.draws:
-            of_all = _elasticities(evaluator.arm, seen.variables, *seen.slopes(np.zeros(len(groups[k]))))
-            drawn.append(of_all[..., 1:])
+            drawn.append(_elasticities(evaluator.arm, seen.variables, *seen.slopes_of_draws(nothing)))
     each, draws = np.concatenate(own), np.concatenate(drawn) if drawn else None
     present = np.array([float(evaluator.arm.get(path)) for path in paths])
     nothing = np.zeros((1, len(evaluator.variables)))

@@ -6,15 +6,12 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.multibody import Multibody
-from ident.vibrate.motion.motion import Motion
 from ident.vibrate.redesign.binomial import BinomialEstimate, binomial_estimate
 from ident.vibrate.redesign.design import Place
 from ident.vibrate.redesign.evaluator import Draws, Evaluator
 from ident.vibrate.redesign.side_by_side import side_by_side
-from ident.vibrate.response import exact
 from ident.vibrate.response.exact import Progress
-from ident.vibrate.response.simulate import multibody_of, sample_times, simulate
+from ident.vibrate.response.simulate import simulate
 
 
 @dataclass(frozen=True)
@@ -73,16 +70,6 @@ def verify(
         estimates = exceedances(replace(evaluator, draws=fresh), changes, limit, progress)
         checks = [replace(check, exceedance=one) for check, one in zip(checks, estimates, strict=True)]
     return Verification(*checks)
-
-
-def prepare(evaluator: Evaluator) -> None:
-    """Have compiled, or loaded, meanwhile what the exact method takes."""
-
-    def setup() -> tuple[Multibody, Motion, Float[np.ndarray, "T"]]:
-        model = multibody_of(evaluator.arm, evaluator.loads, 1, evaluator.elastic_belts)
-        return model, evaluator.motion, sample_times(evaluator.motion, evaluator.rate)
-
-    exact.prepare(setup)
 
 
 def exceedances(

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.jit import AnyArray, concrete, cores, jit, library
+from ident.jit import AnyArray, concrete, cores, is_traced, jit
 from ident.vibrate.response import fast
 from ident.vibrate.response.curved import refuse_curved
 from ident.vibrate.response.fast_method import FastMethod, Linearised, Solution, vibration_of
@@ -36,8 +36,8 @@ def vibrations(
         arm: the arm.
         numbers: all of it, see `numbers_of`: one program serves whichever differ.
         solve: the fast method.
-        sets: numbers of what excites the arm, by path: with each of them instead.
-        measure: of an arm's vibrations with all sets `(3, T, sets)`; themselves when None.
+        sets: numbers of what excites the arm, by path: with each of them instead, see `each_of`.
+        measure: of an arm's vibrations with all sets `(3, T, sets)`; when None themselves, arms on a further axis.
 
     Raises:
         InputError: vibrations leave the tangents of curved springs, see `refuse_curved`.
@@ -72,8 +72,8 @@ def each_of(
         arm: the arm.
         numbers: all of it, by path.
         solve: the fast method.
-        keep: gives what is kept of a solution.
-        sets: numbers of what excites the arm, by path.
+        keep: gives what is kept of a solution, some of its times at once: arrays of rows and these times.
+        sets: numbers of what excites the arm, by path; nothing else, for else the linearised equations are others.
         gather: gives what is kept of what an arm's sets have given, whose axis is the last.
     """
     samples, count = int(solve.samples), len(next(iter(numbers.values())))
@@ -81,13 +81,16 @@ def each_of(
     def cut(x: AnyArray) -> AnyArray:
         return x[..., :samples]
 
-    if library(arm, numbers) is jnp:  # under `jit` or `grad`
-        traced = jax.lax.map(lambda values: jax.tree.map(cut, keep(solve(arm.replace(values)))), dict(numbers))
-        return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1)[..., None, :], traced)
+    turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
+    if is_traced(jax.tree.leaves((arm, numbers, solve))):
+        wholes = [_traced(arm, dict(numbers), solve, keep, own) for own in turned]
+        stacked = jax.tree.map(lambda *x: cut(jnp.stack(x)), *wholes)
+        arms = [jax.tree.map(lambda x, k=k: jnp.moveaxis(x[:, k], 0, -1), stacked) for k in range(count)]
+        return jax.tree.map(lambda *x: jnp.stack(x, -1), *map(gather, arms))
     each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(count)]
 
-    def one(values: dict[str, Any], linear: Linearised, own: Mapping[str, float]) -> Any:
-        values = values | {path: np.asarray(x) for path, x in own.items()}
+    def one(values: dict[str, Any], linear: Linearised, own: dict[str, Any]) -> Any:
+        values = values | own
         solved = _excited(arm, values, solve, linear)
         return jax.tree.map(cut, concrete(_sampled(arm, values, solve, linear, solved, keep)))
 
@@ -96,13 +99,13 @@ def each_of(
 
     def all_sets(values: dict[str, Any]) -> Any:
         linear = linearised(arm, values, solve)
-        return gathered([one(values, linear, own) for own in sets])
+        return gathered([one(values, linear, own) for own in turned])
 
     if count >= cores():
         found = at_once([partial(all_sets, values) for values in each])
     else:
         linear = [linearised(arm, values, solve) for values in each]
-        jobs = [partial(one, *pair, own) for pair in zip(each, linear, strict=True) for own in sets]
+        jobs = [partial(one, *pair, own) for pair in zip(each, linear, strict=True) for own in turned]
         done = at_once(jobs)
         found = [gathered(done[first : first + len(sets)]) for first in range(0, len(jobs), len(sets))]
     return jax.tree.map(lambda *x: np.stack(x, -1), *found)
@@ -125,6 +128,18 @@ def at_once(jobs: Sequence[Callable[[], Any]]) -> list[Any]:
     finally:
         for future in futures:
             future.cancel()
+
+
+@jit
+def _traced(
+    arm: Arm,
+    numbers: dict[str, Any],
+    solve: FastMethod,
+    keep: Callable[[Solution], Any],
+    own: dict[str, Any],
+) -> Any:
+    """Return what is kept of each arm, arms first, all by one program: for one that is traced or differentiated."""
+    return jax.lax.map(lambda values: keep(solve(arm.replace(values | own))), numbers)
 
 
 @jit

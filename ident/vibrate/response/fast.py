@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads, at_posture
+from ident.arm.chain import at_posture
 from ident.arm.modes import natural_frequencies
 from ident.arm.multibody import Multibody, may_differ_from_zero
 from ident.arm.multibody_dynamics import equations, imbalance
@@ -32,7 +32,7 @@ from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.few_sizes import where
-from ident.vibrate.response.linear import ONCE, TWICE, Linear, advance, linearised
+from ident.vibrate.response.linear import ONCE, TWICE, Linear, advance
 from ident.vibrate.response.quasi_static import initial_equilibrium
 from ident.vibrate.response.step_weights import STAGES, STEPS, StepWeights
 from ident.vibrate.response.time_intervals import (
@@ -102,29 +102,18 @@ def _first_frequency(arm: Arm, posture: AnyArray) -> Array:
     return natural_frequencies(at_posture(arm, posture), 1)
 
 
-def integrate(
-    arm: Arm, model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, loads: Loads | None = None
-) -> Fast:
-    """Integrate from rest at the first break of the motion.
+def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, linear: Linear) -> Fast:
+    """Integrate the linearised equations, with what excites the arm, from rest at the first break of the motion.
 
     Intervals that start at infinity, and steps beyond those of an interval, are left out: what is filled up to one of
     few sizes takes no time, and one program serves many motions.
 
     Args:
-        arm: the arm.
-        model: its multibody model under the load, gathered with `rank=1`.
+        model: the arm's multibody model under its load, gathered with `rank=1`.
         motion: the commanded motion.
         grid: the time intervals; their steps are the method's.
         at: weights for so many steps.
-        loads: the load case.
-    """
-    return excited(model, motion, grid, at, linearised(arm, model, motion, grid, at, loads))
-
-
-def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, linear: Linear) -> Fast:
-    """Integrate the linearised equations with what excites the arm: its eccentric masses and kinematic errors.
-
-    For the arguments see `integrate`.
+        linear: the equations without what excites, see `linearised`.
     """
     first, chunks = grid.start[0], jax.tree.map(jnp.asarray, (at.within, at.middles, at.in_steps, at.stages))
 

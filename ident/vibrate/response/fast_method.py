@@ -158,7 +158,7 @@ def repeated(time: Float[np.ndarray, "T"]) -> Float[np.ndarray, "more"]:
 def _end_point(
     model: Multibody, motion: Motion, time: AnyArray, y: Array
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
-    """Return path and displacement of the end point, with so much of the kinematic error in the latter."""
+    """Return path and displacement of the end point."""
     turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
     path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
     return path, end_point(model, turning.pin.angle, bushings(model, y)) - path

@@ -63,7 +63,15 @@ def linearised(
 ) -> Linear:
     """Linearise the equations along a motion: the same for all eccentricities, phases and kinematic errors.
 
-    Intervals that start at infinity are left out. For the arguments see `fast.integrate`.
+    Intervals that start at infinity are left out.
+
+    Args:
+        arm: the arm.
+        model: its multibody model under the load, gathered with `rank=1`.
+        motion: the commanded motion.
+        grid: the time intervals.
+        at: weights for the steps of an interval.
+        loads: the load case.
     """
     slow = _slow(arm, model, motion, loads, grid._replace(steps=at.steps))
     n, state, stages = model.size, 2 * model.size, STAGES * model.size

@@ -80,11 +80,20 @@ def simulate(
 
 
 def exactly(response: Response, progress: Progress = iter) -> Response:
-    """Simulate by the exact method, from where a response by the fast one starts.
+    """Simulate by the exact method what was simulated by the fast one, from where that starts.
+
+    Args:
+        response: by the fast method, without batch axes.
+        progress: shows how far it is, section by section.
+
+    Returns:
+        The response; where the user interrupts, up to then, which it says.
 
     Raises:
-        ModelError: see `simulate`.
+        InputError: a batch.
+        ModelError: the tolerance cannot be met.
     """
+    _check_method("exact", response.y.shape[2:])
     model, motion, time = response.model, response.motion, np.asarray(response.time)
     start = np.asarray(response.y[:, 0])
     solved = exact.integrate(model, filled_up(motion), (start, np.zeros_like(start)), time, progress=progress)
@@ -94,6 +103,13 @@ def exactly(response: Response, progress: Progress = iter) -> Response:
     moved = np.asarray(displacement(model, filled_up(motion), np.minimum(times, time[count - 1]), whole))
     path, displaced, static = (part[:, :count] for part in (response.path, moved, response.quasi_static))
     return Response(model, motion, time[:count], y, solved.yd, path, displaced, static, "exact", solved.interrupted)
+
+
+def exact_setup(
+    arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float
+) -> tuple[Multibody, Motion, Float[np.ndarray, "T"]]:
+    """Return model, motion and times of the exact method, for what is to be compiled for it meanwhile."""
+    return multibody_of(arm, loads, 1, elastic), motion, sample_times(motion, rate)
 
 
 def _by_fast_method(
@@ -111,10 +127,10 @@ def _by_fast_method(
 
 def _whole(arm: Arm, solve: FastMethod) -> Solution:
     """Solve for an arm, and for each of its batch `(*batch)`, whose axes come last."""
-    batch, numbers = arm.batch, {path: library(x).asarray(x) for path, x in numbers_of(arm).items()}
-    flat = {path: library(x).broadcast_to(x, batch).reshape(-1) for path, x in numbers.items()}
-    each = each_of(nominal(arm) if batch else arm, flat, solve, all_of_it)
-    return jax.tree.map(lambda x: x.reshape((*x.shape[:-2], *batch)), each)
+    batch, numbers = arm.batch, numbers_of(arm)
+    flat = {path: library(x).broadcast_to(library(x).asarray(x), batch).reshape(-1) for path, x in numbers.items()}
+    solutions = each_of(nominal(arm) if batch else arm, flat, solve, all_of_it)
+    return jax.tree.map(lambda x: x.reshape((*x.shape[:-2], *batch)), solutions)
 
 
 def fast_method(

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,6 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.arm.multibody import Multibody
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean, quoted
 from ident.vibrate.motion.motion import Motion
@@ -17,7 +18,7 @@ from ident.vibrate.response import belt_tension
 from ident.vibrate.response import exact as exact_method
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.response import Response, peak, rms, settling_time
-from ident.vibrate.response.simulate import RATE, exactly, multibody_of, sample_times, simulate
+from ident.vibrate.response.simulate import RATE, exact_setup, exactly, simulate
 from ident.vibrate.signal.compare import Comparison, Trace, compare
 
 DIRECTIONS = ("x", "y", "z")
@@ -122,35 +123,21 @@ def simulate_motion(
         remedy = did_you_mean(method, METHODS, "choose one of them")
         raise InputError(Problem("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method"))
     if method != "fast":
-        _prepare_exact(arm, motion, loads, elastic_belts, rate)
-    if method == "exact":
-        fast, exact = (
-            None,
-            simulate(
-                arm, motion, loads=loads, method="exact", elastic_belts=elastic_belts, rate=rate, progress=progress
-            ),
-        )
-    else:
-        fast = simulate(arm, motion, loads=loads, elastic_belts=elastic_belts, rate=rate)
-        if method == "fast":
-            return SimulatedMotion(fast)
-        exact = exactly(fast, progress)
+        setup = partial(exact_setup, arm, motion, loads, elastic_belts, rate)
+        exact_method.prepare(setup)
+        if not elastic_belts:
+            belt_tension.prepare(setup)
+    how: Any = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate}
+    fast = None if method == "exact" else simulate(arm, motion, **how)
+    if method == "fast":
+        assert fast is not None
+        return SimulatedMotion(fast)
+    exact = exactly(fast, progress) if fast else simulate(arm, motion, method="exact", progress=progress, **how)
     if exact.interrupted is None:
         return SimulatedMotion(exact, fast)
     if len(exact.time) < 2 and fast is None:
         raise KeyboardInterrupt
     return SimulatedMotion(exact) if fast is None else SimulatedMotion(fast, exact)
-
-
-def _prepare_exact(arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float) -> None:
-    """Have compiled, or loaded, what the exact method takes, and the belts' tension, while the fast method's is."""
-
-    def setup() -> tuple[Multibody, Motion, Float[np.ndarray, "T"]]:
-        return multibody_of(arm, loads, 1, elastic), motion, sample_times(motion, rate)
-
-    exact_method.prepare(setup)
-    if not elastic:
-        belt_tension.prepare(setup)
 
 
 def draw(

@@ -84,7 +84,8 @@ def test_slopes_are_those_of_differences_for_ties_shifts_draws_and_many_variable
     assert len(variables) > 6, "more than are pushed forward together"
     trial = smooth(variables)
     x = np.array([0.1, 0.02, -0.2, 0.1, 0.0, 0.1, 0.05])
-    parts, slopes = trial.slopes(x)
+    pairs = trial.slopes(x), trial.slopes_of_draws(x)
+    parts, slopes = (np.concatenate(each, -1) for each in zip(*pairs, strict=True))
     assert parts.shape == (3, 1, 3)
     differences = central(lambda x: trial.amplitudes(x[None])[:, 0], x, 4e-3)
     np.testing.assert_allclose(parts[:, 0], trial.amplitudes(x[None])[:, 0], rtol=1e-9)
@@ -260,6 +261,16 @@ def test_questions_that_cannot_be_asked_are_refused(variables, options, words):
 def test_what_cannot_be_reached_says_what_can():
     with pytest.raises(ModelError, match=r"the first frequency reaches \d"):
         design(short(TWO), required=Requirements(frequency=50.0), starts=1, curve=False)
+
+
+@pytest.mark.parametrize("short_of", [1e-3, 1e-5])
+def test_what_can_hardly_be_reached_is_not_refused(short_of):
+    """The corner of the bounds alone, where both are stiffest, is that stiff."""
+    trial = short(TWO)
+    highest = float(trial.end_states(trial.bounds[1:]).frequency[0])
+    search = Search(trial, Requirements(frequency=highest * (1 - short_of)))
+    assert search.can_be_met(seed=0)
+    assert not replace(search, required=Requirements(frequency=highest * (1 + short_of))).can_be_met(seed=0)
 
 
 def test_an_arm_that_collapses_within_the_bounds_is_named():

@@ -12,10 +12,11 @@ from ident.arm.multibody import multibody
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.motion.replay import replay
 from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.fast import TWICE, integrate, step_for
+from ident.vibrate.response.fast import TWICE, excited, step_for
 from ident.vibrate.response.fast_method import vibration_of
+from ident.vibrate.response.linear import linearised
 from ident.vibrate.response.response import peak
-from ident.vibrate.response.simulate import RATE, fast_method
+from ident.vibrate.response.simulate import RATE, fast_method, simulate
 from ident.vibrate.response.step_weights import GAUSS, step_weights
 from ident.vibrate.response.time_intervals import (
     NODE_PLACES,
@@ -39,7 +40,9 @@ def test_order() -> None:
     counts, found = np.array([30, 45, 68, 400]), []
     for count in counts:
         grid = TimeIntervals(starts, np.full(10, 0.5 / count), int(count))
-        found.append(np.asarray(integrate(arm, gathered, motion, grid, step_weights(int(count))).x)[:, 0, :3])
+        at = step_weights(int(count))
+        linear = linearised(arm, gathered, motion, grid, at)
+        found.append(np.asarray(excited(gathered, motion, grid, at, linear).x)[:, 0, :3])
     errors = [np.abs(x - found[-1]).max() for x in found[:-1]]
     slopes = -np.diff(np.log(errors)) / np.diff(np.log(counts[:-1]))
     print(errors, slopes)
@@ -152,3 +155,14 @@ def test_interpolation() -> None:
         for turn in (TURN, 2 * TURN)
     ]
     assert error[0] < 1e-6 < error[1]
+
+
+def test_one_program_for_all_gives_what_three_give() -> None:
+    """Under `jit` or `grad` an arm is solved by one program, else linearised, excited and sampled."""
+    arm, motion = with_error(30.0), swing()
+    options = {"elastic_belts": True, "rate": 500.0, "step": 0.005}
+    method = fast_method(arm, motion, None, *options.values())
+    whole, parts = method(arm), simulate(arm, motion, **options)
+    for one, other in ((whole.displacement, parts.displacement), (whole.quasi_static, parts.quasi_static)):
+        other = np.asarray(other)
+        np.testing.assert_allclose(np.asarray(one)[:, : other.shape[1]], other, atol=1e-12 * np.abs(other).max())
