@@ -10,7 +10,8 @@ import ident
 from ident.arm.arm import Arm
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.simulate import fast_method, sample_times, vibrations
+from ident.vibrate.response.each import vibrations
+from ident.vibrate.response.simulate import fast_method, sample_times
 from ident.vibrate.response.superposition import superposition
 
 ARM = Path(__file__).parents[1] / "data" / "lcd_arm" / "arm.toml"

@@ -30,7 +30,8 @@ from ident.arm.modes import modes
 from ident.description.file import read_arm
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.simulate import fast_method, sample_times, vibrations
+from ident.vibrate.response.each import vibrations
+from ident.vibrate.response.simulate import fast_method, sample_times
 
 RATIOS, FOLDED = (100, 120, 140, 160, 180, 200), (80, 120, 130, 136, 142, 148)
 COARSE = (80, 120, 142)

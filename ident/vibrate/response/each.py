@@ -83,16 +83,15 @@ def each_of(
 
     turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
     if is_traced(jax.tree.leaves((arm, numbers, solve))):
-        wholes = [_traced(arm, dict(numbers), solve, keep, own) for own in turned]
-        stacked = jax.tree.map(lambda *x: cut(jnp.stack(x)), *wholes)
-        arms = [jax.tree.map(lambda x, k=k: jnp.moveaxis(x[:, k], 0, -1), stacked) for k in range(count)]
+        solved = [jax.tree.map(cut, _traced(arm, dict(numbers), solve, keep, own)) for own in turned]
+        arms = [jax.tree.map(lambda *x, k=k: jnp.stack([one[k] for one in x], -1), *solved) for k in range(count)]
         return jax.tree.map(lambda *x: jnp.stack(x, -1), *map(gather, arms))
     each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(count)]
 
     def one(values: dict[str, Any], linear: Linearised, own: dict[str, Any]) -> Any:
         values = values | own
-        solved = _excited(arm, values, solve, linear)
-        return jax.tree.map(cut, concrete(_sampled(arm, values, solve, linear, solved, keep)))
+        response = _excited(arm, values, solve, linear)
+        return jax.tree.map(cut, concrete(_sampled(arm, values, solve, linear, response, keep)))
 
     def gathered(of_sets: Sequence[Any]) -> Any:
         return gather(jax.tree.map(lambda *x: np.stack(x, -1), *of_sets))

@@ -17,13 +17,7 @@ from ident.vibrate.response import exact, fast
 from ident.vibrate.response.curved import refuse_curved
 from ident.vibrate.response.each import each_of, numbers_of
 from ident.vibrate.response.exact import Progress
-from ident.vibrate.response.fast_method import (
-    FastMethod,
-    Solution,
-    all_of_it,
-    displacement,
-    repeated,
-)
+from ident.vibrate.response.fast_method import FastMethod, Solution, all_of_it, displacement, repeated
 from ident.vibrate.response.few_sizes import filled_up
 from ident.vibrate.response.response import Response
 from ident.vibrate.response.step_weights import step_weights

@@ -165,4 +165,4 @@ def test_one_program_for_all_gives_what_three_give() -> None:
     whole, parts = method(arm), simulate(arm, motion, **options)
     for one, other in ((whole.displacement, parts.displacement), (whole.quasi_static, parts.quasi_static)):
         other = np.asarray(other)
-        np.testing.assert_allclose(np.asarray(one)[:, : other.shape[1]], other, atol=1e-12 * np.abs(other).max())
+        assert np.abs(np.asarray(one)[:, : other.shape[1]] - other).max() < 1e-12 * np.abs(other).max()
