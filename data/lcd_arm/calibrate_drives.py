@@ -24,7 +24,8 @@ from ident.arm.modes import natural_frequencies
 from ident.description.file import parse_arm, update_file
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.simulate import fast_method, sample_times, vibrations
+from ident.vibrate.response.each import vibrations
+from ident.vibrate.response.simulate import fast_method, sample_times
 
 ARM = Path(__file__).with_name("arm.toml")
 RATIO, FOLDED, PROPORTION = 160, 142.0, (1.0, 1.0, 0.25)
@@ -43,7 +44,7 @@ APART = 0.1
 
 def vibration(arm: Arm, motion: Motion, numbers: dict[str, np.ndarray]) -> np.ndarray:
     """Return how the finger end vibrates [m] with each of some numbers of the arm, (3, T, numbers)."""
-    return np.asarray(vibrations(arm, numbers, fast_method(arm, motion, None, False, RATE, None)))
+    return np.asarray(vibrations(arm, numbers, fast_method(arm, motion, None, False, RATE, None)))[..., 0, :]
 
 
 def stacked(arm: Arm, eccentricity: float) -> float:
