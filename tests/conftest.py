@@ -1,5 +1,6 @@
 """Double precision, run-time checks of shapes and types, and a compilation cache for every test."""
 
+import ctypes
 import gc
 import os
 import sys
@@ -10,6 +11,7 @@ import pytest
 from browser import browser, browser_page  # noqa: F401
 from hypothesis import settings
 from jaxtyping import install_import_hook
+from typecheck import sparingly
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
@@ -22,6 +24,7 @@ os.environ.setdefault("XLA_FLAGS", QUICKLY)
 
 # all but ident.cli: typer hands None to an eager flag that is annotated bool
 ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "modal", "present", "vibrate")
+sparingly()
 install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 
 import jax  # noqa: E402
@@ -44,12 +47,15 @@ MOST_MAPS, MOST_PAGES = 15_000, 1_000_000
 def few_programs():
     """Forget compiled programs when they are many: each has memory maps of its own, and Linux admits 65530 in all.
 
-    Or when they fill 4 GB, of which each of several workers may have as much.
+    Or when they fill 4 GB, of which each of several workers may have as much. What they have filled is given back to
+    the system: else it would count as full ever after, and every module began with nothing compiled.
     """
     yield
     if MAPS.exists() and (MAPS.read_text().count("\n") > MOST_MAPS or int(MEMORY.read_text().split()[1]) > MOST_PAGES):
         jax.clear_caches()
         gc.collect()
+        if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):  # of the GNU C library
+            trim(0)
 
 
 def _without_number_in_tables(out):

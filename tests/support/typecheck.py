@@ -1,5 +1,55 @@
 """The run-time type checker of the tests: beartype, to which an int is a float as well (PEP 484)."""
 
+from collections import Counter
+from functools import wraps
+from inspect import isclass
+
+import jaxtyping
 from beartype import BeartypeConf, beartype
 
+CALLS = 300
+"""Of a function, and constructions of a class, that are checked in each process."""
+MADE = 30
+"""Functions made by one and the same function that are checked."""
+
 checked = beartype(conf=BeartypeConf(is_pep484_tower=True))
+
+
+def sparingly():
+    """Have the first calls of each function checked, not the thousands that follow: half of the time went into those.
+
+    What `jaxtyping.install_import_hook` writes into the modules is `jaxtyping.jaxtyped(typechecker=...)`.
+    """
+    jaxtyped, made = jaxtyping.jaxtyped, Counter()
+
+    def decorator(*, typechecker):
+        check = jaxtyped(typechecker=typechecker)
+
+        def decorate(target):
+            if isclass(target):
+                plain = target.__init__
+                target = check(target)
+                if target.__init__ is not plain:
+                    target.__init__ = _first(target.__init__, plain)
+                return target
+            made[target.__code__] += 1
+            return target if made[target.__code__] > MADE else _first(check(target), target)
+
+        return decorate
+
+    jaxtyping.jaxtyped = decorator
+
+
+def _first(checking, plain):
+    """Return a function that checks the first calls."""
+    left = CALLS
+
+    @wraps(plain)
+    def call(*args, **kwargs):
+        nonlocal left
+        if left:
+            left -= 1
+            return checking(*args, **kwargs)
+        return plain(*args, **kwargs)
+
+    return call
