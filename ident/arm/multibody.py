@@ -1,5 +1,7 @@
 """The multibody model of an arm: moments of mass, bushings, drives and belts, as the equations of motion need them."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -185,7 +187,8 @@ def balanced(multibody: Multibody) -> Multibody:
     """Return the model with all turning masses on their axes and without kinematic error: nothing excites it."""
     drives = multibody.drives
     none = (jnp.zeros_like(drives.imbalance), jnp.zeros_like(drives.error))
-    return eqx.tree_at(lambda m: (m.drives.imbalance, m.drives.error), multibody, none)
+    still = eqx.tree_at(lambda m: (m.drives.imbalance, m.drives.error), multibody, none)
+    return replace(still, transmission_error=False)
 
 
 def _drives(arm: Arm, axis: Array, rank: int) -> Drives:

@@ -77,10 +77,11 @@ class Pins(eqx.Module):
 def pins(model: Multibody, command: Command, xi: Turning) -> Pins:
     """Turn pins and pulleys by the command and the deviations xi from it."""
     q, qd, qdd = (_spread(part, model) + own for part, own in zip(command, xi, strict=True))
-    drives = model.drives
-    argument = 2 * drives.ratio * q + drives.error_phase
-    error = drives.error * jnp.sin(argument)
-    slope = 1 + 2 * drives.ratio * drives.error * jnp.cos(argument)
+    drives, error, slope = model.drives, jnp.zeros_like(q), jnp.ones_like(q)
+    if model.transmission_error:
+        argument = 2 * drives.ratio * q + drives.error_phase
+        error = drives.error * jnp.sin(argument)
+        slope = 1 + 2 * drives.ratio * drives.error * jnp.cos(argument)
     pin = Turning(q + error, slope * qd, slope * qdd - 4 * drives.ratio**2 * error * qd * qd)
     return Pins(pin, Turning(drives.ratio * q, drives.ratio * qd, drives.ratio * qdd), slope, error)
 

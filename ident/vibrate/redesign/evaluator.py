@@ -8,21 +8,22 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.errors import ModelError
-from ident.jit import AnyArray, ahead, jit
+from ident.jit import ahead
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.redesign.end_states import EndState, end_states
+from ident.vibrate.redesign.slopes import WIDTH, directions, linear_along, parts_along
 from ident.vibrate.redesign.variable import Variable, apply
 from ident.vibrate.response import exact
 from ident.vibrate.response.amplitude import Amplitude, amplitude
 from ident.vibrate.response.each import at_once, linearised, numbers_of, vibrations
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.fast import step_for
-from ident.vibrate.response.fast_method import FastMethod, Linearised, vibration_of
+from ident.vibrate.response.fast_method import FastMethod
 from ident.vibrate.response.simulate import RATE, exact_setup, fast_method, refuse_collapse
 from ident.vibrate.response.superposition import (
     Superposition,
@@ -35,9 +36,6 @@ from ident.vibrate.response.superposition import (
 
 BATCH = 64
 """Arms between two steps of progress."""
-WIDTH = 3
-"""Derivatives that are pushed forward together: with more variables the same program runs several times."""
-
 Draws = Mapping[str, Float[np.ndarray, "D"]]
 
 
@@ -170,20 +168,20 @@ class Evaluator:
         """Return parts and slopes of each of some arms with each of some sets, one after the other on the last axis."""
         measure, solve = self.amplitude, self._solver(change[None])
         groups = [self.variables[first : first + WIDTH] for first in range(0, len(self.variables), WIDTH)]
-        ways = [(dict(values), _directions(values, variables)) for variables in groups for values in arms]
+        ways = [(dict(values), directions(values, variables)) for variables in groups for values in arms]
         turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
 
         def one(values: dict[str, Any], along: dict[str, Any], linear: Any, own: dict[str, Any]) -> Any:
-            return jax.device_get(_parts_along(self.arm, values | own, along, linear, solve, measure))
+            return jax.device_get(parts_along(self.arm, values | own, along, linear, solve, measure))
 
         def all_sets(values: dict[str, Any], along: dict[str, Any]) -> list[Any]:
-            linear = _linear_along(self.arm, values, along, solve)
+            linear = linear_along(self.arm, values, along, solve)
             return [one(values, along, linear, own) for own in turned]
 
         if len(ways) > 1:
             done = [pair for pairs in at_once([partial(all_sets, *way) for way in ways]) for pair in pairs]
         else:
-            linear = _linear_along(self.arm, *ways[0], solve)
+            linear = linear_along(self.arm, *ways[0], solve)
             done = at_once([partial(one, *ways[0], linear, own) for own in turned])
         count = len(arms) * len(sets)
         parts = np.stack([pair[0] for pair in done[:count]], -1)[:, : measure.count]
@@ -196,15 +194,15 @@ class Evaluator:
         """Have compiled, or loaded, meanwhile what `slopes` takes, and the exact method that verifies."""
         numbers, solve = self.batch(np.zeros((1, len(self.variables)))), self._solver(self.bounds)
         values = {path: each[0, ...] for path, each in numbers.items()}
-        ways = _directions(values, self.variables[:WIDTH])
+        ways = directions(values, self.variables[:WIDTH])
 
         def parts() -> None:
             linear = linearised(self.arm, values, solve)
             still = jax.tree.map(lambda x: np.zeros((WIDTH, *x.shape)), linear)
-            _parts_along(self.arm, values, ways, (linear, still), solve, self.amplitude)
+            parts_along(self.arm, values, ways, (linear, still), solve, self.amplitude)
 
-        ahead(_linear_along, lambda: _linear_along(self.arm, values, ways, solve))
-        ahead(_parts_along, parts)
+        ahead(linear_along, lambda: linear_along(self.arm, values, ways, solve))
+        ahead(parts_along, parts)
         exact.prepare(partial(exact_setup, self.arm, self.motion, self.loads, self.elastic_belts, self.rate))
 
     def end_states(self, changes: Float[np.ndarray, "G V"]) -> EndState:
@@ -252,48 +250,3 @@ class Evaluator:
             words = ", ".join(f"{v.name} = {values[v.paths[0]]:.4g}" for v in self.variables)
             return f"the arm collapses at {words}: no stable equilibrium; narrow the range"
         return ""
-
-
-def _directions(
-    numbers: Mapping[str, Float[np.ndarray, ""]], variables: Sequence[Variable]
-) -> dict[str, Float[np.ndarray, "WIDTH"]]:
-    """Return how the numbers of an arm change with each variable; zero for those that fill up."""
-    directions = {path: np.zeros(WIDTH) for path in numbers}
-    for k, variable in enumerate(variables):
-        for path in variable.paths:
-            directions[path][k] = 1.0 if variable.shifted else numbers[path]
-    return directions
-
-
-@jit
-def _linear_along(
-    arm: Arm, values: dict[str, Any], directions: dict[str, Any], solve: FastMethod
-) -> tuple[Linearised, Linearised]:
-    """Return an arm's linearised equations, and how they change along directions, pushed forward together."""
-
-    def along(direction: dict[str, Any]) -> tuple[Linearised, Linearised]:
-        return jax.jvp(lambda now: solve.linearised(arm.replace(now)), (values,), (direction,))
-
-    pair: tuple[Linearised, Linearised] = jax.vmap(along, out_axes=(None, 0))(directions)
-    return pair
-
-
-@jit
-def _parts_along(
-    arm: Arm,
-    values: dict[str, Any],
-    directions: dict[str, Any],
-    linear: tuple[Linearised, Linearised],
-    solve: FastMethod,
-    measure: Amplitude,
-) -> tuple[Float[Array, "3 W"], Float[Array, "V 3 W"]]:
-    """Return the parts of an arm's amplitude, and their slopes along directions."""
-
-    def parts(now: dict[str, Any], linear: Linearised) -> AnyArray:
-        return measure.parts(vibration_of(solve.responded(arm.replace(now), linear)))
-
-    def along(direction: dict[str, Any], changing: Linearised) -> tuple[Array, Array]:
-        return jax.jvp(parts, (values, linear[0]), (direction, changing))
-
-    pair: tuple[Array, Array] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
-    return pair

@@ -48,17 +48,23 @@ class Amplitude(eqx.Module):
         """Number W of windows."""
         return 1 if self.measure == "rms" else -(-int(self.end - self.first) // self.window)
 
-    def parts(self, vibration: Float[AnyArray, "3 T"]) -> Float[AnyArray, "3 more"]:
-        """Return the maxima of the windows, smooth where one sample of each is the largest; of an RMS itself.
+    def places(self, vibration: Float[AnyArray, "3 T"]) -> Int[AnyArray, "3 more"]:
+        """Return the samples of which a peak is the largest: of each window and direction where it is farthest out.
 
-        What is behind the end of the vibration does not count; there may be more windows than `count`, of zeros.
+        There may be more windows than `count`, of which the last ones mean nothing.
         """
         late = jnp.roll(vibration, -self.first, 1)
         counts = jnp.arange(late.shape[1]) < self.end - self.first
-        if self.measure == "rms":
-            return jnp.sqrt(jnp.where(counts, late**2, 0.0).sum(1) / (self.end - self.first))[:, None]
         whole = jnp.pad(jnp.where(counts, jnp.abs(late), 0.0), ((0, 0), (0, -late.shape[1] % self.window)))
-        return whole.reshape((3, -1, self.window)).max(2)
+        windows = whole.reshape((3, -1, self.window))
+        within = jnp.arange(windows.shape[1]) * self.window + windows.argmax(2)
+        return jnp.minimum(self.first + within, vibration.shape[1] - 1)
+
+    def root_mean_square(self, vibration: Float[AnyArray, "3 T"]) -> Float[AnyArray, "3 1"]:
+        """Return the RMS of each direction [m], where what is behind the end of the vibration does not count."""
+        samples = jnp.arange(vibration.shape[1])
+        counts = (samples >= self.first) & (samples < self.end)
+        return jnp.sqrt(jnp.where(counts, vibration**2, 0.0).sum(1) / (self.end - self.first))[:, None]
 
 
 def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:

@@ -75,7 +75,8 @@ class FastMethod(eqx.Module):
     @jit
     def __call__(self, arm: Arm) -> Solution:
         """Simulate an arm without batch axes; what is behind the samples means nothing."""
-        return self.responded(arm, self.linearised(arm))
+        linear = self.linearised(arm)
+        return self.sampled(arm, linear, self.excited(arm, linear), all_of_it)
 
     def linearised(self, arm: Arm) -> Linearised:
         """Linearise an arm's equations of motion along the motion."""
@@ -89,21 +90,17 @@ class FastMethod(eqx.Module):
         """Integrate them with what excites the arm."""
         return fast.excited(self._model(arm), self.motion, self.grid, self.weights, linear.equations)
 
-    def responded(self, arm: Arm, linear: Linearised) -> Solution:
-        """Simulate an arm whose linearised equations are known."""
-        return self.sampled(arm, linear, self.excited(arm, linear), all_of_it)
-
     def sampled(self, arm: Arm, linear: Linearised, solved: fast.Fast, keep: "Callable[[Solution], Any]") -> Any:
         """Return what is kept of the solution at the samples; what is behind them means nothing."""
+        return _by_time(lambda time: keep(self.at(arm, linear, solved, time)), jnp.asarray(self.time))
+
+    def at(self, arm: Arm, linear: Linearised, solved: fast.Fast, time: Times) -> Solution:
+        """Return the solution at any times of the motion."""
         model = self._model(arm)
-
-        def at(time: Array) -> Any:
-            y, yd = solved.at(self.grid, time)
-            static = between_nodes(self.grid, linear.bent, time)[0]
-            missed = self._missed(model, linear.equations, time, y)
-            return keep(Solution(y, yd, *_end_point(model, self.motion, time, y), static, missed))
-
-        return _by_time(at, jnp.asarray(self.time))
+        y, yd = solved.at(self.grid, time)
+        static = between_nodes(self.grid, linear.bent, time)[0]
+        missed = self._missed(model, linear.equations, time, y)
+        return Solution(y, yd, *_end_point(model, self.motion, time, y), static, missed)
 
     def _model(self, arm: Arm) -> Multibody:
         """Gather an arm's equations of motion."""
