@@ -14,7 +14,7 @@ from ident.studies.sample import SampleResult
 pytestmark = pytest.mark.slow
 
 DATA = DATA / "lcd_arm"
-FEW = ("--starts=1", "--discrepancy=deflection:0.1", "--fix=joint1.k_bend")
+FEW = ("--starts=1", "--discrepancy=deflection:0.1", "--fix=joint1.k_bend", "--walkers=14")
 """What all short chains have, here and in `tests/studies/test_sample.py`, so that they need the same programs."""
 
 

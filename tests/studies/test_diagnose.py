@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,15 +26,14 @@ MEASURED = ident.read_campaign(CAMPAIGN)
 
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory):
-    """A diagnosis, and where the stages lie that were finished when the third one was."""
+    """A diagnosis, and where all lies that it has kept, and what lay there behind the third and the sixth stage."""
     folder = tmp_path_factory.mktemp("diagnose")
 
-    def copy_behind_three(report):
-        if report.number == 3:
-            shutil.copytree(folder / "whole", folder / "behind three")
+    def copy(report):
+        if report.number in (3, 6):
+            shutil.copytree(folder / "whole", folder / str(report.number))
 
-    result = diagnose(ARM, MEASURED, OPTIONS, folder=folder / "whole", on_stage=copy_behind_three)
-    return result, folder / "behind three"
+    return diagnose(ARM, MEASURED, OPTIONS, folder=folder / "whole", on_stage=copy), folder
 
 
 @pytest.fixture(scope="module")
@@ -183,31 +183,43 @@ def test_where_nothing_turns_there_is_no_chart_of_resonance(result, page):
     assert undriven.html().count("<figure>") == page.count("<figure>") - 1
 
 
-def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
-    """From what lay there behind the third stage, interrupted there: all that follows is the same."""
-    result, behind_three = diagnosed
-    shutil.copytree(behind_three, tmp_path / "part")
+def items(folder):
+    """What is kept of each stage, by its name."""
+    return {file.stem: file.read_bytes() for file in folder.glob("*.item")}
+
+
+def going_on(folder, stop_behind):
+    """Go on in a folder up to a stage; return what was reported."""
     reports = []
 
-    def stop_behind_three(report):
-        reports.append(report)
-        if report.number == 3:
+    def stop(report):
+        reports.append((report.number, report.resumed))
+        if report.number == stop_behind:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=stop_behind_three)
-    resumed = diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part", on_stage=reports.append)
-    assert [(report.number, report.resumed) for report in reports] == [
-        *((number, True) for number in (1, 2, 3)),
-        *((number, True) for number in (1, 2, 3)),
-        *((number, False) for number in (4, 5, 6, 7)),
-    ]
+        diagnose(ARM, MEASURED, OPTIONS, folder=folder, on_stage=stop)
+    return reports
+
+
+def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
+    """From what lay there behind the third stage and behind the sixth: what follows is the same, so is what was kept."""
+    result, behind = diagnosed
+    part = Path(shutil.copytree(behind / "3", tmp_path / "part"))
+    assert going_on(part, 3) == [(number, True) for number in (1, 2, 3)]
+    assert going_on(part, 4) == [*((number, True) for number in (1, 2, 3)), (4, False)]
+    assert items(part) == {name: kept for name, kept in items(behind / "whole").items() if name in list(STAGES)[:4]}
+    shutil.copytree(behind / "6", part, dirs_exist_ok=True)
+    reports = []
+    resumed = diagnose(ARM, MEASURED, OPTIONS, folder=part, on_stage=reports.append)
+    assert [(report.number, report.resumed) for report in reports] == [*((i, True) for i in range(1, 7)), (7, False)]
+    assert items(part) == items(behind / "whole")
     assert resumed.report() == result.report()
     np.testing.assert_equal(resumed.table(), result.table())
     for one, other in zip(resumed.diagnosis.remedies, result.diagnosis.remedies, strict=True):
         assert one.values == other.values
-    discard(tmp_path / "part")
-    assert not (tmp_path / "part").exists()
+    discard(part)
+    assert not part.exists()
 
 
 def test_without_a_folder_nothing_is_kept(result, tmp_path, monkeypatch):

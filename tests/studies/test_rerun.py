@@ -45,7 +45,7 @@ def test_a_number_that_differs_is_named(fitted):
 def test_posteriors_by_other_seeds_are_the_same_within_their_standard_errors(fitted):
     """And differ by no less: errors that are said much too large would hide what differs."""
     one, other, narrower = (
-        sample(fitted.arm, fitted.fit.campaign, SampleOptions(**OPTIONS, steps=500, **more))
+        sample(fitted.arm, fitted.fit.campaign, SampleOptions(**OPTIONS, steps=500, walkers=14, **more))
         for more in ({}, {"seed": 1}, {"prior_sd": 0.3})
     )
     assert not list(differences(one.table(), other.table(), one.standard_errors()))

@@ -21,7 +21,7 @@ from ident.studies.sample import SampleOptions, SampleResult, sample
 pytestmark = pytest.mark.slow
 
 FIT = {"starts": 1, "fix": ("joint1.k_bend",), "discrepancy": {"deflection": 0.1}}
-SHORT = FIT | {"steps": 500}
+SHORT = FIT | {"steps": 500, "walkers": 14}
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def file(result, tmp_path_factory):
 
 def test_it_is_the_posterior_of_the_fit(result, table_1):
     fitted = fit(lcd_arm(), table_1, FitOptions(**FIT))
-    direct = sample_campaign(fitted.fit, settings=Settings(max_steps=100)).sample
+    direct = sample_campaign(fitted.fit, settings=Settings(walkers=14, max_steps=100)).sample
     sampled = result.sample.sample
     np.testing.assert_array_equal(sampled.theta[:100], direct.theta)
     assert result.name == "table1.sample"
@@ -119,8 +119,12 @@ def test_a_longer_run_goes_on_in_its_folder(result, arm_file, table_1, tmp_path)
     assert len(list(folder.glob("draws*"))) == 10, "they stay where they are"
     with pytest.raises(ident.InputError, match="another seed"):
         sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder)
-    anew = sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder, restart=True)
-    assert not np.array_equal(anew.sample.sample.theta, whole.sample.sample.theta)
+    before = {file.read_bytes() for file in folder.glob("draws*")}
+    with pytest.raises(KeyboardInterrupt):
+        sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder, restart=True, progress=progress)
+    anew = {file.read_bytes() for file in folder.glob("draws*")}
+    assert len(anew) == 4, "begun anew"
+    assert not anew & before
 
 
 def test_draws_of_a_result_and_of_its_file_are_the_same(result, file):

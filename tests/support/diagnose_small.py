@@ -23,7 +23,7 @@ SMALL = Effort(
     speeds=(0.5, 1.25),
     values=5,
     screened=4,
-    iterations=4,
+    iterations=2,
 )
 OPTIONS = DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=SMALL)
 CAMPAIGN = DATA / "lcd_arm" / "campaign.csv"
