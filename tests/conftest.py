@@ -11,7 +11,7 @@ import pytest
 from browser import browser, browser_page  # noqa: F401
 from hypothesis import settings
 from jaxtyping import install_import_hook
-from typecheck import sparingly
+from typecheck import ROOMS, sparingly
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
@@ -22,8 +22,6 @@ QUICKLY = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passe
 QUICKLY += " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 os.environ.setdefault("XLA_FLAGS", QUICKLY)
 
-# all but ident.cli: typer hands None to an eager flag that is annotated bool
-ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "modal", "present", "vibrate")
 sparingly()
 install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 

@@ -1,5 +1,8 @@
 """Shapes and types are checked where the modules of ident are imported in tests, in the first calls of a function."""
 
+import importlib
+import inspect
+import pkgutil
 import sys
 
 import numpy as np
@@ -42,20 +45,32 @@ def module(tmp_path, monkeypatch):
     return checked_module
 
 
+def call(module, name, x):
+    if name == "Pair":
+        return module.Pair(x, np.zeros(3))
+    return (module.maker() if name == "inner" else module.twice)(x)
+
+
 @pytest.mark.parametrize("name", ["twice", "Pair", "inner"])
 def test_a_wrong_shape_is_refused_in_the_first_calls(module, name):
-    two, three = np.zeros(2), np.zeros(3)
-    call = {"twice": module.twice, "Pair": lambda x: module.Pair(x, three), "inner": lambda x: module.maker()(x)}[name]
     for _ in range(10):
-        call(three)
+        call(module, name, np.zeros(3))
         with pytest.raises(TypeCheckError):
-            call(two)
+            call(module, name, np.zeros(2))
 
 
 @pytest.mark.parametrize("name", ["twice", "Pair", "inner"])
 def test_after_those_a_function_runs_as_it_is_written(module, name):
-    two, three = np.zeros(2), np.zeros(3)
-    call = {"twice": module.twice, "Pair": lambda x: module.Pair(x, three), "inner": lambda x: module.maker()(x)}[name]
     for _ in range(typecheck.CALLS):
-        call(three)
-    call(two)
+        call(module, name, np.zeros(3))
+    call(module, name, np.zeros(2))
+
+
+@pytest.mark.parametrize("room", typecheck.ROOMS)
+def test_every_room_is_checked(room):
+    """Its functions are those of the checker."""
+    package = importlib.import_module(f"ident.{room}")
+    every = pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    modules = (importlib.import_module(module.name) for module in every)
+    own = (f for m in modules for f in vars(m).values() if inspect.isfunction(f) and f.__module__ == m.__name__)
+    assert any(f.__code__.co_filename == typecheck.__file__ for f in own)

@@ -94,7 +94,7 @@ class Multibody(eqx.Module):
         carrier: joint that carries each named point.
         driven: joints that have a pin.
         elastic: whether the belts stretch, so that the pins that they drive deviate from the command.
-        transmission_error: whether some drive has a kinematic error.
+        transmission_error: whether some drive may have a kinematic error; if not, none is computed, whatever `drives`.
     """
 
     axis: Float[Array, "3 N *#batch"]
@@ -185,10 +185,8 @@ def multibody(
 
 def balanced(multibody: Multibody) -> Multibody:
     """Return the model with all turning masses on their axes and without kinematic error: nothing excites it."""
-    drives = multibody.drives
-    none = (jnp.zeros_like(drives.imbalance), jnp.zeros_like(drives.error))
-    still = eqx.tree_at(lambda m: (m.drives.imbalance, m.drives.error), multibody, none)
-    return replace(still, transmission_error=False)
+    drives = replace(multibody.drives, imbalance=jnp.zeros_like(multibody.drives.imbalance))
+    return replace(multibody, drives=drives, transmission_error=False)
 
 
 def _drives(arm: Arm, axis: Array, rank: int) -> Drives:

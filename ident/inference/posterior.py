@@ -133,5 +133,5 @@ def evaluate(
 
 @jit
 def evaluate_batch(density: Density[At], points: Float[Array, "P batch"]) -> At:
-    """Evaluate a posterior at points side by side."""
+    """Evaluate a posterior at points side by side, a column each."""
     return density.evaluate(points)

@@ -7,6 +7,8 @@ from inspect import isclass
 import jaxtyping
 from beartype import BeartypeConf, beartype
 
+ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "modal", "present", "vibrate")
+"""What is checked: not ident.cli, where typer hands None to an eager flag that is annotated bool."""
 CALLS = 300
 """Of a function, and constructions of a class, that are checked in each process."""
 MADE = 30
@@ -17,6 +19,8 @@ checked = beartype(conf=BeartypeConf(is_pep484_tower=True))
 
 def sparingly():
     """Have the first calls of each function checked, not the thousands that follow: half of the time went into those.
+
+    Which calls are the first depends on what ran before in the process.
 
     What `jaxtyping.install_import_hook` writes into the modules is `jaxtyping.jaxtyped(typechecker=...)`.
     """
@@ -47,7 +51,7 @@ def _first(checking, plain):
     @wraps(plain)
     def call(*args, **kwargs):
         nonlocal left
-        if left:
+        if left > 0:
             left -= 1
             return checking(*args, **kwargs)
         return plain(*args, **kwargs)

@@ -16,7 +16,7 @@ from ident.errors import ModelError
 from ident.jit import ahead
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.redesign.end_states import EndState, end_states
-from ident.vibrate.redesign.slopes import WIDTH, directions, linear_along, parts_along
+from ident.vibrate.redesign.slopes import WIDTH, directions_of, linear_along, parts_along
 from ident.vibrate.redesign.variable import Variable, apply
 from ident.vibrate.response import exact
 from ident.vibrate.response.amplitude import Amplitude, amplitude
@@ -51,7 +51,8 @@ class Evaluator:
         motion: the commanded motion.
         variables: what is changed.
         measure: of the vibration, see `amplitude.MEASURES`.
-        draws: of some of the arm's numbers, by path; a change acts on each draw, see `Variable`.
+        draws: of some of the arm's numbers, by path; a change acts on each draw, see `Variable`. Where no drive of the
+            arm has a kinematic error, none of a draw has.
         loads: the load case.
         elastic_belts: whether belts stretch.
         rate: samples a second.
@@ -168,7 +169,7 @@ class Evaluator:
         """Return parts and slopes of each of some arms with each of some sets, one after the other on the last axis."""
         measure, solve = self.amplitude, self._solver(change[None])
         groups = [self.variables[first : first + WIDTH] for first in range(0, len(self.variables), WIDTH)]
-        ways = [(dict(values), directions(values, variables)) for variables in groups for values in arms]
+        ways = [(dict(values), directions_of(values, variables)) for variables in groups for values in arms]
         turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
 
         def one(values: dict[str, Any], along: dict[str, Any], linear: Any, own: dict[str, Any]) -> Any:
@@ -194,7 +195,7 @@ class Evaluator:
         """Have compiled, or loaded, meanwhile what `slopes` takes, and the exact method that verifies."""
         numbers, solve = self.batch(np.zeros((1, len(self.variables)))), self._solver(self.bounds)
         values = {path: each[0, ...] for path, each in numbers.items()}
-        ways = directions(values, self.variables[:WIDTH])
+        ways = directions_of(values, self.variables[:WIDTH])
 
         def parts() -> None:
             linear = linearised(self.arm, values, solve)

@@ -1,4 +1,4 @@
-"""Exact slopes of an amplitude by any numbers of an arm, by two compiled programs that all of its evaluators share."""
+"""Exact slopes of an amplitude by numbers of an arm: two programs for all evaluators of an arm, a motion, a measure."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -19,7 +19,7 @@ WIDTH = 3
 """Derivatives that are pushed forward together: with more variables the same program runs several times."""
 
 
-def directions(
+def directions_of(
     numbers: Mapping[str, Float[np.ndarray, ""]], variables: Sequence[Variable]
 ) -> dict[str, Float[np.ndarray, "WIDTH"]]:
     """Return how the numbers of an arm change with each variable; zero for those that fill up."""
@@ -51,11 +51,11 @@ def parts_along(
     linear: tuple[Linearised, Linearised],
     solve: FastMethod,
     measure: Amplitude,
-) -> tuple[Float[Array, "3 W"], Float[Array, "V 3 W"]]:
-    """Return the parts of which an arm's amplitude is the largest, and their slopes along directions.
+) -> tuple[Float[Array, "3 more"], Float[Array, "WIDTH 3 more"]]:
+    """Return the largest sample of each window, or the RMS, and their slopes along directions.
 
-    They are the largest samples of the windows, each smooth where it is the only one, and an RMS itself: slopes of a
-    peak are computed at those samples alone.
+    Slopes of samples are computed at the largest alone: they are those of the maxima where it is the only one. There
+    may be more windows than `measure.count`, see `Amplitude.places`.
     """
 
     def excited(now: dict[str, Any], linear: Linearised) -> Fast:
@@ -65,18 +65,19 @@ def parts_along(
         return jax.jvp(excited, (values, linear[0]), (direction, changing))
 
     solved, changing = jax.vmap(excited_along, out_axes=(None, 0))(directions, linear[1])
-    peaks = measure.measure != "rms"
-    places = measure.places(solve.sampled(arm.replace(values), linear[0], solved, vibration_of)) if peaks else None
+    places = None
+    if measure.measure != "rms":
+        places = measure.places(solve.sampled(arm.replace(values), linear[0], solved, vibration_of))
 
     def parts(now: dict[str, Any], linear: Linearised, solved: Fast) -> Array:
         changed = arm.replace(now)
         if places is None:
             return jnp.asarray(measure.root_mean_square(solve.sampled(changed, linear, solved, vibration_of)))
         whole = vibration_of(solve.at(changed, linear, solved, jnp.asarray(solve.time)[places.ravel()]))
-        return jnp.abs(jnp.stack([row[k] for k, row in enumerate(whole.reshape((3, *places.shape)))]))
+        return jnp.abs(whole.reshape((3, *places.shape))[np.arange(3), np.arange(3)])
 
-    def parts_along(*tangents: Any) -> tuple[Array, Array]:
+    def along(*tangents: Any) -> tuple[Array, Array]:
         return jax.jvp(parts, (values, linear[0], solved), tangents)
 
-    pair: tuple[Array, Array] = jax.vmap(parts_along, out_axes=(None, 0))(directions, linear[1], changing)
+    pair: tuple[Array, Array] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1], changing)
     return pair

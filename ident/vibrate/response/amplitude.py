@@ -62,9 +62,8 @@ class Amplitude(eqx.Module):
 
     def root_mean_square(self, vibration: Float[AnyArray, "3 T"]) -> Float[AnyArray, "3 1"]:
         """Return the RMS of each direction [m], where what is behind the end of the vibration does not count."""
-        samples = jnp.arange(vibration.shape[1])
-        counts = (samples >= self.first) & (samples < self.end)
-        return jnp.sqrt(jnp.where(counts, vibration**2, 0.0).sum(1) / (self.end - self.first))[:, None]
+        counts = jnp.arange(vibration.shape[1]) < self.end
+        return jnp.sqrt(jnp.where(counts, vibration**2, 0.0).sum(1) / self.end)[:, None]
 
 
 def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:

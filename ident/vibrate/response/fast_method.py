@@ -92,11 +92,14 @@ class FastMethod(eqx.Module):
 
     def sampled(self, arm: Arm, linear: Linearised, solved: fast.Fast, keep: "Callable[[Solution], Any]") -> Any:
         """Return what is kept of the solution at the samples; what is behind them means nothing."""
-        return _by_time(lambda time: keep(self.at(arm, linear, solved, time)), jnp.asarray(self.time))
+        model = self._model(arm)
+        return _by_time(lambda time: keep(self._at(model, linear, solved, time)), jnp.asarray(self.time))
 
     def at(self, arm: Arm, linear: Linearised, solved: fast.Fast, time: Times) -> Solution:
-        """Return the solution at any times of the motion."""
-        model = self._model(arm)
+        """Return the solution at a few times of the motion."""
+        return self._at(self._model(arm), linear, solved, time)
+
+    def _at(self, model: Multibody, linear: Linearised, solved: fast.Fast, time: Times) -> Solution:
         y, yd = solved.at(self.grid, time)
         static = between_nodes(self.grid, linear.bent, time)[0]
         missed = self._missed(model, linear.equations, time, y)

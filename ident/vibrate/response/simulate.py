@@ -221,7 +221,11 @@ def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
         )
 
 
-@partial(jit, options=RUNS_ONCE)
 def multibody_of(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
     """Return what `multibody` gathers, by one program."""
-    return multibody(arm, loads, rank=rank, elastic_belts=elastic)
+    return _multibody(arm, loads, rank, elastic, has_transmission_error(arm))
+
+
+@partial(jit, options=RUNS_ONCE)
+def _multibody(arm: Arm, loads: Loads | None, rank: int, elastic: bool, error: bool) -> Multibody:
+    return multibody(arm, loads, rank=rank, elastic_belts=elastic, transmission_error=error)

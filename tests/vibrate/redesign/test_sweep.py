@@ -105,9 +105,10 @@ def test_a_sweep_of_the_speed_alone(over):
     close(found.amplitude, over.amplitude[:, :, 1])
 
 
-def test_slopes_are_those_of_finite_differences():
+@pytest.mark.parametrize("measure", ["peak", "residual"])
+def test_slopes_are_those_of_finite_differences(measure):
     variables = Variable(("joint1.k_tors",), STIFF / 2, 2 * STIFF), Variable(("fingers.com.x",), 1.2, 1.9)
-    trial = replace(TRIAL, variables=variables, draws={})
+    trial = replace(TRIAL, variables=variables, draws={}, measure=measure)
     at, h = np.array([0.1, 0.05]), 1e-4
     parts, slopes = trial.slopes(at)
     assert slopes.shape == (2, *parts.shape)
