@@ -203,7 +203,7 @@ def going_on(folder, stop_behind):
 
 
 def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
-    """From what lay there behind the third stage and behind the sixth: what follows is the same, so is what was kept."""
+    """From what lay there behind the third stage and behind the sixth: all is the same, what is kept too."""
     result, behind = diagnosed
     part = Path(shutil.copytree(behind / "3", tmp_path / "part"))
     assert going_on(part, 3) == [(number, True) for number in (1, 2, 3)]
