@@ -46,8 +46,8 @@ def swept(speed: float) -> ident.SweepResult:
 
 def designed(speed: float) -> ident.DesignResult:
     change = {"joint2.k_tors": ("0.5x", "2x")}
-    options = {"rate": 250.0, "dwell": 0.3, "starts": 1, "limit": 1.0, "no_curve": True}
-    return ident.design(ARM, ident.DesignOptions(speed=3 * speed, change=change, **options))
+    options = {"rate": 250.0, "starts": 1, "limit": 1.0, "no_curve": True}
+    return ident.design(ARM, ident.DesignOptions(speed=speed, change=change, **options))
 
 
 def resonating(speed: float) -> ident.ResonanceResult:
