@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem
 from ident.inference.marginal import Marginal
 from ident.inference.parameters import Parameters
-from ident.inference.posterior import Posterior, evaluate_batch
+from ident.inference.posterior import Posterior, evaluate
 from ident.inference.sample import Sample
 from ident.jit import jit
 
@@ -56,14 +57,15 @@ def weigh(sample: Sample) -> Weights:
     target = Marginal(sample.posterior)
     density, parameters = target.itself, target.parameters
 
+    def from_cube(u: np.ndarray) -> np.ndarray:
+        return np.asarray(_from_uniform(parameters, jnp.asarray(u)))
+
+    def log_likelihood(theta: np.ndarray) -> float:
+        return max(evaluate(density, theta[None], 1).log_likelihood[0], LOWEST)
+
     rng = np.random.default_rng(sample.settings.seed)
     sampler = dynesty.NestedSampler(
-        lambda theta: max(float(evaluate_batch(density, theta[:, None]).log_likelihood[0]), LOWEST),
-        lambda u: np.asarray(_from_uniform(parameters, u)),
-        len(parameters.items),
-        nlive=LIVE,
-        bootstrap=0,
-        rstate=rng,
+        log_likelihood, from_cube, len(parameters.items), nlive=LIVE, bootstrap=0, rstate=rng
     )
     sampler.run_nested(print_progress=False)
     run = sampler.results

@@ -124,7 +124,7 @@ def evaluate(
     padded = np.concatenate([points, np.repeat(points[-1:], missing, 0)]).T
 
     def part(first: int) -> Any:
-        return jax.tree.map(np.asarray, evaluate_batch(density, jnp.asarray(padded[:, first : first + batch])))
+        return jax.tree.map(np.asarray, _evaluate(density, jnp.asarray(padded[:, first : first + batch])))
 
     parts = list(run(part, range(0, padded.shape[1], batch)))
     whole: At = jax.tree.map(lambda *same: np.concatenate(same, -1)[..., : len(points)], *parts)
@@ -132,6 +132,5 @@ def evaluate(
 
 
 @jit
-def evaluate_batch(density: Density[At], points: Float[Array, "P batch"]) -> At:
-    """Evaluate a posterior at points side by side, a column each."""
+def _evaluate(density: Density[At], points: Float[Array, "P batch"]) -> At:
     return density.evaluate(points)

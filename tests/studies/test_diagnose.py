@@ -26,7 +26,7 @@ MEASURED = ident.read_campaign(CAMPAIGN)
 
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory):
-    """A diagnosis, and where all lies that it has kept, and what lay there behind the third and the fifth stage."""
+    """A diagnosis, and the folder of what it kept: in the end, behind the third stage and behind the fifth."""
     folder = tmp_path_factory.mktemp("diagnose")
 
     def copy(report):

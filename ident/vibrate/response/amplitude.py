@@ -61,7 +61,7 @@ class Amplitude(eqx.Module):
         return jnp.minimum(self.first + within, vibration.shape[1] - 1)
 
     def root_mean_square(self, vibration: Float[AnyArray, "3 T"]) -> Float[AnyArray, "3 1"]:
-        """Return the RMS of each direction [m], where what is behind the end of the vibration does not count."""
+        """Return the RMS of each direction over the whole motion [m]; what is behind its end does not count."""
         counts = jnp.arange(vibration.shape[1]) < self.end
         return jnp.sqrt(jnp.where(counts, vibration**2, 0.0).sum(1) / self.end)[:, None]
 
