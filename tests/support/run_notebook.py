@@ -16,8 +16,9 @@ OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "plan": {"starts": 2},
     "sample": {"steps": 500, "starts": 2},
     "design": {"starts": 1, "no_curve": True},
+    "simulate": {"phases": "file"},
 }
-"""Options by the function that takes them."""
+"""Options by the function that takes them; scripts look at no simulations but those with the phases of the file."""
 SHORTER: Mapping[str, tuple[tuple[str, str], ...]] = {
     "04_the_vibrating_arm": (("covariance, 40))", "covariance, 8))"), ("window, 40)", "window, 8)")),
     "05_the_remedy": (('"2.5x", 21)', '"2.5x", 11)'), ("(*ends, 21)", "(*ends, 11)")),
