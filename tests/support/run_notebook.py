@@ -1,13 +1,22 @@
-"""Runs a notebook as plain Python, all of its cells, with less of what takes long: python run_notebook.py SCRIPT.
+"""Runs notebooks as plain Python, all of their cells, with less of what takes long.
+
+`python run_notebook.py` reads the name of a script from each line, runs it, and answers by a line of JSON: what it has
+printed, and why it failed. One process for all saves the libraries and programs that each would load.
 
 What is less stands in `SHORTER` and `OPTIONS`. The executed copies beside the scripts are made of the whole.
 """
 
+import json
 import sys
 from collections.abc import Mapping
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
+from traceback import format_exc
 from typing import Any
+
+import matplotlib
 
 import ident
 
@@ -49,13 +58,26 @@ def with_options(name: str) -> None:
     setattr(ident, name, less)
 
 
-def main(path: Path) -> None:
-    """Run a script."""
+def run(path: Path) -> dict[str, str]:
+    """Run a script, with the settings of figures that it would find alone."""
+    matplotlib.rcdefaults()
+    matplotlib.use("Agg")
+    text, failed = shorter(path.stem, path.read_text(encoding="utf-8")), ""
+    with redirect_stdout(StringIO()) as printed:
+        try:
+            exec(compile(text, str(path), "exec"), {"__name__": "__main__"})
+        except BaseException:
+            failed = format_exc()
+    return {"printed": printed.getvalue(), "failed": failed}
+
+
+def main() -> None:
+    """Run what is asked for."""
     for name in OPTIONS:
         with_options(name)
-    text = shorter(path.stem, path.read_text(encoding="utf-8"))
-    exec(compile(text, str(path), "exec"), {"__name__": "__main__"})
+    for line in sys.stdin:
+        print(json.dumps(run(Path(line.strip()))), flush=True)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main()
