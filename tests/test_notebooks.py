@@ -54,7 +54,10 @@ def runner():
 def test_runs_as_plain_python(runner, script):
     runner.stdin.write(f"{script.name}\n")
     runner.stdin.flush()
-    done = json.loads(runner.stdout.readline() or '{"failed": "the process has ended"}')
+    line = runner.stdout.readline()
+    assert line, "the process has ended"
+    done = json.loads(line)
+    assert done["script"] == script.name, "an answer that came too late for its test"
     assert not done["failed"], done["failed"]
     assert done["printed"].strip()
 

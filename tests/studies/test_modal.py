@@ -1,6 +1,5 @@
 """The shipped hammer test: its generator against an integrator, and frequency responses against the model's."""
 
-import sys
 from dataclasses import replace
 from shutil import copy
 
@@ -41,29 +40,21 @@ def seen(arm):
 
 
 @pytest.fixture(scope="module")
-def hammer_test(run_once, shelf, tmp_path_factory):
-    """The test and the fit of its campaign as the manual's commands make them, which stay on the shelf."""
-    found, module = [], sys.modules["ident.cli.command"]
-    keep_others = module.keep_others
-
-    def see(result, out):
-        found.append(result)
-        keep_others(result, out)
-
+def out(run_once, shelf, tmp_path_factory):
+    """The folder that the manual's commands have written to, with the test and the fit of its campaign."""
     folder = tmp_path_factory.mktemp("manual")
     (folder / "data").symlink_to(FOLDER.parents[1])
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(module, "keep_others", see)
         for words in HAMMER_TEST:
             code, _, err = shelf.put(words, run_once)
             assert (code, err) == (0, "")
-    return found
+    return folder / "out"
 
 
 @pytest.fixture(scope="module")
-def result(hammer_test):
-    return hammer_test[0]
+def result(out):
+    return ident.load(out / "hammer.modal.nc")
 
 
 @pytest.fixture(scope="module")
@@ -188,9 +179,9 @@ def test_no_name_is_wrong(arm, result):
     assert given >= 20
 
 
-def test_the_fit_recovers_table_1_within_its_joint_covariance(arm, hammer_test):
+def test_the_fit_recovers_table_1_within_its_joint_covariance(arm, out):
     """Of the campaign as it is written, with its covariance beside it."""
-    fit = hammer_test[1]
+    fit = ident.load(out / "hammer.modal.fit.json")
     assert not fit.doubts
     known = fit.fit.information
     true = np.array([float(arm.get(name.split("=")[0])) for name in known.names])

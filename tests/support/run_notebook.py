@@ -1,7 +1,7 @@
 """Runs notebooks as plain Python, all of their cells, with less of what takes long.
 
-`python run_notebook.py` reads the name of a script from each line, runs it, and answers by a line of JSON: what it has
-printed, and why it failed. One process for all saves the libraries and programs that each would load.
+`python run_notebook.py` reads the name of a script from each line, runs it, and answers by a line of JSON: its name,
+what it has printed, and why it failed. One process for all saves the libraries and programs that each would load.
 
 What is less stands in `SHORTER` and `OPTIONS`. The executed copies beside the scripts are made of the whole.
 """
@@ -68,7 +68,7 @@ def run(path: Path) -> dict[str, str]:
             exec(compile(text, str(path), "exec"), {"__name__": "__main__"})
         except BaseException:
             failed = format_exc()
-    return {"printed": printed.getvalue(), "failed": failed}
+    return {"script": path.name, "printed": printed.getvalue(), "failed": failed}
 
 
 def main() -> None:
