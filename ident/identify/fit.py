@@ -168,8 +168,8 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     problem = build_problem(arm, campaign, unknowns)
-    check_values(problem, campaign, arm, trusted)
     prepare(problem, arm, campaign)
+    check_values(problem, campaign, arm, trusted)
     best = fit(problem, starts=starts, seed=seed, progress=progress)
     weights = None if robust is None else robust_weights(best, units_of(campaign), robust)
     if weights is not None:

@@ -14,6 +14,7 @@ from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.amplitude import Amplitude
 from ident.vibrate.response.fast import Fast
 from ident.vibrate.response.fast_method import FastMethod, Linearised, vibration_of
+from ident.vibrate.response.time_intervals import TimeIntervals, some_at_a_time
 
 WIDTH = 3
 """Derivatives that are pushed forward together: with more variables the same program runs several times."""
@@ -36,11 +37,15 @@ def linear_along(
 ) -> tuple[Linearised, Linearised]:
     """Return an arm's linearised equations, and how they change along directions, pushed forward together."""
 
-    def along(direction: dict[str, Any]) -> tuple[Linearised, Linearised]:
-        return jax.jvp(lambda now: solve.linearised(arm.replace(now)), (values,), (direction,))
+    def some(grid: TimeIntervals) -> tuple[Linearised, Linearised]:
+        def along(direction: dict[str, Any]) -> tuple[Linearised, Linearised]:
+            return jax.jvp(lambda now: solve.linearised(arm.replace(now), grid), (values,), (direction,))
 
-    pair: tuple[Linearised, Linearised] = jax.vmap(along, out_axes=(None, 0))(directions)
-    return pair
+        pair: tuple[Linearised, Linearised] = jax.vmap(along, out_axes=(None, 1))(directions)
+        return pair
+
+    linear, changing = some_at_a_time(some, solve.grid)
+    return linear, jax.tree.map(lambda x: jnp.moveaxis(x, 1, 0), changing)
 
 
 @jit

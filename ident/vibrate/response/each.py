@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.jit import AnyArray, concrete, cores, is_traced, jit
+from ident.jit import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit
 from ident.vibrate.response import fast
 from ident.vibrate.response.curved import refuse_curved
 from ident.vibrate.response.fast_method import FastMethod, Linearised, Solution, vibration_of
@@ -152,7 +152,7 @@ def _excited(arm: Arm, values: dict[str, Array], solve: FastMethod, linear: Line
     return solve.excited(arm.replace(values), linear)
 
 
-@jit
+@partial(jit, options=LONG_LOOPS)
 def _sampled(
     arm: Arm,
     values: dict[str, Array],

@@ -78,9 +78,9 @@ class FastMethod(eqx.Module):
         linear = self.linearised(arm)
         return self.sampled(arm, linear, self.excited(arm, linear), all_of_it)
 
-    def linearised(self, arm: Arm) -> Linearised:
-        """Linearise an arm's equations of motion along the motion."""
-        model, grid = self._model(arm), self.grid
+    def linearised(self, arm: Arm, within: TimeIntervals | None = None) -> Linearised:
+        """Linearise an arm's equations of motion along the motion, or within some of its time intervals."""
+        model, grid = self._model(arm), within or self.grid
         equations = linearised(arm, model, self.motion, grid, self.weights, self.loads)
         y = jnp.moveaxis(equations.quasi_static, 1, 0).reshape((model.size, -1))
         bent = _end_point(balanced(model), self.motion, grid.nodes.ravel(), y)[1]

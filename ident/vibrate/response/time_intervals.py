@@ -1,7 +1,10 @@
 """Time intervals: what changes with the posture is computed at a few nodes of each and interpolated between them."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from math import gcd
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -9,7 +12,7 @@ from numpy.polynomial import Polynomial
 
 from ident.jit import AnyArray
 from ident.vibrate.motion.motion import Motion, last_before
-from ident.vibrate.response.few_sizes import ladder
+from ident.vibrate.response.few_sizes import ladder, where
 
 NODES = 6
 """Nodes of an interval: the slow quantities are polynomials of degree five in it."""
@@ -31,6 +34,8 @@ MOST_STEPS = 200
 """Steps of an interval at most: beyond, its intermediate values leave the cache."""
 FEWEST = 24
 """Intervals of the least program: the paper's stroke at 5 to 50 % of full speed and a second's dwell has no more."""
+TOGETHER = 4
+"""Intervals within which derivatives of the equations are computed together."""
 SHORTEST = 1e-9
 """Time [s] within which a jump counts as at the edge."""
 
@@ -165,6 +170,27 @@ def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     values, slopes, curvatures = (np.stack([p.deriv(k)(places) for p in basis(NODE_PLACES)]) for k in range(3))
     return values, slopes, curvatures
+
+
+def some_at_a_time(f: Callable[[TimeIntervals], Any], grid: TimeIntervals) -> Any:
+    """Return what f gives for intervals, arrays with these on the first axis; for all at once it would leave the cache.
+
+    Intervals that start at infinity are left out.
+    """
+    together = gcd(len(grid.start), TOGETHER)
+    start, step = (jnp.asarray(x).reshape((-1, together)) for x in (grid.start, grid.step))
+
+    @jax.jit
+    def of(start: Array, step: Array) -> Any:
+        return f(TimeIntervals(start, step, grid.steps))
+
+    def some(none: None, given: tuple[Array, Array]) -> tuple[None, tuple[Array, ...]]:
+        return none, tuple(jax.tree.leaves(of(*given)))
+
+    leaves, tree = jax.tree.flatten(jax.eval_shape(of, start[0], step[0]))
+    real = where(lambda given: jnp.isfinite(given[0][0]), some, *(leaf.shape for leaf in leaves))
+    parts: tuple[Array, ...] = jax.lax.scan(real, None, (start, step))[1]
+    return jax.tree.unflatten(tree, [part.reshape((-1, *part.shape[2:])) for part in parts])
 
 
 def interpolate(x: Float[Array, "*rest m"], W: Float[AnyArray, "m places"]) -> Float[Array, "*rest places"]:
