@@ -5,12 +5,15 @@ import gc
 import os
 import sys
 import tempfile
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import pytest
 from browser import browser, browser_page  # noqa: F401
 from hypothesis import settings
 from jaxtyping import install_import_hook
+from shelf import Shelf
 from typecheck import ROOMS, sparingly
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
@@ -63,22 +66,42 @@ def _without_number_in_tables(out):
     return [line for text in tables for line in without_number(text.replace(",", " "))]
 
 
+def _called(monkeypatch, read, arguments):
+    """Run ident in this process; return exit code, and output and error text as they are read."""
+    monkeypatch.setattr(sys, "argv", ["ident", *map(str, arguments)])
+    try:
+        cli.main()
+        code = 0
+    except SystemExit as stop:
+        code = stop.code or 0
+    out, err = read()
+    if not {"--help", "--json"} & set(arguments):
+        assert not too_wide(out), "a report fits a terminal"
+        assert not [*without_number(out), *_without_number_in_tables(out)], "numbers are numbers"
+    return code, out, err
+
+
 @pytest.fixture
 def run(monkeypatch, capsys, tmp_path):
     """Run ident in this process, in an empty folder; return exit code, output and error text."""
     monkeypatch.chdir(tmp_path)
+    return lambda *arguments: _called(monkeypatch, capsys.readouterr, arguments)
+
+
+@pytest.fixture(scope="module")
+def run_once():
+    """The same for what a module runs for all of its tests, in the present folder."""
 
     def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["ident", *map(str, arguments)])
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        captured = capsys.readouterr()
-        if not {"--help", "--json"} & set(arguments):
-            assert not too_wide(captured.out), "a report fits a terminal"
-            assert not [*without_number(captured.out), *_without_number_in_tables(captured.out)], "numbers are numbers"
-        return code, captured.out, captured.err
+        out, err = StringIO(), StringIO()
+        with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+            return _called(patch, lambda: (out.getvalue(), err.getvalue()), arguments)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def shelf(tmp_path_factory):
+    """What commands have done that several tests need: one for all processes of a run."""
+    base = tmp_path_factory.getbasetemp()
+    return Shelf((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "shelf")

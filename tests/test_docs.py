@@ -7,12 +7,11 @@ import sys
 from collections import Counter
 from contextlib import redirect_stdout
 from io import StringIO
-from pathlib import Path
-from shutil import copyfile
 
 import pytest
 from commands import log
 from examples import DOCS, ROOT, examples, pages
+from hammer_files import HAMMER_TEST
 from numbers_in_text import same_text
 
 from ident.cli.app import app
@@ -53,7 +52,6 @@ MADE = {
 SHELL = [example for page in PAGES for example in examples(page) if example.language == "sh"]
 COMMANDS = Counter(tuple(words) for example in SHELL if not example.shown_only for words in example.commands)
 """How often each line stands on all pages."""
-OUT = Path("out")
 
 
 @pytest.fixture
@@ -63,39 +61,10 @@ def folder(run, tmp_path):
     return tmp_path
 
 
-@pytest.fixture(scope="module")
-def shelf(tmp_path_factory):
-    """What commands that stand on several pages have printed and written, by their words."""
-    return Shelf(tmp_path_factory.mktemp("shelf"))
-
-
-class Shelf:
-    """Runs a command that needs shipped files only once; on further pages its files are put in their places."""
-
-    def __init__(self, folder):
-        self.folder, self.printed, self.written = folder, {}, {}
-
-    def run(self, words, run):
-        shared = COMMANDS[tuple(words)] > 1 and all("/" not in w or w.startswith("data/") for w in words)
-        if not shared:
-            return run(*words[1:], *REDUCED.get(words[1], ()))
-        key = tuple(words)
-        if key not in self.printed:
-            before = written()
-            self.printed[key] = run(*words[1:], *REDUCED.get(words[1], ()))
-            paths = [path for path, when in written().items() if before.get(path) != when]
-            self.written[key] = {path: self.folder / f"{len(self.printed)}.{i}" for i, path in enumerate(paths)}
-            for path, kept in self.written[key].items():
-                copyfile(path, kept)
-        for path, kept in self.written[key].items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            copyfile(kept, path)
-        return self.printed[key]
-
-
-def written():
-    """When each file there was written."""
-    return {path: path.stat().st_mtime_ns for path in OUT.rglob("*") if path.is_file()}
+def on_shelf(words):
+    """Whether tests of other files may have run a command, or other pages have it, and it needs shipped files alone."""
+    alone = COMMANDS[tuple(words)] > 1 and all("/" not in w or w.startswith("data/") for w in words)
+    return alone or tuple(words) in HAMMER_TEST
 
 
 @pytest.mark.timeout(900)  # programs are compiled, slowly on a machine that others share
@@ -127,7 +96,8 @@ def check(page, words, run, shelf):
     if words[0] != "ident":
         assert " ".join(words).startswith(SETUP), words
         return
-    code, out, err = shelf.run(words, run)
+    less = REDUCED.get(words[1], ())
+    code, out, err = shelf.run(words, run, *less) if on_shelf(words) else run(*words[1:], *less)
     assert code == 0, err
     shown = PICTURES / f"{words[1]}.txt"
     first = next(each for example in examples(page) for each in example.commands if each[:2] == words[:2])

@@ -7,7 +7,7 @@ name, all of them.
 
 import ast
 import base64
-import os
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -40,21 +40,26 @@ def test_there_are_notebooks():
     assert SCRIPTS
 
 
+@pytest.fixture(scope="module")
+def runner():
+    """A process that runs one script after the other, see there."""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, str(RUNNER)], cwd=FOLDER, text=True, **pipes) as process:
+        yield process
+        process.stdin.close()
+
+
 @by_script
-@pytest.mark.timeout(LIMIT + 20)
-def test_runs_as_plain_python(script):
-    environment = {**os.environ, "MPLBACKEND": "Agg"}
-    done = subprocess.run(
-        [sys.executable, str(RUNNER), script.name],
-        cwd=FOLDER,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=LIMIT,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip()
+@pytest.mark.timeout(LIMIT)
+def test_runs_as_plain_python(runner, script):
+    runner.stdin.write(f"{script.name}\n")
+    runner.stdin.flush()
+    line = runner.stdout.readline()
+    assert line, "the process has ended"
+    done = json.loads(line)
+    assert done["script"] == script.name, "an answer that came too late for its test"
+    assert not done["failed"], done["failed"]
+    assert done["printed"].strip()
 
 
 def imported_of_ident(text):

@@ -14,12 +14,14 @@ pytestmark = pytest.mark.slow
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 
 
-def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path):
-    code, out, _ = run("fit", DATA / "table1.csv")
+def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path, shelf):
+    """By a command of the manual, which finds on the shelf what it has done."""
+    (tmp_path / "data").symlink_to(DATA.parent)
+    code, out, _ = shelf.put(("ident", "fit", "data/lcd_arm/table1.csv"), run)
     assert code == 0
     assert "What the data fix: 3 of 6 directions" in out
     assert "CONTRADICTION" in out
-    assert files(tmp_path) == ["out/table1.fit.json", "out/table1.fit.png"]
+    assert files(tmp_path / "out") == ["table1.fit.json", "table1.fit.png"]
     result = json.loads((tmp_path / "out/table1.fit.json").read_text())
     assert result["format"] == ident.FitResult.form
     assert result["summary"]["rank"] == 3

@@ -18,7 +18,7 @@ SHIPPED = read_campaign(DATA / "lcd_arm" / "campaign.csv")
 
 
 def fitted(campaign: Campaign) -> CampaignFit:
-    return fit_campaign(lcd_arm(), campaign, starts=4)
+    return fit_campaign(lcd_arm(), campaign, starts=2)
 
 
 def exchanged(i: int, j: int, campaign: Campaign = SHIPPED) -> Campaign:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from equinox import filter_jit
-from hammer_files import FOLDER, generator
+from hammer_files import FOLDER, HAMMER_TEST, generator
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
@@ -40,8 +40,21 @@ def seen(arm):
 
 
 @pytest.fixture(scope="module")
-def result():
-    return ident.modal_test(FOLDER)
+def out(run_once, shelf, tmp_path_factory):
+    """The folder that the manual's commands have written to, with the test and the fit of its campaign."""
+    folder = tmp_path_factory.mktemp("manual")
+    (folder / "data").symlink_to(FOLDER.parents[1])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for words in HAMMER_TEST:
+            code, _, err = shelf.put(words, run_once)
+            assert (code, err) == (0, "")
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def result(out):
+    return ident.load(out / "hammer.modal.nc")
 
 
 @pytest.fixture(scope="module")
@@ -166,8 +179,9 @@ def test_no_name_is_wrong(arm, result):
     assert given >= 20
 
 
-def test_the_fit_recovers_table_1_within_its_joint_covariance(arm, result):
-    fit = ident.fit(result.arm, result.campaign)
+def test_the_fit_recovers_table_1_within_its_joint_covariance(arm, out):
+    """Of the campaign as it is written, with its covariance beside it."""
+    fit = ident.load(out / "hammer.modal.fit.json")
     assert not fit.doubts
     known = fit.fit.information
     true = np.array([float(arm.get(name.split("=")[0])) for name in known.names])

@@ -9,6 +9,10 @@ from pathlib import Path
 import numpy as np
 
 FOLDER = Path(__file__).parents[2] / "data" / "lcd_arm" / "hammer"
+MODAL = ("ident", "modal", "data/lcd_arm/hammer")
+FIT = ("ident", "fit", "out/hammer.modal.csv", "--arm", "data/lcd_arm/hammer/arm.toml")
+HAMMER_TEST = (MODAL, FIT)
+"""Commands of the manual that `tests/studies/test_modal.py` runs for all."""
 
 
 @cache

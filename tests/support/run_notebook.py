@@ -1,13 +1,22 @@
-"""Runs a notebook as plain Python, all of its cells, with less of what takes long: python run_notebook.py SCRIPT.
+"""Runs notebooks as plain Python, all of their cells, with less of what takes long.
+
+`python run_notebook.py` reads the name of a script from each line, runs it, and answers by a line of JSON: its name,
+what it has printed, and why it failed. One process for all saves the libraries and programs that each would load.
 
 What is less stands in `SHORTER` and `OPTIONS`. The executed copies beside the scripts are made of the whole.
 """
 
+import json
 import sys
 from collections.abc import Mapping
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
+from traceback import format_exc
 from typing import Any
+
+import matplotlib
 
 import ident
 
@@ -16,8 +25,9 @@ OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "plan": {"starts": 2},
     "sample": {"steps": 500, "starts": 2},
     "design": {"starts": 1, "no_curve": True},
+    "simulate": {"phases": "file"},
 }
-"""Options by the function that takes them."""
+"""Options by the function that takes them; scripts look at no simulations but those with the phases of the file."""
 SHORTER: Mapping[str, tuple[tuple[str, str], ...]] = {
     "04_the_vibrating_arm": (("covariance, 40))", "covariance, 8))"), ("window, 40)", "window, 8)")),
     "05_the_remedy": (('"2.5x", 21)', '"2.5x", 11)'), ("(*ends, 21)", "(*ends, 11)")),
@@ -48,13 +58,26 @@ def with_options(name: str) -> None:
     setattr(ident, name, less)
 
 
-def main(path: Path) -> None:
-    """Run a script."""
+def run(path: Path) -> dict[str, str]:
+    """Run a script, with the settings of figures that it would find alone."""
+    matplotlib.rcdefaults()
+    matplotlib.use("Agg")
+    text, failed = shorter(path.stem, path.read_text(encoding="utf-8")), ""
+    with redirect_stdout(StringIO()) as printed:
+        try:
+            exec(compile(text, str(path), "exec"), {"__name__": "__main__"})
+        except BaseException:
+            failed = format_exc()
+    return {"script": path.name, "printed": printed.getvalue(), "failed": failed}
+
+
+def main() -> None:
+    """Run what is asked for."""
     for name in OPTIONS:
         with_options(name)
-    text = shorter(path.stem, path.read_text(encoding="utf-8"))
-    exec(compile(text, str(path), "exec"), {"__name__": "__main__"})
+    for line in sys.stdin:
+        print(json.dumps(run(Path(line.strip()))), flush=True)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main()

@@ -20,6 +20,8 @@ pytestmark = pytest.mark.slow
 PHASES = tuple(f"{drive.name}.phase" for drive in lcd_arm().drives)
 LIMIT = 0.98
 """Of the present amplitude."""
+FOUND: dict[str, np.ndarray | None] = {}
+"""What searches have found."""
 
 
 def evaluator() -> Evaluator:
@@ -29,6 +31,20 @@ def evaluator() -> Evaluator:
     variables = (Variable(("joint1.k_tors",), 0.5 * present, 2.0 * present),)
     motion = named(stroke(arm.stroke, percent=200, dwell=0.2))
     return Evaluator(arm, motion, variables, rate=200.0, step=2e-3, unknown=PHASES)
+
+
+@pytest.fixture(autouse=True)
+def each_search_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search the least amplitude with the same phases, from the same place on, once for all tests."""
+    search_for = Search.minimum_amplitude
+
+    def once(search: Search, start: np.ndarray, *norm: float) -> np.ndarray | None:
+        key = repr((search.cuts, start.tolist(), norm))
+        if key not in FOUND:
+            FOUND[key] = search_for(search, start, *norm)
+        return FOUND[key]
+
+    monkeypatch.setattr(Search, "minimum_amplitude", once)
 
 
 def test_the_least_change_keeps_the_limit_with_any_phases() -> None:

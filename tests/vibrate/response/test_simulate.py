@@ -11,13 +11,14 @@ import pytest
 from arms import first_guess_arm, lcd_arm
 from moving_engines import PinocchioMoving
 from numpy.polynomial import Polynomial
-from runs import along, paper, short, swing
+from runs import along, named, paper, short, swing
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.equilibrium import deflection, equilibrium
 from ident.errors import InputError, ModelError
 from ident.vibrate.motion.motion import Motion
+from ident.vibrate.motion.stroke import stroke
 from ident.vibrate.response.belt_tension import belt_tension, refuse_slack, slack
 from ident.vibrate.response.exact import SAMPLES
 from ident.vibrate.response.response import Response, peak, rms, settling_time
@@ -153,7 +154,8 @@ def test_tension_of_rigid_belts() -> None:
 
 def test_tension_of_elastic_belts() -> None:
     """k times the stretch, r1 theta1 - r2 theta2; at thrice full speed the tilt of the shafts adds little."""
-    response = paper(300, "fast", True)
+    motion = named(stroke(lcd_arm().stroke, percent=300, dwell=0.2))
+    response = simulate(lcd_arm(), motion, elastic_belts=True)
     found, xi, phi = np.asarray(belt_tension(response)), np.asarray(response.y)[9:], np.asarray(response.phi)
     first = 0.0 - 0.03 * (RATIOS[1] * xi[0] + phi[2, 1])
     second = 0.03 * (RATIOS[1] - 1) * xi[0] - 0.06 * (RATIOS[2] * xi[1] + phi[2, 2])
