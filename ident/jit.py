@@ -35,8 +35,8 @@ LONG_LOOPS: Any = {
         "xla_llvm_disable_expensive_passes": False,
     }
 }
-"""For a program that goes round one loop a hundred thousand times: a third less time for no more of compilation. Also for
-the samples of the fast method, a seventh less; its other programs gain nothing or lose a fifth."""
+"""For a program that goes round one loop a hundred thousand times: a third less time for no more of compilation. For
+the samples of the fast method, too: a seventh less. Its integration gains nothing, slopes lose a tenth."""
 RUNS_ONCE: Any = {"compiler_options": {**SMALL_KERNELS["compiler_options"], "xla_backend_optimization_level": 0}}
 """For a program that runs once or twice, on few numbers: half the compilation."""
 

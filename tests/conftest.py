@@ -88,9 +88,9 @@ def run(monkeypatch, capsys, tmp_path):
     return lambda *arguments: _called(monkeypatch, capsys.readouterr, arguments)
 
 
-@pytest.fixture(scope="module")
-def run_once():
-    """The same for what a module runs for all of its tests, in the present folder."""
+@pytest.fixture(scope="session")
+def run_here():
+    """Run ident in this process, in the present folder: for what several tests share."""
 
     def call(*arguments):
         out, err = StringIO(), StringIO()

@@ -9,7 +9,7 @@ from contextlib import redirect_stdout
 from io import StringIO
 
 import pytest
-from commands import log
+from commands import TABLE_1, log
 from examples import DOCS, ROOT, examples, pages
 from hammer_files import HAMMER_TEST
 from numbers_in_text import same_text
@@ -46,7 +46,7 @@ MADE = {
     'ident.modal_test("data/lcd_arm/hammer")': 'ident.load("out/hammer.modal.nc")',
     "ident.fit(result.arm, result.campaign)": 'ident.load("out/hammer.modal.fit.json")',
 }
-"""What commands of the page have made already; `tests/studies/test_modal.py` calls both."""
+"""What commands of the page have made already; `tests/studies/test_modal.py` calls both, with less."""
 
 
 SHELL = [example for page in PAGES for example in examples(page) if example.language == "sh"]
@@ -63,8 +63,8 @@ def folder(run, tmp_path):
 
 def on_shelf(words):
     """Whether tests of other files may have run a command, or other pages have it, and it needs shipped files alone."""
-    alone = COMMANDS[tuple(words)] > 1 and all("/" not in w or w.startswith("data/") for w in words)
-    return alone or tuple(words) in HAMMER_TEST
+    shared = COMMANDS[tuple(words)] > 1 and all("/" not in w or w.startswith("data/") for w in words)
+    return shared or tuple(words) in HAMMER_TEST
 
 
 @pytest.mark.timeout(900)  # programs are compiled, slowly on a machine that others share
@@ -103,6 +103,11 @@ def check(page, words, run, shelf):
     first = next(each for example in examples(page) for each in example.commands if each[:2] == words[:2])
     if page.stem == words[1] and words == first and words[1] in {*STUDIES, *DESCRIBED} - set(REDUCED):
         assert same_text(out, shown.read_text(encoding="utf-8"))
+
+
+def test_commands_that_other_tests_run_for_the_pages_stand_there():
+    assert {*HAMMER_TEST, TABLE_1} <= {*COMMANDS}
+    assert on_shelf(TABLE_1)
 
 
 def test_what_is_only_shown_says_why():

@@ -7,14 +7,13 @@ name, all of them.
 
 import ast
 import base64
-import json
-import subprocess
 import sys
 from pathlib import Path
 
 import jupytext
 import nbformat
 import pytest
+from notebook_runner import NotebookRunner
 
 pytestmark = pytest.mark.slow
 
@@ -22,7 +21,6 @@ FOLDER = Path(__file__).parents[1] / "notebooks"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
 LIMIT = 560
 """Seconds that a notebook may take where nothing has been compiled yet."""
-RUNNER = Path(__file__).parent / "support" / "run_notebook.py"
 PICTURE = "05_the_remedy.ipynb", "remedy.png"
 """The notebook whose last figure is the README's, and where that lies."""
 by_script = pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
@@ -42,24 +40,24 @@ def test_there_are_notebooks():
 
 @pytest.fixture(scope="module")
 def runner():
-    """A process that runs one script after the other, see there."""
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen([sys.executable, str(RUNNER)], cwd=FOLDER, text=True, **pipes) as process:
-        yield process
-        process.stdin.close()
+    """Runs one script after the other in one process."""
+    notebooks = NotebookRunner(FOLDER)
+    yield notebooks
+    notebooks.stop()
 
 
 @by_script
 @pytest.mark.timeout(LIMIT)
 def test_runs_as_plain_python(runner, script):
-    runner.stdin.write(f"{script.name}\n")
-    runner.stdin.flush()
-    line = runner.stdout.readline()
-    assert line, "the process has ended"
-    done = json.loads(line)
-    assert done["script"] == script.name, "an answer that came too late for its test"
+    done = runner.run(script.name)
     assert not done["failed"], done["failed"]
     assert done["printed"].strip()
+
+
+@by_script
+def test_no_script_chooses_phases(script):
+    """`support/run_notebook.py` has all simulations with those of the arm's file."""
+    assert "phases=" not in script.read_text(encoding="utf-8")
 
 
 def imported_of_ident(text):

@@ -168,7 +168,7 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     problem = build_problem(arm, campaign, unknowns)
-    prepare(problem, arm, campaign)
+    prepare(problem, arm, campaign)  # beside the search, whose program the check of the values needs
     check_values(problem, campaign, arm, trusted)
     best = fit(problem, starts=starts, seed=seed, progress=progress)
     weights = None if robust is None else robust_weights(best, units_of(campaign), robust)

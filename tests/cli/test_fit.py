@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from commands import files
+from commands import TABLE_1, files
 
 import ident
 from ident import __version__
@@ -15,12 +15,13 @@ DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 
 
 def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path, shelf):
-    """By a command of the manual, which finds on the shelf what it has done."""
+    """By a command of the manual, whose answer stays on the shelf for its pages."""
     (tmp_path / "data").symlink_to(DATA.parent)
-    code, out, _ = shelf.put(("ident", "fit", "data/lcd_arm/table1.csv"), run)
+    code, out, _ = shelf.put(TABLE_1, run)
     assert code == 0
     assert "What the data fix: 3 of 6 directions" in out
     assert "CONTRADICTION" in out
+    assert {path.name for path in tmp_path.iterdir()} == {"data", "out"}
     assert files(tmp_path / "out") == ["table1.fit.json", "table1.fit.png"]
     result = json.loads((tmp_path / "out/table1.fit.json").read_text())
     assert result["format"] == ident.FitResult.form

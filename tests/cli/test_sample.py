@@ -19,21 +19,21 @@ FEW = ("--starts=1", "--discrepancy=deflection:0.1", "--fix=joint1.k_bend", "--w
 
 
 @pytest.fixture(scope="module")
-def shelf(tmp_path_factory):
+def kept(tmp_path_factory):
     """Where a chain that is too short is kept for the tests of this file."""
-    return tmp_path_factory.mktemp("shelf")
+    return tmp_path_factory.mktemp("kept")
 
 
 @pytest.fixture
-def too_short(run, shelf, tmp_path):
+def too_short(run, kept, tmp_path):
     """What a chain that is too short prints; it is run once, and its files lie in the folder of each test."""
-    if not (shelf / "out").exists():
+    if not (kept / "out").exists():
         code, out, err = run("sample", DATA / "table1.csv", *FEW, "--steps=500", "--no-figure")
         assert code == 3, err
-        (shelf / "printed").write_text(out)
-        shutil.copytree(tmp_path / "out", shelf / "out")
-    shutil.copytree(shelf / "out", tmp_path / "out", dirs_exist_ok=True)
-    return (shelf / "printed").read_text()
+        (kept / "printed").write_text(out)
+        shutil.copytree(tmp_path / "out", kept / "out")
+    shutil.copytree(kept / "out", tmp_path / "out", dirs_exist_ok=True)
+    return (kept / "printed").read_text()
 
 
 @pytest.fixture

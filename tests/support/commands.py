@@ -5,6 +5,8 @@ import numpy as np
 from arms import DATA, lcd_arm
 
 ARM = DATA / "lcd_arm" / "arm.toml"
+TABLE_1 = ("ident", "fit", "data/lcd_arm/table1.csv")
+"""A command of the manual that `tests/cli/test_fit.py` runs for all."""
 
 
 def files(folder):

@@ -1,12 +1,13 @@
 """Runs notebooks as plain Python, all of their cells, with less of what takes long.
 
-`python run_notebook.py` reads the name of a script from each line, runs it, and answers by a line of JSON: its name,
-what it has printed, and why it failed. One process for all saves the libraries and programs that each would load.
+`python run_notebook.py` reads the name of a script from each line, runs it, and answers by a line of JSON: what it
+has printed, and why it failed. One process for all saves the libraries and programs that each would load.
 
 What is less stands in `SHORTER` and `OPTIONS`. The executed copies beside the scripts are made of the whole.
 """
 
 import json
+import os
 import sys
 from collections.abc import Mapping
 from contextlib import redirect_stdout
@@ -17,6 +18,7 @@ from traceback import format_exc
 from typing import Any
 
 import matplotlib
+from matplotlib import pyplot
 
 import ident
 
@@ -60,23 +62,27 @@ def with_options(name: str) -> None:
 
 def run(path: Path) -> dict[str, str]:
     """Run a script, with the settings of figures that it would find alone."""
-    matplotlib.rcdefaults()
+    pyplot.close("all")
+    matplotlib.rc_file_defaults()
     matplotlib.use("Agg")
-    text, failed = shorter(path.stem, path.read_text(encoding="utf-8")), ""
+    failed = ""
     with redirect_stdout(StringIO()) as printed:
         try:
+            text = shorter(path.stem, path.read_text(encoding="utf-8"))
             exec(compile(text, str(path), "exec"), {"__name__": "__main__"})
-        except BaseException:
+        except (Exception, SystemExit):
             failed = format_exc()
-    return {"script": path.name, "printed": printed.getvalue(), "failed": failed}
+    return {"printed": printed.getvalue(), "failed": failed}
 
 
 def main() -> None:
-    """Run what is asked for."""
+    """Run what is asked for; what other processes print goes to where errors go."""
     for name in OPTIONS:
         with_options(name)
-    for line in sys.stdin:
-        print(json.dumps(run(Path(line.strip()))), flush=True)
+    with os.fdopen(os.dup(1), "w") as answers:
+        os.dup2(2, 1)
+        for line in sys.stdin:
+            print(json.dumps(run(Path(line.strip()))), file=answers, flush=True)
 
 
 if __name__ == "__main__":

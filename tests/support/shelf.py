@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 from shutil import copyfile
@@ -15,8 +16,8 @@ Answer = tuple[int, str, str]
 class Shelf:
     """What commands have printed and written into `out`, by their words.
 
-    They need shipped files alone, or what another command on the shelf has written. Two processes that need one at the
-    same time both run it.
+    They need shipped files alone, or what another command on the shelf has written, and write into `out` alone. Two
+    processes that need one at the same time both run it, and one of both answers is kept.
     """
 
     def __init__(self, folder: Path):
@@ -25,7 +26,7 @@ class Shelf:
 
     def run(self, words: Sequence[str], run: Callable[..., Answer], *more: str) -> Answer:
         """Run a command with some more words unless it has been run; else put its files in their places."""
-        kept = self._place(words)
+        kept = self._place(words, more)
         if not kept.exists():
             return self.put(words, run, *more)
         code, out, err, paths = json.loads((kept / "answer.json").read_text("utf-8"))
@@ -39,16 +40,16 @@ class Shelf:
         before = _written()
         answer = run(*words[1:], *more)
         paths = [path for path, when in _written().items() if before.get(path) != when]
-        part, kept = Path(mkdtemp(dir=self.folder)), self._place(words)
+        part = Path(mkdtemp(dir=self.folder))
         for i, path in enumerate(paths):
             copyfile(path, part / str(i))
         (part / "answer.json").write_text(json.dumps([*answer, [str(path) for path in paths]]), "utf-8")
-        if not kept.exists():
-            part.rename(kept)
+        with suppress(OSError):  # another process has put one there
+            part.rename(self._place(words, more))
         return answer
 
-    def _place(self, words: Sequence[str]) -> Path:
-        return self.folder / sha256("\n".join(words).encode()).hexdigest()[:16]
+    def _place(self, words: Sequence[str], more: Sequence[str]) -> Path:
+        return self.folder / sha256("\n".join([*words, *more]).encode()).hexdigest()[:16]
 
 
 def _written() -> dict[Path, int]:

@@ -80,7 +80,7 @@ class FastMethod(eqx.Module):
 
     def linearised(self, arm: Arm, within: TimeIntervals | None = None) -> Linearised:
         """Linearise an arm's equations of motion along the motion, or within some of its time intervals."""
-        model, grid = self._model(arm), within or self.grid
+        model, grid = self._model(arm), self.grid if within is None else within
         equations = linearised(arm, model, self.motion, grid, self.weights, self.loads)
         y = jnp.moveaxis(equations.quasi_static, 1, 0).reshape((model.size, -1))
         bent = _end_point(balanced(model), self.motion, grid.nodes.ravel(), y)[1]

@@ -166,7 +166,10 @@ def test_interpolation() -> None:
 
 
 def test_one_program_for_all_gives_what_three_give() -> None:
-    """Under `jit` or `grad` an arm is solved by one program, else linearised, excited and sampled."""
+    """Under `jit` or `grad` an arm is solved by one program, else linearised, excited and sampled.
+
+    With rigid belts: elastic ones change the arm's equations, not how the programs follow from one another.
+    """
     arm, motion = with_error(30.0), swing()
     options = {"elastic_belts": False, "rate": 500.0, "step": 0.005}
     method = fast_method(arm, motion, None, *options.values())
