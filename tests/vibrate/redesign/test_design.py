@@ -96,14 +96,14 @@ def test_slopes_are_those_of_differences_for_ties_shifts_draws_and_many_variable
 
 def test_the_best_beats_every_point_of_a_grid_and_of_a_dense_one_about_its_best(found):
     def swept(bounds):
-        axes = [axis(lcd_arm(), v.paths, np.geomspace(*ends, 9), 100.0) for v, ends in zip(TWO, bounds, strict=True)]
+        axes = [axis(lcd_arm(), v.paths, np.geomspace(*ends, 11), 100.0) for v, ends in zip(TWO, bounds, strict=True)]
         return [each.values for each in axes], sweep(short(()), axes).amplitude.max(0)
 
     values, grid = swept([(v.low, v.high) for v in TWO])
     least = np.unravel_index(grid.argmin(), grid.shape)
-    beside = [(x[max(i - 1, 0)], x[min(i + 1, 8)]) for x, i in zip(values, least, strict=True)]
+    beside = [(x[max(i - 1, 0)], x[min(i + 1, 10)]) for x, i in zip(values, least, strict=True)]
     _, dense = swept(beside)
-    assert grid.shape == dense.shape == (9, 9)
+    assert grid.shape == dense.shape == (11, 11)
     assert found.best.largest <= min(grid.min(), dense.min()) * (1 + 1e-6)
     assert found.best.largest > 0.97 * dense.min(), "the grid is dense enough to come near"
 
