@@ -1,4 +1,4 @@
-"""The house keeps its size and shape: short files, few parameters, no cycle of imports."""
+"""The house keeps its size and shape: no file above 900 lines, few parameters, no cycle of imports."""
 
 import ast
 import re
@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "ident"
 FILES = sorted(PACKAGE.rglob("*.py"))
-LINES, PARAMETERS = 300, 8
+LINES, PARAMETERS = 900, 8
 BOUND = ("self", "cls")
 each_file = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
