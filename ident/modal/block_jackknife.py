@@ -1,6 +1,6 @@
 """The joint covariance of modes of an ambient test: repeat the estimate without each block of the record."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,11 +68,14 @@ def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked
     """
     parts = test.correlations.joined(blocks)
     orders = sorted({int(order) for order in diagram.order[diagram.cluster >= 0]})
-    ones = [
-        _numbers(test, diagram, realisations(parts.without(b), parts.step, orders)) for b in range(len(parts.blocks))
-    ]
-    whole, _ = _numbers(test, diagram, realisations(parts.mean, parts.step, orders))
-    vectors = np.array([_vector(numbers) for numbers, _ in ones])
+
+    def numbers(correlation: Float[np.ndarray, "O R K"]) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, "m"]]:
+        by_order = dict(zip(orders, realisations(correlation, parts.step, orders), strict=True))
+        return _numbers(test, diagram, by_order)
+
+    ones = [numbers(parts.without(b)) for b in range(len(parts.blocks))]
+    whole, _ = numbers(parts.mean)
+    vectors = np.array([_vector(each) for each, _ in ones])
     lost = np.array([apart for _, apart in ones]).max(0) > LOST
     modes, outputs = len(diagram.chosen), len(test.responses)
     shape = whole[:, 2 : 2 + outputs] + 1j * whole[:, 2 + outputs :]
@@ -85,10 +88,9 @@ def _vector(numbers: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n"]:
 
 
 def _numbers(
-    test: AmbientTest, diagram: Diagram, every: Sequence[Realisation]
+    test: AmbientTest, diagram: Diagram, by_order: Mapping[int, Realisation]
 ) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, "m"]]:
     """Return frequency, damping ratio and shape (real parts first) of each mode, and how far its poles are off."""
-    by_order = {each.order: each for each in every}
     numbers, apart = [], []
     for i, chosen in enumerate(diagram.chosen):
         largest = int(np.argmax(np.abs(diagram.shape[:, chosen])))  # of its own motion, whatever its unit

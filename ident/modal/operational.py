@@ -137,9 +137,9 @@ def _diagram(test: AmbientTest) -> Diagram:
     correlations = test.correlations
     outputs, inputs, lags = correlations.blocks.shape[1:]
     orders = range(4, min(MOST_STATES, (lags // 2 - 1) * min(outputs, inputs)) + 1, 2)
-    every = realisations(correlations.mean, correlations.step, orders)
-    every = tuple(each.pick(physical(each.pole, test.band)) for each in every)
-    return clustered(list(orders), [each.pole for each in every], [each.unit_shape for each in every])
+    by_order = {each.order: each for each in realisations(correlations.mean, correlations.step, orders)}
+    every = tuple(each.pick(physical(each.pole, test.band)) for each in by_order.values())
+    return clustered(list(by_order), [each.pole for each in every], [each.unit_shape for each in every])
 
 
 def _only(diagram: Diagram, near: Sequence[float]) -> Diagram:

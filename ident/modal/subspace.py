@@ -46,6 +46,10 @@ def realisations(
         step: [s] between lags.
         orders: numbers of states.
 
+    Returns:
+        One realisation for each order. Orders above the numerical rank of the Hankel matrix have as many states as
+        its rank, since what lies below is rounding: a quiet response has fewer states than a noisy one.
+
     References:
         Peeters, De Roeck, "Reference-based stochastic subspace identification for output-only modal analysis", MSSP 13,
         1999.
@@ -55,12 +59,13 @@ def realisations(
     square = hankel @ hankel.T
     size = len(square)
     power, left = eigh(square, subset_by_index=(size - max(orders), size - 1))
-    observability = left[:, ::-1] * np.maximum(power[::-1], 0.0) ** 0.25
+    rank = int(np.sum(power > size * np.finfo(float).eps * power[-1]))
+    observability = left[:, : -rank - 1 : -1] * power[: -rank - 1 : -1] ** 0.25
     first, triangle = np.linalg.qr(observability[:-outputs])
     shifted = first.T @ observability[outputs:]
     return tuple(
         _realisation(solve_triangular(triangle[:n, :n], shifted[:n, :n]), observability[:outputs, :n], step)
-        for n in orders
+        for n in np.minimum(orders, rank).tolist()
     )
 
 
@@ -71,6 +76,6 @@ def _hankel(correlation: np.ndarray, rows: int) -> Float[np.ndarray, "iO iR"]:
 
 
 def _realisation(transition: np.ndarray, output: np.ndarray, step: float) -> Realisation:
-    root, vector = np.linalg.eig(transition)
+    root, vector = (each.astype(complex) for each in np.linalg.eig(transition))
     kept = root.imag > 0
     return Realisation(len(transition), np.log(root[kept]) / step, (output @ vector)[:, kept])

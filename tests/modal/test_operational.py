@@ -80,6 +80,36 @@ def test_exact_correlations_give_the_exact_poles():
     np.testing.assert_allclose(mac, 1, atol=1e-6)
 
 
+def quiet_response(noise, highest):
+    """One displacement (1, T) with modes at 5 Hz (1 %) and 13 Hz (1.5 %), without anything above `highest` [Hz]."""
+    rng, samples = np.random.default_rng(4), int(600 * RATE)
+    s = 2j * np.pi * np.fft.rfftfreq(2 * samples, 1 / RATE)
+    modes = [(2 * np.pi * hertz, damping) for hertz, damping in ((5.0, 0.01), (13.0, 0.015))]
+    transfer = sum(1 / (s**2 + 2 * damping * omega * s + omega**2) for omega, damping in modes)
+    forces = np.fft.rfft(rng.normal(size=2 * samples)) * (s.imag < 2 * np.pi * highest)
+    moved = np.fft.irfft(transfer * forces)[:samples]
+    return (moved / moved.std() + noise * rng.normal(size=samples))[None]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-3])
+def test_a_quiet_response_has_as_many_states_as_its_rank(noise):
+    """A band-limited response without noise: its Hankel matrix has less rank than the highest order has states."""
+    modes = operational_modes(ambient_test(quiet_response(noise, 25.0), band=(1.0, 20.0)))
+    assert len(modes.frequency) == 2
+    np.testing.assert_array_less(np.abs(modes.frequency - [5.0, 13.0]), 4 * modes.sigma[0])
+    np.testing.assert_array_less(np.abs(modes.damping - [0.01, 0.015]), 4 * modes.sigma[1])
+
+
+@pytest.mark.parametrize("kind", ["zeros", "constant", "sine", "spike"])
+def test_a_response_without_vibration_is_refused(kind):
+    time = np.arange(60000) / RATE
+    sine = np.sin(2 * np.pi * 5 * time)
+    values = {"zeros": 0 * time, "constant": 0 * time + 0.1, "sine": sine, "spike": (time == 1).astype(float)}[kind]
+    expected = "one value throughout" if kind in ("zeros", "constant") else "without a (mode|pole) that lasts"
+    with pytest.raises(InputError, match=expected):
+        operational_modes(ambient_test(values[None]))
+
+
 def test_poles_of_an_order_are_those_of_pyoma(arm, record, peer):
     """Those that are modes, of 30 states; what pyOMA_2 leaves out at the ends of the record is a thousandth of it."""
     scaled = record / record.std(1, keepdims=True)
