@@ -18,6 +18,7 @@ from ident.identify.predict import ArmModel
 from ident.identify.uncertain import scaled_inertia
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
+from ident.inference.curvature import fixed_combinations
 from ident.inference.exchange import Exchange, exchanges
 from ident.inference.fit import STARTS, Fit, fit, with_stretch
 from ident.inference.robust import SUSPICIOUS, robust_weights, weighted
@@ -182,7 +183,9 @@ def fit_campaign(
         best = with_stretch(replace(best, cross_predictions=compared))
     granted = assumptions(best, arm, campaign) if best.best.converged else None
     found = CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted, weights=weights)
-    return replace(found, exchanges=_suspected(found))
+    found = replace(found, exchanges=_suspected(found))
+    widths = not found.doubts
+    return replace(found, combinations=fixed_combinations(found.problem, found.end, found.information, widths=widths))
 
 
 def units_of(campaign: Campaign) -> Int[np.ndarray, "D"]:

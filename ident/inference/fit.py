@@ -10,7 +10,7 @@ from ident.errors import ConvergenceError, ModelError
 from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
 from ident.inference.curvature import stretches
 from ident.inference.descent import ended
-from ident.inference.information import Information, half_width, information
+from ident.inference.information import Direction, Information, half_width, information
 from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd, rivals, unmet
 from ident.inference.problem import Choice, InverseProblem
@@ -43,6 +43,8 @@ class Fit:
         cross_predictions: each kind of measurement against the others.
         stretch: (P, 2) factor of the halves of each interval, below and above; 1 where the linear one serves.
         beaten: (P,) theta where the cost is less than the answer's, and a search found no better optimum all the same.
+        combinations: of parameters that the data fix, with the widths of their profiles, where these were looked for;
+            see `ident.inference.curvature.fixed_combinations`.
     """
 
     problem: InverseProblem
@@ -55,6 +57,7 @@ class Fit:
     cross_predictions: tuple[CrossPrediction, ...] = ()
     stretch: Float[np.ndarray, "P 2"] | None = None
     beaten: Float[np.ndarray, "P"] | None = None
+    combinations: tuple[Direction, ...] = ()
 
     @property
     def best(self) -> Optimum:

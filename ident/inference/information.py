@@ -11,6 +11,8 @@ WEAK_ABOVE = 0.5
 """Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6."""
 OPEN_ABOVE = math.log(1e3)
 """The same above which it counts as open: whatever little the data say there, no prior would say less."""
+ALONE = 0.05
+"""Largest exponent of the others, relative to the first one's, with which a combination is one parameter."""
 RANK_TOLERANCE = 1e-8
 """Singular values below this share of the largest are rounding."""
 
@@ -128,6 +130,17 @@ class TradeOff:
 def half_width(level: float) -> float:
     """Return the half width of a normal distribution's central interval in standard deviations."""
     return NormalDist().inv_cdf(0.5 + level / 2)
+
+
+def alone(weights: Float[np.ndarray, "P"]) -> Float[np.ndarray, "P"]:
+    """Return the unit vector of one parameter where a combination is hardly anything else, else the combination."""
+    size = np.abs(weights)
+    first = int(np.argmax(size))
+    if (np.delete(size, first) > ALONE * size[first]).any():
+        return weights
+    one = np.zeros_like(weights)
+    one[first] = np.sign(weights[first])
+    return one
 
 
 def information(

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ident.inference.information import Direction
+from ident.inference.information import Direction, alone
 from ident.inference.parameters import Parameters
 from ident.inference.sample import Sample
 
@@ -69,16 +69,19 @@ def share_of_prior(sample: Sample, basin: int = 0) -> Float[np.ndarray, "P"]:
 def combinations(sample: Sample) -> tuple[Direction, ...]:
     """Return the combinations of the unknowns of interest, best known first, each with its spread over the draws.
 
-    They are the principal directions of the covariance in theta of the draws about the best optimum.
+    They are the principal directions of the covariance in theta of the draws about the best optimum; one that is hardly
+    more than one parameter is that parameter (`ident.inference.information.alone`).
     """
     parameters = sample.fit.problem.parameters
     own = np.flatnonzero(~parameters.nuisance)
-    variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(sample.draws()[:, own].T)))
-    weights = np.zeros((len(own), len(parameters.items)))
-    weights[:, own] = vectors.T
-    return tuple(
-        Direction(v * np.sign(v[np.argmax(np.abs(v))]), math.sqrt(s)) for s, v in zip(variance, weights, strict=True)
-    )
+    covariance = np.atleast_2d(np.cov(sample.draws()[:, own].T))
+    found = []
+    for vector in np.linalg.eigh(covariance)[1].T:
+        main = alone(vector * np.sign(vector[np.argmax(np.abs(vector))]))
+        weights = np.zeros(len(parameters.items))
+        weights[own] = main
+        found.append(Direction(weights, math.sqrt(main @ covariance @ main)))
+    return tuple(sorted(found, key=lambda direction: direction.sd))
 
 
 def prior_spread(direction: Direction, parameters: Parameters) -> float:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
+from ident.inference.curvature import fixed_combinations
 from ident.inference.fit import fit, with_stretch
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
@@ -76,3 +77,56 @@ def test_no_interval_is_quoted_where_the_cost_is_less_elsewhere():
     assert found.doubts == ("the cost is less elsewhere, so there is a better optimum: fit again with more starts",)
     assert not found.supported.any()
     assert with_stretch(found).doubts == (), "for it is not"
+
+
+def in_series(prior_sd: float) -> InverseProblem:
+    """Two springs in series, of which the common one is known to 1 %: each may be soft where the other is hard."""
+    items = tuple(Parameter((name,), True, 1.0, 1.0, prior_sd) for name in "ab")
+    return InverseProblem(
+        lambda p: jnp.stack([1 / (1 / p["a"] + 1 / p["b"])]),
+        jnp.full(1, 0.5),
+        jnp.full(1, 0.005),
+        Parameters(items),
+        ("frequency",),
+    )
+
+
+def test_a_combination_is_as_wide_as_its_profile():
+    """a b is known to 1 % only as long as a = b: by the cost over the difference, minimised on a grid."""
+    found = fit(in_series(1.0), starts=1)
+    (known,) = fixed_combinations(found.problem, found.end, found.information)
+    total, unlike = np.arange(-0.1, 3.0, 1e-4), np.linspace(0, 3, 4001)
+    cost = [
+        (((np.exp(s / 2) / (2 * np.cosh(unlike)) - 0.5) / 0.005) ** 2 + s**2 / 2 + 2 * unlike**2).min() for s in total
+    ]
+    ends = total[np.flatnonzero(np.array(cost) < Z**2)[[0, -1]]] / math.sqrt(2)
+    np.testing.assert_allclose(known.sd, np.ptp(ends) / (2 * Z), rtol=0.05)
+    assert known.sd > 10 * found.information.directions[0].sd
+
+
+def test_a_combination_of_a_linear_model_has_its_linear_width():
+    items = tuple(Parameter((name,), False, 0.0, 0.0, 50.0) for name in "ab")
+    slope = np.array([[1.0, 1.0], [1.0, 1.1]])
+    problem = InverseProblem(
+        lambda p: jnp.stack([row[0] * p["a"] + row[1] * p["b"] for row in slope]),
+        jnp.array([0.3, 0.2]),
+        jnp.array([0.1, 0.2]),
+        Parameters(items),
+        ("frequency", "frequency"),
+    )
+    found = fit(problem, starts=1)
+    covariance = found.information.covariance
+    for each, direction in zip(
+        fixed_combinations(problem, found.end, found.information), found.information.directions, strict=True
+    ):
+        np.testing.assert_array_equal(each.weights, direction.weights)
+        np.testing.assert_allclose(each.sd, math.sqrt(each.weights @ covariance @ each.weights), rtol=1e-5)
+
+
+def test_a_combination_that_is_hardly_more_than_one_parameter_is_that_one():
+    problem = replace(in_series(1.0), model=lambda p: jnp.stack([0.5 * p["a"] * p["b"] ** 0.04]))
+    found = fit(problem, starts=1)
+    (known,) = fixed_combinations(found.problem, found.end, found.information)
+    np.testing.assert_array_equal(known.weights, [1.0, 0.0])
+    assert known.sd > 3 * found.information.directions[0].sd, "b is known to its prior's factor only, and takes a along"
+    np.testing.assert_allclose(known.sd, found.information.sd[0], rtol=0.05)

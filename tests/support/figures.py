@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from ident.identify.build_problem import arm_problem
 from ident.identify.fit import CampaignFit
 from ident.identify.unknowns import stiffness_parameters
+from ident.inference.curvature import fixed_combinations
 from ident.inference.fit import fit
 from ident.inference.information import information
 from ident.inference.optima import Optimum
@@ -29,6 +30,7 @@ def fitted(name):
     campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
     problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
     found = replace(fit(problem, starts=1), cross_predictions=())
+    found = replace(found, combinations=fixed_combinations(found.problem, found.end, found.information))
     return CampaignFit(**vars(found), arm=lcd_arm(), campaign=campaign)
 
 
@@ -67,7 +69,8 @@ def made_up(parameters, measurements, *, prior_sd=1.0, seed=0):
     predicted = 0.03 + rng.normal(size=measurements) * 1e-4
     optimum = Optimum(values, theta, 1.0, 3, True, np.empty((0, parameters)), known.sd)
     choice = Choice(None, True, np.zeros(measurements))
-    return CampaignFit(problem, (optimum,), 0, predicted, jacobian, known, choice, arm=lcd_arm(), campaign=campaign)
+    made = CampaignFit(problem, (optimum,), 0, predicted, jacobian, known, choice, arm=lcd_arm(), campaign=campaign)
+    return replace(made, combinations=tuple(direction for direction in known.directions if not direction.open))
 
 
 def boxes(figure):

@@ -14,7 +14,7 @@ from matplotlib.gridspec import SubplotSpec
 
 from ident.identify.fit import CampaignFit
 from ident.inference.cross_prediction import contradicting
-from ident.inference.information import WEAK_ABOVE, Direction, Information
+from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.parameters import Parameter
 from ident.measure import Campaign
 from ident.present.figures.style import (
@@ -87,7 +87,7 @@ def fit_figure(fit: CampaignFit) -> Figure:
     *values, directions = _stack(figure, columns[0], heights[0])
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
         _values(axes, fit, group, shift=group is moved)
-    _directions(directions, fit.information)
+    _directions(directions, fit)
     residuals, words = _stack(figure, columns[1], heights[1])
     _residuals(residuals, fit.campaign, fit.off, fit.suspicious)
     _write(words, notes)
@@ -97,7 +97,7 @@ def fit_figure(fit: CampaignFit) -> Figure:
 def _width(fit: CampaignFit) -> float:
     """Return the width [inch] that leaves room for the panels beside what is written in the rows."""
     known = fit.information
-    left = max(len(direction_name(direction, known.names, known.sd)) for direction in known.directions)
+    left = max(len(direction_name(direction, known.names, known.sd)) for direction in _shown(fit))
     right = max(len(cut(short(m), LABEL)) for m in fit.campaign)
     return 8.6 + LETTER * (max(left, 20) + max(right, 20) + 20)
 
@@ -185,20 +185,24 @@ def _value_text(name: str, value: float, interval: np.ndarray, why_not: str) -> 
     return f"{why_not}\n({best} {unit})" if why_not else f"{best} {unit}\n{low} to {high}"
 
 
-def _directions(axes: Axes, information: Information) -> None:
-    """Draw the standard deviation of each direction; those that the data leave open stand at the edge."""
-    directions = information.directions
-    known = [d.sd for d in directions if not d.open]
-    left, edge = min([0.01, *known]) / 2, 4 * max([2 * WEAK_ABOVE, *known])
-    rows(axes, [direction_name(direction, information.names, information.sd) for direction in directions])
+def _directions(axes: Axes, fit: CampaignFit) -> None:
+    """Draw the standard deviation of each direction; open ones, and all where the fit is in doubt, have none."""
+    known, doubts = fit.information, bool(fit.doubts)
+    directions = _shown(fit)
+    widths = [d.sd for d in fit.combinations if np.isfinite(d.sd) and not doubts]
+    left, edge = min([0.01, *widths]) / 2, 4 * max([2 * WEAK_ABOVE, *widths])
+    rows(axes, [direction_name(direction, known.names, known.sd) for direction in directions])
     axes.set_xscale("log")
     axes.set_xlim(left, 4 * edge)
     axes.axvspan(WEAK_ABOVE, 4 * edge, color="#F3F3F3", zorder=0)
     axes.axvline(WEAK_ABOVE, color="black", linewidth=0.8, linestyle="--")
     for y, direction in enumerate(directions):
-        place = edge if direction.open else direction.sd
-        axes.plot([place], [y], linestyle="", **_direction_style(direction))
-        word = "weak" if direction.weak else "open" if direction.open else ""
+        is_open = y >= len(fit.combinations)
+        drawn = not is_open and not doubts and np.isfinite(direction.sd)
+        style = HOLLOW if is_open else {**FILLED, "markerfacecolor": PALE_BLUE} if direction.weak else FILLED
+        place = direction.sd if drawn else edge
+        axes.plot([place], [y], linestyle="", **style)
+        word = "open" if is_open else ("weak" if direction.weak else "") if drawn else "no width"
         note(axes, word, (place, y), (7, 0), va="center", color="black")
     ticks = {WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
     for power in range(-1, -9, -1):
@@ -206,15 +210,15 @@ def _directions(axes: Axes, information: Information) -> None:
             ticks[10.0**power] = f"{10.0 ** (power + 2):g} %"
     axes.set_xticks(list(ticks), list(ticks.values()))
     axes.set_xticks([], minor=True)
-    axes.set_xlabel("standard deviation by the data alone, of ln(value) [-]", fontsize=9)
-    keys = _key([not d.open for d in directions], "seen by the data", "open: only the prior fills it")
-    heading(axes, f"Directions: the data fix {len(known)} of {len(directions)}", keys)
+    axes.set_xlabel("standard deviation of ln(value) [-]", fontsize=9)
+    fixed = [i < len(fit.combinations) for i in range(len(directions))]
+    keys = _key(fixed, "seen by the data", "open: only the prior fills it")
+    heading(axes, f"Directions: the data fix {known.fixed} of {len(directions)}", keys)
 
 
-def _direction_style(direction: Direction) -> Style:
-    if direction.open:
-        return HOLLOW
-    return {**FILLED, "markerfacecolor": PALE_BLUE} if direction.weak else FILLED
+def _shown(fit: CampaignFit) -> tuple[Direction, ...]:
+    """Return the directions as they are shown: those that the data fix, then those that they leave open."""
+    return (*fit.combinations, *(direction for direction in fit.information.directions if direction.open))
 
 
 def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:

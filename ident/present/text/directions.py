@@ -6,18 +6,24 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
+from ident.inference.fit import Fit
 from ident.inference.information import Direction, Information, TradeOff
 from ident.inference.parameters import Parameter
 from ident.present.text.words import kept, main_factors, percent, scatter
 
 
-def what_is_fixed(known: Information, items: tuple[Parameter, ...]) -> Iterator[str]:
-    """Say which combinations the data fix, best known first."""
-    fixed = [direction for direction in known.directions if not direction.open]
-    yield f"What the data fix: {known.fixed} of {len(known.directions)} directions"
-    for direction in fixed:
-        weak = "weakly known, to" if direction.weak else "known to"
-        yield f"  {weak} {spread_in_words(direction.sd)}: {product(direction, items, known.sd)}"
+def what_is_fixed(fit: Fit) -> Iterator[str]:
+    """Say which combinations the data fix, best known first, and how well; no width where the fit is in doubt."""
+    known, items = fit.information, fit.problem.parameters.items
+    withheld = "; the fit is in doubt, so none has a width" if fit.doubts else ""
+    yield f"What the data fix: {known.fixed} of {len(known.directions)} directions{withheld}"
+    for direction in fit.combinations:
+        name = product(direction, items, known.sd)
+        if fit.doubts or np.isnan(direction.sd):
+            yield f"  {name}"
+            continue
+        weak = "weakly known, to" if direction.weak or direction.open else "known to"
+        yield f"  {weak} {spread_in_words(direction.sd)}: {name}"
 
 
 def what_is_open(known: Information, items: tuple[Parameter, ...]) -> Iterator[str]:

@@ -30,7 +30,7 @@ def fit_report(fit: CampaignFit) -> str:
         assumption_lines(fit),
         measurements(fit),
         loop_widths(fit),
-        what_is_fixed(fit.information, fit.problem.parameters.items),
+        what_is_fixed(fit),
         _agreement(fit),
         origins(fit),
         optima(fit),
