@@ -218,7 +218,7 @@ def test_an_empty_file_and_another_ending(tmp_path):
 
 @pytest.mark.parametrize(
     ("end", "module", "package"),
-    [("uff", "pyuff", "pyuff"), ("lvm", "lvm_read", "lvm-read"), ("tdms", "nptdms", "npTDMS")],
+    [("lvm", "lvm_read", "lvm-read"), ("tdms", "nptdms", "npTDMS")],
 )
 def test_a_missing_extra_is_said_in_one_line(tmp_path, monkeypatch, end, module, package):
     files(tmp_path)
