@@ -120,7 +120,7 @@ def _nodes_alone(name: str, rows: list[ChannelRow], recordings: Mapping[str, Rec
     measured = [other for other, each in recordings.items() if each.names]
     named = [row for row in rows if row.counts and not any(fnmatchcase(other, row.file) for other in measured)]
     if named:
-        got = f"{len(recordings[name].places)} nodes in {quoted(name)} and no channel"
+        got = f"nodes and no channel in {quoted(name)}"
         remedy = "name the file of the records"
         yield Problem(named[0].where, got, "samples over time or frequency responses", remedy, "file")
 
