@@ -30,7 +30,8 @@ def read(path: Path, data: bytes) -> Contents:
     try:
         file = TdmsFile.read(io.BytesIO(data))
         every = [(group.name, channel) for group in file.groups() for channel in group.channels()]
-        found = [_channel(name, channel, _first_time(every)) for name, channel in every]
+        first = _first_time(every)
+        found = [_channel(name, channel, first) for name, channel in every]
     except Exception as error:  # npTDMS lets ValueError, struct and EOF errors of damaged files through
         damaged(path, KIND, error)
     if file.file_status.incomplete_final_segment:
@@ -40,8 +41,9 @@ def read(path: Path, data: bytes) -> Contents:
 
 def _first_time(every: list[tuple[str, Any]]) -> np.datetime64 | None:
     """Return the earliest time at which a channel's clock started; None where some channel does not say it."""
-    times = [np.datetime64(channel.properties.get("wf_start_time", "NaT"), "us") for _, channel in every]
-    return min(times) if times and not any(map(np.isnat, times)) else None
+    times = [channel.properties.get("wf_start_time") for _, channel in every]
+    said = [time.astype("datetime64[us]") for time in times if isinstance(time, np.datetime64) and not np.isnat(time)]
+    return min(said) if said and len(said) == len(times) else None
 
 
 def _channel(group: str, channel: Any, first: np.datetime64 | None) -> Channel | None:
@@ -53,5 +55,5 @@ def _channel(group: str, channel: Any, first: np.datetime64 | None) -> Channel |
     unit = next((str(said[name]) for name in UNITS if said.get(name)), "")
     step, start = said.get("wf_increment"), float(said.get("wf_start_offset") or 0.0)
     if first is not None:
-        start += float((np.datetime64(said["wf_start_time"], "us") - first) / np.timedelta64(1, "s"))
+        start += float((said["wf_start_time"].astype("datetime64[us]") - first) / np.timedelta64(1, "s"))
     return Channel(f"{group}/{channel.name}", values[None].astype(float), unit, float(step) if step else None, start)
