@@ -31,7 +31,6 @@ ONLY_IN = {
     "nptdms": "measure/recordings",
     "optimistix": "inference/levenberg_marquardt",
     "pydantic": "description",
-    "pyuff": "measure/recordings",
     "rich": "cli",
     "ruckig": "vibrate/motion/stroke",
     "typer": "cli",

@@ -3,12 +3,13 @@
 import csv
 import io
 from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from ident.errors import InputError, Problem
 from ident.files import replace_file
-from ident.measure.channels import FORCE, RESPONSE
-from ident.measure.recordings import Channel, Recording, is_recording, read_recording
+from ident.measure.channels import FORCE, RESPONSE, ChannelTable
+from ident.measure.recordings import Channel, NoChannelError, Recording, is_recording, read_recording
 from ident.text import one_line
 
 COMMENTS = (
@@ -22,28 +23,47 @@ COMMENTS = (
 HEAD = ("file", "channel", "role", "point", "direction", "frame", "unit", "sensitivity", "rate", "decay")
 
 
-def recordings_of(folder: Path) -> dict[str, Recording]:
+def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, Recording]:
     """Return the recordings of a folder by file name; a channel table or campaign beside them is none.
+
+    Args:
+        folder: where they are.
+        table: names the files that are read: others are listed, without channels. None for all; then a file in which
+            nothing was recorded is listed without channels, too.
 
     Raises:
         InputError: it is no folder, holds none, or some can't be read; each with a line.
     """
-    if not folder.is_dir():
-        raise InputError(Problem(one_line(str(folder)), "no such folder", "a folder of recordings", "correct the path"))
+    check_folder(folder)
     found: dict[str, Recording] = {}
     problems: list[Problem] = []
+    passed: list[Problem] = []
     for path in sorted(folder.iterdir()):
-        if path.is_file() and is_recording(path) and not is_table(path):
-            try:
-                found[path.name] = read_recording(path)
-            except InputError as error:
-                problems += error.problems
-    if not found and not problems:
+        if not path.is_file() or not is_recording(path) or is_table(path):
+            continue
+        if table and not any(row.counts and fnmatchcase(path.name, row.file) for row in table.rows):
+            found[path.name] = Recording(str(path), "", ())
+            continue
+        try:
+            found[path.name] = read_recording(path)
+        except InputError as error:
+            sound = table is None and isinstance(error, NoChannelError)
+            (passed if sound else problems).extend(error.problems)
+            if sound:
+                found[path.name] = Recording(str(path), "", (), holds=error.problems[0].got)
+    if not problems and (not found or (table is None and not any(each.names for each in found.values()))):
         expected = "recordings: .uff, .unv, .csv, .mat, .lvm, .tdms, .wav, .h5"
-        problems = [Problem(one_line(str(folder)), "a folder without recordings", expected, "name another folder")]
+        got = "nodes and no channel" if found else "a folder without recordings"
+        problems = passed or [Problem(one_line(str(folder)), got, expected, "name another folder")]
     if problems:
         raise InputError(problems)
     return found
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse what is no folder."""
+    if not folder.is_dir():
+        raise InputError(Problem(one_line(str(folder)), "no such folder", "a folder of recordings", "correct the path"))
 
 
 def is_table(path: Path) -> bool:
@@ -69,9 +89,11 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
     if path.exists():
         remedy = "move it away, or name another by --channels"
         raise InputError(Problem(one_line(str(path)), "a file that is there", "none", remedy))
-    rows = [row for name, recording in recordings_of(folder).items() for row in _rows(name, recording)]
+    recordings = recordings_of(folder)
+    rows = [row for name, recording in recordings.items() for row in _rows(name, recording)]
+    passed = [f"Passed over: {one_line(name)}, {each.holds}." for name, each in recordings.items() if each.holds]
     text = io.StringIO()
-    text.writelines(f"# {line}\n" for line in COMMENTS)
+    text.writelines(f"# {line}\n" for line in (*COMMENTS, *passed))
     angles = [f"q{i} [deg]" for i in range(1, joints + 1)]
     writer = csv.DictWriter(text, [*HEAD, *angles, "load", "note"], lineterminator="\n", restval="")
     writer.writeheader()

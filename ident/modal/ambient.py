@@ -80,9 +80,26 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
 
 def _parts(record: Record, factor: int) -> Iterator[np.ndarray]:
     """Yield the blocks of a record (O, T) without trend, sampled more slowly by a factor."""
-    for block in zip(*(each.values for each in record.responses), strict=True):
+    for number, block in enumerate(zip(*(each.values for each in record.responses), strict=True)):
         values = detrend(np.array(block))
+        late = np.array([0.0 if each.late is None else each.late[number] for each in record.responses])
+        values = _delayed(values, late / record.step) if late.any() else values
         yield resample_poly(values, 1, factor, axis=1) if factor > 1 else values
+
+
+def _delayed(values: np.ndarray, delay: np.ndarray) -> np.ndarray:
+    """Return channels (O, T) that are later by shares (O,) of a step, by the phases of their spectra.
+
+    A spectrum takes what it transforms for periodic. The record less the line between its ends, followed by its mirror
+    image of opposite sign, is periodic without a jump in value or slope.
+    """
+    count = values.shape[1]
+    slope = (values[:, -1:] - values[:, :1]) / (count - 1)
+    line = values[:, :1] + slope * np.arange(count)
+    rest = values - line
+    spectrum = np.fft.rfft(np.concatenate([rest, -rest[:, -2:0:-1]], 1))
+    phase = np.exp(-2j * np.pi * np.fft.rfftfreq(2 * count - 2) * delay[:, None])
+    return np.fft.irfft(spectrum * phase, 2 * count - 2)[:, :count] + line - slope * delay[:, None]
 
 
 def _check_alike(group: Sequence[Record]) -> None:

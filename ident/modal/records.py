@@ -11,7 +11,7 @@ from ident.measure.channels import FORCE, REFERENCE, ChannelRow, ChannelTable
 from ident.measure.load import Load
 from ident.measure.recordings import Recording
 from ident.measure.speeds import Speed
-from ident.modal.sources import Response, check_names, check_state, response_of, sampling_step
+from ident.modal.sources import Response, aligned, check_names, check_state, response_of, sampling_step
 from ident.text import quoted
 
 
@@ -85,12 +85,13 @@ def _record(name: str, rows: list[ChannelRow], recording: Recording) -> Record:
     counting = [row for row in rows if row.counts]
     check_state(counting)
     channels = {each.name: each for each in recording.channels}
-    responses = tuple(response_of(name, row, channels[row.channel]) for row in counting)
-    if len({each.values.shape for each in responses}) > 1:
-        got = f"channels of different lengths in {quoted(name)}"
-        raise InputError(Problem(counting[0].where, got, "the same length", "export them again together", "channel"))
+    used = [channels[row.channel] for row in counting]
+    step = sampling_step(name, rows, recording, used)
+    responses = tuple(
+        response_of(name, row, channel, late=late)
+        for row, channel, late in zip(counting, *aligned(name, counting[0].where, used, step), strict=True)
+    )
     _check_moves(name, counting, responses)
-    step = sampling_step(name, rows, recording, [channels[row.channel] for row in counting])
     references = tuple(i for i, row in enumerate(counting) if row.role == REFERENCE)
     speeds = tuple(dict.fromkeys(speed for row in counting for speed in row.harmonics))
     return Record(

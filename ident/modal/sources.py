@@ -1,6 +1,6 @@
 """A file of a modal test in SI: force and responses, each with its place, as the channel table says."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
@@ -20,6 +20,8 @@ ORDER = {"acceleration": 0, "velocity": 1, "length": 2}
 """How often a response is differentiated to give an acceleration."""
 SAME = 1e-6
 """Relative difference of two rates that are the same."""
+TOGETHER = 1e-3
+"""Share of a step by which samples of two channels may be apart and count as taken together."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class Response:
         order: how often it is differentiated to give an acceleration.
         full_scale: [SI] of its input, None where it is not known.
         channel: its name in the file.
+        late: (B,) [s] by which its samples are taken after those of the force, less than a step; None for not at all.
     """
 
     place: Place
@@ -39,6 +42,7 @@ class Response:
     order: int
     full_scale: float | None
     channel: str
+    late: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -97,6 +101,9 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
         rows = [row for row in table.rows if fnmatchcase(name, row.file)]
         if is_finished(recording):
             continue
+        if not recording.channels:
+            problems += _nodes_alone(name, rows, recordings)
+            continue
         try:
             found += _of_file(name, rows, recording) if any(row.counts for row in rows) else ()
         except InputError as error:
@@ -106,6 +113,16 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
     if not found and not any(map(is_finished, recordings.values())):
         raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
     return tuple(found)
+
+
+def _nodes_alone(name: str, rows: list[ChannelRow], recordings: Mapping[str, Recording]) -> Iterator[Problem]:
+    """Yield what is wrong where a table names a file of nodes; a pattern may take it along with the records."""
+    measured = [other for other, each in recordings.items() if each.names]
+    named = [row for row in rows if row.counts and not any(fnmatchcase(other, row.file) for other in measured)]
+    if named:
+        got = f"nodes and no channel in {quoted(name)}"
+        remedy = "name the file of the records"
+        yield Problem(named[0].where, got, "samples over time or frequency responses", remedy, "file")
 
 
 def _of_file(name: str, rows: list[ChannelRow], recording: Recording) -> Iterator[Source]:
@@ -141,30 +158,103 @@ def _source(
     if not rows:
         got = f"no response of {quoted(name)} to {quoted(force.channel)}"
         raise InputError(Problem(force.where, got, "a channel of role response", "add its row to the table", "role"))
-    used = [by_name[row.channel] for row in rows] + ([] if finished else [by_name[force.channel]])
+    used: Sequence[Channel] = ([] if finished else [by_name[force.channel]]) + [by_name[row.channel] for row in rows]
     step = sampling_step(name, every, recording, used, finished)
+    used, late = aligned(name, rows[0].where, used, step)
     below = quantity_and_factor(force, used[0].reference_unit)[1] if finished else 1.0
-    responses = tuple(response_of(name, row, by_name[row.channel], below) for row in rows)
-    if len({each.values.shape for each in responses}) > 1:
-        got = f"channels of different lengths in {quoted(name)}"
-        raise InputError(Problem(rows[0].where, got, "the same length", "export them again together", "channel"))
-    pushed, full_scale = None, None
+    responses = tuple(
+        response_of(name, row, channel, below, each)
+        for row, channel, each in zip(rows, used[-len(rows) :], late[-len(rows) :], strict=True)
+    )
+    pushed, full_scale, start = None, None, used[0].start if finished else 0.0
+    assert isinstance(start, float), "a reader gives frequency responses of one start as one channel"
     if not finished:
-        channel = by_name[force.channel]
-        _, factor = quantity_and_factor(force, channel.unit)
-        pushed = finite(name, channel) * factor
+        _, factor = quantity_and_factor(force, used[0].unit)
+        pushed = finite(name, used[0]) * factor
         full_scale = _full_scale(force)
     return Source(
-        name, force.posture, force.load, force.drives, force.decay, step, used[0].start, _place(force), pushed,
+        name, force.posture, force.load, force.drives, force.decay, step, start, _place(force), pushed,
         full_scale, responses,
     )  # fmt: skip
 
 
-def response_of(name: str, row: ChannelRow, channel: Channel, below: float = 1.0) -> Response:
+def aligned(
+    name: str, where: str, channels: Sequence[Channel], step: float
+) -> tuple[Sequence[Channel], Sequence[np.ndarray | None]]:
+    """Return the channels of a file cut to the span that all of them have; those that start together stay as they are.
+
+    Args:
+        name: the file's.
+        where: row of the table, for messages.
+        channels: C channels of samples, or of frequency responses to one force.
+        step: [s or Hz] of all of them.
+
+    Returns:
+        The channels, and for each (B,) [s] by which its samples are still taken after those of the first channel, from
+        minus half a step to half a step; None for not at all.
+
+    Raises:
+        InputError: they have different numbers of blocks, different lengths, or no span, or lines, in common.
+    """
+    _check_blocks(name, where, channels)
+    starts = np.array([np.broadcast_to(each.start, len(each.values)) for each in channels], float)  # (C, B)
+    lengths = np.array([[each.values.shape[1]] for each in channels])
+    if (starts == starts[0]).all():
+        if len(set(lengths.ravel())) > 1:
+            got = f"channels of different lengths in {quoted(name)}"
+            raise InputError(Problem(where, got, "the same length", "export them again together", "channel"))
+        return channels, [None] * len(channels)
+    offset = (starts - starts[0]) / step
+    whole = np.rint(offset)
+    begin, end = whole.max(0), (whole + lengths).min(0)
+    late = np.where(np.abs(offset - whole) > TOGETHER, (offset - whole) * step, 0.0)
+    if not (end - begin).min() >= 2 or (channels[0].reference and late.any()):
+        raise InputError(_apart(name, where, channels, starts, step))
+    count = int((end - begin).min())
+    cut = [
+        replace(
+            each,
+            values=np.stack([row[at : at + count] for row, at in zip(each.values, first, strict=True)]),
+            start=float(starts[0, 0] + begin[0] * step),
+        )
+        for each, first in zip(channels, (begin - whole).astype(int), strict=True)
+    ]
+    return cut, [row if row.any() else None for row in late]
+
+
+def _check_blocks(name: str, where: str, channels: Sequence[Channel]) -> None:
+    """Refuse channels of which some have more blocks than others: one label may stand for several sensors."""
+    most, fewest = (pick(channels, key=lambda each: len(each.values)) for pick in (max, min))
+    if len(most.values) > len(fewest.values):
+        got = f"{len(most.values)} blocks of {quoted(most.name)} and {len(fewest.values)} of {quoted(fewest.name)}"
+        got += f" in {quoted(name)}"
+        got += f" (ID lines: {', '.join(map(quoted, most.notes[:4]))})" if any(most.notes) else ""
+        remedy = "where a label stands for several sensors, export each with a name of its own"
+        raise InputError(Problem(where, got, "as many blocks of each channel", remedy, "channel"))
+
+
+def _apart(name: str, where: str, channels: Sequence[Channel], starts: np.ndarray, step: float) -> Problem:
+    """Return what is wrong with channels without a common span, or lines that are not the same."""
+    block = int(np.argmax(np.ptp(starts, 0)))
+    first, last = int(np.argmin(starts[:, block])), int(np.argmax(starts[:, block]))
+    unit = "Hz" if channels[0].reference else "s"
+    spans = [
+        f"{quoted(channels[i].name)} from {starts[i, block]:.6g} to "
+        f"{starts[i, block] + step * (channels[i].values.shape[1] - 1):.6g} {unit}"
+        for i in (first, last)
+    ]
+    expected = "the same lines" if channels[0].reference else "channels that overlap in time"
+    remedy = "correct where they start, or export them together"
+    return Problem(where, f"{spans[0]} and {spans[1]} in {quoted(name)}", expected, remedy, "channel")
+
+
+def response_of(
+    name: str, row: ChannelRow, channel: Channel, below: float = 1.0, late: np.ndarray | None = None
+) -> Response:
     """Return what a channel measured, in SI, of frequency responses over the SI units of the force."""
     quantity, factor = quantity_and_factor(row, channel.unit)
     values = finite(name, channel) * (factor / below)
-    return Response(_place(row), values, ORDER[quantity], _full_scale(row), row.channel)
+    return Response(_place(row), values, ORDER[quantity], _full_scale(row), row.channel, late)
 
 
 def _full_scale(row: ChannelRow) -> float | None:

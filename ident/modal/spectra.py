@@ -69,6 +69,7 @@ class _Record(NamedTuple):
         offset: (O + 1,) [SI] of the force and the answers at rest.
         begin: first sample of the pulse.
         end: first sample after it.
+        late: (O,) [s] by which the samples of the answers are taken after those of the force; None for not at all.
     """
 
     force: np.ndarray
@@ -76,6 +77,7 @@ class _Record(NamedTuple):
     offset: np.ndarray
     begin: int
     end: int
+    late: np.ndarray | None
 
 
 def _cut(source: Source, hit: Hit, count: int, *, alone: bool) -> _Record:
@@ -89,7 +91,8 @@ def _cut(source: Source, hit: Hit, count: int, *, alone: bool) -> _Record:
     channels = np.stack([source.force[hit.block], *(each.values[hit.block] for each in source.responses)])
     still = channels[:, start : start + before // 2] if alone and before > 7 else channels
     part = channels[:, start : start + count]
-    return _Record(part[0], part[1:], still.mean(1), before, hit.end - start)
+    late = np.array([0.0 if each.late is None else each.late[hit.block] for each in source.responses])
+    return _Record(part[0], part[1:], still.mean(1), before, hit.end - start, late if late.any() else None)
 
 
 def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndarray, np.ndarray]:
@@ -100,6 +103,8 @@ def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndar
     force = np.fft.rfft(about * window * (record.force - record.offset[0])) * source.step
     faded = np.fft.rfft(window * (record.answers - record.offset[1:, None])) * source.step
     s = decay + 2j * np.pi * np.fft.rfftfreq(count, source.step)
+    if record.late is not None:
+        faded = faded * np.exp(-s * record.late[:, None])
     return force, faded * np.stack([s**each.order for each in source.responses])
 
 

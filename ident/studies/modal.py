@@ -204,7 +204,7 @@ def modal_test(
     """Identify the modes of a hammer test, or of one without any force, and name them by their shapes.
 
     Args:
-        tests: folder of the recordings; other files in it are passed over.
+        tests: folder of the recordings; files in it that the table does not name are passed over.
         channels: what each channel measured; by default channels.csv in that folder.
         arm: the arm; by default arm.toml in that folder.
         options: windows, estimator and band, which modes to take, and what is known of the arm before the data.
@@ -215,14 +215,15 @@ def modal_test(
     from dataclasses import replace
 
     from ident.assess.places import in_base_frame, with_places
-    from ident.measure.channel_template import recordings_of
+    from ident.measure.channel_template import check_folder, recordings_of
     from ident.measure.channels import ChannelTable, read_channels
     from ident.modal.finished import finished_tests
     from ident.modal.measured import measured_tests
 
     options, folder = ModalOptions.of(options), Path(tests)
-    recordings = recordings_of(folder)
+    check_folder(folder)
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
+    recordings = recordings_of(folder, table)
     arm_file = as_file(arm if arm is not None else folder / ARM, options.soft_base)
     placed = with_places(arm_file.arm, table)
     based = in_base_frame(placed, table)

@@ -1,8 +1,11 @@
 """Channel tables: what a row says, what it must say, and the table to fill in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hammer_files import FOLDER, generator
+from recording_files import dataset, dataset_58
 
 from ident.errors import InputError
 from ident.measure.channel_template import recordings_of, write_template
@@ -96,3 +99,30 @@ def test_a_folder_without_recordings(tmp_path):
         recordings_of(tmp_path)
     with pytest.raises(InputError, match="no such folder"):
         recordings_of(tmp_path / "none")
+
+
+def test_what_the_table_does_not_name_is_not_read(tmp_path):
+    """Nodes, spectra and damaged files beside the records: passed over, and listed where a table is to be written."""
+    made = generator()
+    made.write_file(tmp_path / "hits.unv", "z", np.ones((2, 50)), np.ones((6, 2, 50)))
+    (tmp_path / "nodes.unv").write_text(dataset(15, "1 0 0 0 0.0 0.0 0.0"))
+    (tmp_path / "spectra.unv").write_text(3 * dataset_58(np.ones(9), function=2))
+    assert write_template(tmp_path, tmp_path / "channels.csv", 3) == 7
+    assert "# Passed over: spectra.unv, 3 functions of kind auto-spectrum.\n" in (tmp_path / "channels.csv").read_text()
+    (tmp_path / "damaged.unv").write_text("    -1\n")
+    shipped = read_channels(FOLDER / "channels.csv")
+    table = replace(shipped, rows=(replace(shipped.rows[0], file="hits.unv"),))
+    found = recordings_of(tmp_path, table)
+    assert {name: len(each.channels) for name, each in found.items()} == {
+        "damaged.unv": 0, "hits.unv": 7, "nodes.unv": 0, "spectra.unv": 0
+    }  # fmt: skip
+    named = replace(table, rows=(*table.rows, replace(table.rows[0], file="spec*.unv")))
+    with pytest.raises(InputError, match=r"spectra.unv: got 3 functions of kind auto-spectrum, expected samples over"):
+        recordings_of(tmp_path, named)
+    for name in ("hits.unv", "damaged.unv"):
+        (tmp_path / name).unlink()
+    with pytest.raises(InputError, match=r"spectra.unv: got 3 functions of kind auto-spectrum"):
+        recordings_of(tmp_path)
+    (tmp_path / "spectra.unv").unlink()
+    with pytest.raises(InputError, match="got nodes and no channel"):
+        recordings_of(tmp_path)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import pyuff
 from hammer_files import FOLDER, generator
-from recording_files import ANSWER, FORCE, LVM, RATE, TIME, files, hdf5, tdms, uff
+from recording_files import ANSWER, FORCE, LVM, RATE, TIME, dataset, dataset_58, files, hdf5, tdms, uff
 from scipy.io import savemat, wavfile
 
 from ident.errors import InputError
-from ident.measure.recordings import matlab, read_recording
+from ident.measure.recordings import NoChannelError, matlab, read_recording
 
 
 def refused(path):
@@ -91,6 +91,204 @@ def test_a_binary_dataset_of_another_precision_than_its_header_says_is_refused(t
     single = pyuff.prepare_58(binary=1, data=ANSWER, x=TIME, ord_data_type=2, **common)
     pyuff.UFF(str(tmp_path / "a.uff")).write_sets(single, force_double=False)
     assert "128 values of 1:+Z, its header says 64" in refused(tmp_path / "a.uff")
+
+
+def written(folder, *datasets):
+    (folder / "a.uff").write_text("".join(datasets))
+    return folder / "a.uff"
+
+
+@pytest.mark.parametrize("form", [2, 4])
+def test_a_frequency_response_without_its_phase_is_refused(tmp_path, form):
+    size = np.abs(ANSWER)
+    line = refused(written(tmp_path, dataset_58(size, function=4, form=form)))
+    assert f"got real ordinates (type {form}) for the frequency response 7:+Z acceleration" in line
+    assert "expected complex ordinates; export real and imaginary parts" in line
+    assert "imaginary parts that are all zero" in refused(written(tmp_path, dataset_58(size + 0j, function=4)))
+    assert "complex ordinates (type 6)" in refused(written(tmp_path, dataset_58(size + 1j)))
+    (kept,) = read_recording(written(tmp_path, dataset_58(size + 1j, function=4))).channels
+    np.testing.assert_allclose(kept.values, [size + 1j], rtol=1e-12)
+
+
+def test_ordinates_of_an_unknown_type_are_refused(tmp_path):
+    line = refused(written(tmp_path, dataset_58(ANSWER), dataset_58(ANSWER, form=3)))
+    assert (
+        "got ordinates of type 3 for 7:+Z acceleration in dataset 2, expected 2 or 4 (real), 5 or 6 (complex)" in line
+    )
+    uff(tmp_path / "b.uff", 1)
+    data = (tmp_path / "b.uff").read_bytes()
+    assert data.count(b"         4        64") == 1
+    (tmp_path / "b.uff").write_bytes(data.replace(b"         4        64", b"         9        64"))
+    assert "ordinates of type 9" in refused(tmp_path / "b.uff")
+
+
+@pytest.mark.parametrize(
+    "number",
+    [
+        str.lower,
+        lambda text: text.replace("E", "D"),
+        lambda text: text.replace("E", "d"),
+        lambda text: text.replace("E-", "E-0").replace("E+", "E+0"),
+        lambda text: text.replace("E-", "-0").replace("E+", "+0"),
+    ],
+)
+def test_exponents_as_programs_write_them(tmp_path, number):
+    node = dataset(15, f"{7:10d}{0:10d}{0:10d}{0:10d}" + "".join(number(f"{x:.5E}").rjust(13) for x in (0.1, -2, 3e-7)))
+    small = 1e-7 * ANSWER
+    recording = read_recording(written(tmp_path, node, dataset_58(small, start=-0.25, number=number)))
+    (channel,) = recording.channels
+    assert (channel.step, channel.start, recording.places["7"]) == (0.005, -0.25, (0.1, -2, 3e-7))
+    np.testing.assert_array_equal(channel.values[0], [float(f"{value:.12E}") for value in small])
+
+
+def test_datasets_that_nobody_needs_are_passed_over_without_a_word(tmp_path, capfd):
+    groups = dataset(2467, *[f"{1:10d}" * 8, "group", "".join(f"{k:10d}" for k in (7, 1, 0, 0) * 2)])
+    result = dataset(2414, "1", "no numbers", " 1.0D+00 nonsense", "        -1")
+    static = dataset(55, *"abcde", f"{1:10d}{1:10d}{0:10d}{0:10d}{2:10d}{3:10d}", "x", "y", "z")
+    coherence = dataset_58(ANSWER, function=6, number=lambda text: "*")
+    recording = read_recording(written(tmp_path, groups, result, static, coherence, dataset_58(ANSWER)))
+    assert recording.names == ("7:+Z acceleration",)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (dataset_58(ANSWER, number=lambda text: text.replace("E-0", "X-0")), "dataset 2, of type 58: '"),
+        (dataset_58(ANSWER, count=65), "dataset 2, of type 58: 64 values of 7:+Z acceleration, its header says 65"),
+        (dataset(58, "a", "b"), "dataset 2, of type 58: fewer than 11 lines"),
+        (dataset(15, "1 2 3 4 x 6 7"), "dataset 2, of type 15: 'x' is no number"),
+        (dataset(2411, "1 2 3 4", "0.0 1.0"), "dataset 2, of type 2411: 6 numbers, expected seven for each node"),
+        (
+            dataset(55, *"abcde", f"{1:10d}{3:10d}{2:10d}{8:10d}{5:10d}{3:10d}", "", "", "1"),
+            "of type 55: a pole of zero",
+        ),
+        ("    -1\n    58\n", "its last dataset has no end"),
+        ("    -1\nabcdef\n    -1\n", "dataset 2 has no type"),
+        (dataset_58(ANSWER).removesuffix("    -1\n") + dataset_58(ANSWER), "dataset 2 has no end"),
+    ],
+)
+def test_what_is_wrong_with_a_dataset_that_is_needed_is_said(tmp_path, bad, words):
+    assert words in refused(written(tmp_path, dataset_58(ANSWER), bad))
+
+
+def test_binary_values_may_hold_the_bytes_of_a_tag(tmp_path):
+    tag = np.frombuffer(b"\n    -1\n    -1\n ", "<f8")
+    uff(tmp_path / "a.uff", 1, np.concatenate([ANSWER[:4], tag, ANSWER[:4]]))
+    uff(tmp_path / "a.uff", 1, FORCE[:10])
+    (channel,) = read_recording(tmp_path / "a.uff").channels
+    np.testing.assert_array_equal(channel.values, [[*ANSWER[:4], *tag, *ANSWER[:4]], FORCE[:10]])
+
+
+def test_sensors_without_a_node_are_told_apart_by_what_the_file_says_of_them(tmp_path):
+    words = ("left", "right", "top")
+    force = dataset_58(FORCE, end=("", 0, 0), code=13, unit="N", ids=("hammer",))
+    for more in (
+        [{"end": (word, 0, 0)} for word in words],
+        [{"end": ("", 0, 0), "label": word} for word in words],
+        [{"end": ("", 0, 0), "ids": (word,)} for word in words],
+        [{"end": ("", 0, 0), "ids": ("arm", word)} for word in words],
+    ):
+        sensors = [dataset_58(k * ANSWER, **each) for k, each in enumerate(more, 1)]
+        for first in ([], [force]):
+            channels = read_recording(written(tmp_path, *first, *sensors)).channels
+            expected = ["0:S force"] * len(first) + [f"0:S {word} acceleration" for word in words]
+            assert [each.name for each in channels] == expected
+            np.testing.assert_allclose([each.values[0] for each in channels[-3:]], np.outer([1, 2, 3], ANSWER))
+
+
+def test_two_sensors_of_one_node_are_told_apart_and_so_are_references(tmp_path):
+    both = [dataset_58(ANSWER, end=(word, 7, 3)) for word in ("base", "tip")]
+    names = [each.name for each in read_recording(written(tmp_path, *both)).channels]
+    assert names == ["7:+Z base acceleration", "7:+Z tip acceleration"]
+    force = dataset_58(FORCE, end=("", 2, 3), code=13, unit="N")
+    listed = [dataset_58(ANSWER, ids=(word,)) for word in ("base", "tip")]
+    names = [each.name for each in read_recording(written(tmp_path, force, *listed)).channels]
+    assert names == ["2:+Z force", "7:+Z base acceleration", "7:+Z tip acceleration"]
+    pushed = [dataset_58(ANSWER + 1j, function=4, force=(word, 0, 0)) for word in ("hammer", "shaker")]
+    references = [each.reference for each in read_recording(written(tmp_path, *pushed)).channels]
+    assert references == ["0:S hammer force", "0:S shaker force"]
+
+
+def test_sensors_that_nothing_tells_apart_are_refused_with_their_id_lines(tmp_path):
+    sensors = [dataset_58(ANSWER, end=("", 0, 0), ids=("arm", "now")) for _ in range(3)]
+    line = refused(written(tmp_path, *sensors))
+    assert "got 3 functions of 0:S acceleration that nothing tells apart (ID lines: 'arm / now', 'arm / now', " in line
+    assert "expected a node, an entity name or an ID line of its own for each channel" in line
+    mixed = dataset_58(FORCE, end=("", 0, 0), code=0, unit="N"), dataset_58(ANSWER, end=("", 0, 0), code=0)
+    assert "got 2 functions of 0:S that differ in length, sampling or unit" in refused(written(tmp_path, *mixed))
+
+
+def test_hits_stay_blocks_of_one_channel_without_a_node_too(tmp_path):
+    """By as many of the force, or by ID lines that count hits; with a node whatever the ID lines say."""
+    for node, ids, with_force in ((0, "sensor", 1), (0, "Hit {}", 1), (0, "Hit {}", 0), (7, "note {}", 0)):
+        hits = [
+            dataset_58(k * values, end=("", node, 0), code=code, unit=unit, ids=(ids.format(k),))
+            for k in (1, 2, 3)
+            for values, code, unit in [(FORCE, 13, "N"), (ANSWER, 12, "m/s^2")][1 - with_force :]
+        ]
+        channels = read_recording(written(tmp_path, *hits)).channels
+        assert [each.name.rpartition(" ")[2] for each in channels] == ["force", "acceleration"][1 - with_force :]
+        assert channels[-1].name == f"{node}:S acceleration"
+        np.testing.assert_allclose(channels[-1].values, np.outer([1, 2, 3], ANSWER))
+
+
+@pytest.mark.parametrize("form", [2, 4, 5, 6])
+def test_an_abscissa_that_is_even_is_so_whatever_the_flag_says(tmp_path, form):
+    kind = 1 if form in (2, 4) else 4
+    values = ANSWER if kind == 1 else ANSWER + 1j * FORCE
+    x = 0.5 + TIME
+    (channel,) = read_recording(written(tmp_path, dataset_58(values, x, function=kind, form=form, step=0.0))).channels
+    assert (channel.step, channel.start) == (pytest.approx(1 / RATE, rel=1e-4), 0.5)
+    np.testing.assert_allclose(channel.values[0], values, atol=1e-5)
+    (channel,) = read_recording(written(tmp_path, dataset_58(values, x, function=kind, form=form))).channels
+    assert channel.step == 1 / RATE, "as the header says, where both agree"
+    x[40:] += 0.002
+    assert "acceleration at uneven steps, about value" in refused(
+        written(tmp_path, dataset_58(values, x, function=kind, form=form))
+    )
+
+
+def test_an_abscissa_is_even_to_its_last_printed_digit(tmp_path):
+    fast = np.arange(60000) / 51200
+    (channel,) = read_recording(written(tmp_path, dataset_58(fast, fast, step=0.0))).channels
+    assert channel.step == pytest.approx(1 / 51200, rel=1e-5)
+
+
+def test_a_file_of_nodes_passes_and_one_of_other_functions_is_named(tmp_path):
+    node = dataset(15, f"{7:10d}{0:10d}{0:10d}{0:10d}{0.5:13.5E}{0:13.5E}{1:13.5E}")
+    recording = read_recording(written(tmp_path, node))
+    assert (recording.names, recording.places) == ((), {"7": (0.5, 0.0, 1.0)})
+    spectra = [dataset_58(np.abs(ANSWER), function=2) for _ in range(3)]
+    with pytest.raises(NoChannelError, match="got 3 functions of kind auto-spectrum, 1 function of kind coherence, "):
+        read_recording(written(tmp_path, node, *spectra, dataset_58(ANSWER, function=6)))
+    with pytest.raises(NoChannelError, match="got datasets of type 2414, "):
+        read_recording(written(tmp_path, dataset(2414, "1")))
+
+
+def test_when_channels_of_a_universal_file_start(tmp_path):
+    blocks = [dataset_58(ANSWER, start=start) for start in (0.02, 1.5)]
+    force = [dataset_58(FORCE, end=("", 2, 3), code=13, unit="N", start=-0.25) for _ in range(2)]
+    response, hammer = read_recording(written(tmp_path, *blocks, *force)).channels
+    assert (response.start, hammer.start) == ((0.02, 1.5), -0.25)
+
+
+@pytest.mark.parametrize(
+    ("hammer", "tip", "starts"),
+    [
+        ({}, {}, (0.0, 0.0)),
+        ({"wf_start_offset": 0.02}, {}, (0.02, 0.0)),
+        ({"wf_start_time": 10_250_000}, {"wf_start_time": 10_000_000, "wf_start_offset": 0.5}, (0.25, 0.5)),
+        ({"wf_start_time": 10_250_000}, {}, (0.0, 0.0)),
+    ],
+)
+def test_when_channels_of_a_tdms_file_start(tmp_path, hammer, tip, starts):
+    """A clock that only one channel names says nothing of the other."""
+    clock = [
+        {k: np.datetime64(v, "us") if k == "wf_start_time" else v for k, v in each.items()} for each in (hammer, tip)
+    ]
+    tdms(tmp_path / "a.tdms", *clock)
+    assert tuple(each.start for each in read_recording(tmp_path / "a.tdms").channels) == pytest.approx(starts, abs=1e-9)
 
 
 def test_csv(tmp_path):
@@ -218,7 +416,7 @@ def test_an_empty_file_and_another_ending(tmp_path):
 
 @pytest.mark.parametrize(
     ("end", "module", "package"),
-    [("uff", "pyuff", "pyuff"), ("lvm", "lvm_read", "lvm-read"), ("tdms", "nptdms", "npTDMS")],
+    [("lvm", "lvm_read", "lvm-read"), ("tdms", "nptdms", "npTDMS")],
 )
 def test_a_missing_extra_is_said_in_one_line(tmp_path, monkeypatch, end, module, package):
     files(tmp_path)

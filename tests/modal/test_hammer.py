@@ -285,3 +285,91 @@ def test_finished_frequency_responses_of_an_analyser():
     windowed = Recording("a.uff", "", (replace(channel, values=channel.values[:1]),))
     (faded,) = modal_tests(table(force={"decay": 0.5}, response={"decay": 0.5}), {"a.uff": windowed})
     assert faded.frf.decay == 0.5
+
+
+def sampled(start):
+    """Force and acceleration of an oscillator that is hit at 0.1 s, sampled from a time [s] for each hit on."""
+    time = np.asarray(start)[:, None] + np.arange(4 * COUNT) * STEP / 4
+    made = [oscillator(row - 0.1, FREQUENCY, RATIO, MASS, pulse=0.05) for row in time]
+    return (np.array(each)[:, ::4] for each in zip(*made, strict=True))
+
+
+def started(force, answer, starts):
+    """The recording with the times [s] at which force and response start."""
+    made = recording(force, answer)["a.uff"]
+    z, f = made.channels
+    return {"a.uff": replace(made, channels=(replace(z, start=starts[1]), replace(f, start=starts[0])))}
+
+
+@pytest.mark.parametrize("late", [0.02, -0.0237, 0.0004])
+def test_channels_that_start_at_times_of_their_own_are_aligned(late):
+    """Whole steps are cut, the rest of a step is a phase: the response is that of channels that start together."""
+    band, begin = Processing(band=(2.0, 30.0)), np.array([0.0, 0.01, -0.02])
+    force, _ = sampled(begin)
+    _, answer = sampled(begin + late)
+    (test,) = modal_tests(
+        table(), started(force, answer, (tuple(begin.tolist()), tuple((begin + late).tolist()))), band
+    )
+    (wrong,) = modal_tests(table(), recording(force, answer), band)
+    expected = truth(test.frf.decay + 2j * np.pi * test.frf.frequency)
+    np.testing.assert_allclose(test.frf.mean[0, 0], expected, atol=2e-3 * abs(expected).max())
+    before = truth(wrong.frf.decay + 2j * np.pi * wrong.frf.frequency)
+    assert abs(np.angle(wrong.frf.mean[0, 0] / before)).max() > 0.07
+
+
+def test_blocks_that_start_apart_are_cut_each_for_itself():
+    force, answer = blocks()
+    starts = ((0.0, 5.0, 9.0, 20.0), (0.05, 5.0, 8.97, 20.0))
+    cut = np.stack([np.roll(row, -shift) for row, shift in zip(answer, (50, 0, -30, 0), strict=True)])
+    (test,) = modal_tests(table(), started(force, cut, starts))
+    ends = [(50, COUNT), (0, COUNT - 50), (0, COUNT - 50), (0, COUNT - 50)]
+    parts = [np.stack([row[a:b] for row, (a, b) in zip(each, ends, strict=True)]) for each in (force, answer)]
+    (expected,) = modal_tests(table(), recording(*parts))
+    np.testing.assert_array_equal(test.frf.hits, expected.frf.hits)
+
+
+def test_channels_that_start_together_are_left_as_they_are():
+    force, answer = blocks()
+    (expected,) = modal_tests(table(), recording(force, answer))
+    together = (0.1, 7.3, 9.9, 12.0)
+    for starts in ((5.123, 5.123), (together, together)):
+        (test,) = modal_tests(table(), started(force, answer, starts))
+        np.testing.assert_array_equal(test.frf.hits, expected.frf.hits)
+
+
+def test_channels_without_a_common_span_are_refused_with_both_starts():
+    line = refused(table(), started(*blocks(), (1.5, 60.0)))
+    assert "got 'f' from 1.5 to 9.499 s and 'z' from 60 to 67.999 s in 'a.uff', expected channels that overlap" in line
+
+
+def test_lines_of_frequency_responses_that_start_apart():
+    frequency = 0.25 * np.arange(1, 200)
+    full = Channel("z", truth(2j * np.pi * frequency)[None], "m/s^2", 0.25, 0.25, "f", "N")
+    part = replace(full, name="x", values=full.values[:, 8:], start=2.25)
+    rows = table(row("x", "response", direction=(1.0, 0.0, 0.0)))
+    (test,) = modal_tests(rows, {"a.uff": Recording("a.uff", "", (full, part))})
+    np.testing.assert_array_equal(test.frf.frequency, frequency[8:])
+    np.testing.assert_array_equal(test.frf.hits[..., 0, :, :], test.frf.hits[..., 1, :, :])
+    between = {"a.uff": Recording("a.uff", "", (full, replace(part, start=2.3)))}
+    line = refused(rows, between)
+    assert "got 'z' from 0.25 to 49.75 Hz and 'x' from 2.3 to 49.8 Hz in 'a.uff', expected the same lines" in line
+
+
+def test_a_label_that_stands_for_two_sensors_is_said_with_its_id_lines():
+    force, answer = blocks(2)
+    made = recording(force[:1], answer)["a.uff"]
+    z, f = made.channels
+    line = refused(table(), {"a.uff": replace(made, channels=(replace(z, notes=("left, run 1", "right, run 1")), f))})
+    assert "got 2 blocks of 'z' and 1 of 'f' in 'a.uff' (ID lines: 'left, run 1', 'right, run 1')" in line
+    assert "got channels of different lengths in 'a.uff'" in refused(table(), recording(force, answer[:, :-1]))
+
+
+def test_a_file_of_nodes_passes_unless_it_alone_is_named():
+    nodes = Recording("b.uff", "", (), places={"1": (0.0, 0.0, 0.0)})
+    made = recording(*blocks()) | {"b.uff": nodes}
+    (expected,) = modal_tests(table(), recording(*blocks()))
+    pattern = ChannelTable("channels.csv", "", tuple(replace(each, file="*.uff") for each in table().rows))
+    for rows in (table(), pattern):
+        np.testing.assert_array_equal(modal_tests(rows, made)[0].frf.hits, expected.frf.hits)
+    line = refused(table(row("z", "response", file="b.uff")), made)
+    assert "got nodes and no channel in 'b.uff', expected samples over time or frequency responses" in line

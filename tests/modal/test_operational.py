@@ -8,10 +8,13 @@ from ambient_records import RATE, ambient_test, as_record, shaken
 from scipy.stats import binom
 
 from ident.errors import InputError
+from ident.measure.channels import ChannelRow, ChannelTable
+from ident.measure.recordings import Channel, Recording
 from ident.modal.ambient import ROWS, ambient_tests
 from ident.modal.correlations import correlations_of
 from ident.modal.modal_test import Processing
 from ident.modal.operational import operational_modes
+from ident.modal.records import records
 from ident.modal.subspace import realisations
 
 pytestmark = pytest.mark.slow
@@ -210,3 +213,30 @@ def test_files_of_one_posture_are_one_test(record):
     assert test.correlations.duration == pytest.approx(600 - 2 * 0.99)
     with pytest.raises(InputError, match=r"other references than 'ambient\.h5'"):
         ambient_tests([halves[0], as_record(record, references=(1,))], Processing())
+
+
+@pytest.mark.parametrize("late", [7.0, 7.3, -2.46])
+def test_responses_that_start_at_times_of_their_own_are_aligned(late):
+    """Filtered noise is known between its samples: correlations are those of responses that start together."""
+    count, kept = 12000, 11000
+    lines = np.fft.rfftfreq(count)
+    white = np.fft.rfft(np.random.default_rng(2).standard_normal((2, count))) / (1 + (lines / 0.25) ** 24)
+    white[1] += white[0]
+
+    def test_of(first, second, starts):
+        moved = np.fft.irfft(white * np.exp(2j * np.pi * lines * np.array([[first], [second]])), count)[:, :kept]
+        rows = [
+            ChannelRow(where="channels.csv:2", file="a.h5", channel=name, role="response", posture=(0.0,), point="tip",
+                       direction=axis, unit="m/s^2")
+            for name, axis in (("x", (1.0, 0.0, 0.0)), ("z", (0.0, 0.0, 1.0)))
+        ]  # fmt: skip
+        channels = [Channel(n, v[None], "", 1 / RATE, s) for n, v, s in zip("xz", moved, starts, strict=True)]
+        made = records(ChannelTable("channels.csv", "", tuple(rows)), {"a.h5": Recording("a.h5", "", tuple(channels))})
+        return ambient_tests(made, Processing(band=(1.0, 28.0)))[0].correlations.mean
+
+    begin = max(0, round(late))
+    expected = test_of(begin, begin, (3.0, 3.0))
+    np.testing.assert_array_equal(test_of(begin, begin, (0.0, 0.0)), expected)
+    aligned = test_of(0.0, late, (3.0, 3.0 + late / RATE))
+    np.testing.assert_allclose(aligned, expected, atol=2e-3 * abs(expected).max())
+    assert abs(test_of(0.0, late, (3.0, 3.0)) - expected).max() > 0.2 * abs(expected).max()

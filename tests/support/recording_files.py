@@ -40,6 +40,29 @@ def uff(path, binary, data=ANSWER, kind=1, **more):
     pyuff.UFF(str(path)).write_sets(sets, mode="add")
 
 
+def dataset_58(values, x=None, ids=(), end=("", 7, 3), code=12, label="", unit="m/s^2", start=0.0, **more):
+    """A dataset 58 in ASCII, by the records of the format's description; an abscissa x stands before each value."""
+    function, force, step = more.get("function", 1), more.get("force", ("", 2, 3)), more.get("step", 1 / RATE)
+    form, number = more.get("form", 6 if np.iscomplexobj(values) else 4), more.get("number", str)
+    parts = [values.real, values.imag] if form in (5, 6) else [values]
+    widths = [13] * (x is not None) + [20 if form in (4, 6) else 13] * len(parts)
+    points = zip(*([] if x is None else [x]), *parts, strict=True)
+    per_line = 80 // sum(widths)
+    fields = ["".join(number(f"{v:.{w - 8}E}").rjust(w) for v, w in zip(p, widths, strict=True)) for p in points]
+    dof = "".join(f" {entity or 'NONE':<10}{node:10d}{direction:4d}" for entity, node, direction in (end, force))
+    reals = "".join(number(f"{value:.5E}").rjust(13) for value in (start, step, 0.0))
+    axes = [(17, "", "s"), (code, label, unit), (13, "", "N") if function == 4 else (0, "", ""), (0, "", "")]
+    lines = [*ids, *["NONE"] * (5 - len(ids)), f"{function:5d}{0:10d}{0:5d}{0:10d}{dof}"]
+    lines += [f"{form:10d}{more.get('count', len(values)):10d}{int(x is None):10d}{reals}"]
+    lines += [f"{c:10d}{0:5d}{0:5d}{0:5d} {word or 'NONE':<20} {u or 'NONE':<20}" for c, word, u in axes]
+    lines += ["".join(fields[i : i + per_line]) for i in range(0, len(fields), per_line)]
+    return dataset(58, *lines)
+
+
+def dataset(kind, *lines):
+    return "\n".join(["    -1", f"{kind:6d}", *lines, "    -1", ""])
+
+
 def hdf5(path, block=0):
     with h5py.File(path, "w", userblock_size=block) as file:
         file["hit/force"] = FORCE
@@ -50,9 +73,9 @@ def hdf5(path, block=0):
         file["who"].attrs["MATLAB_class"] = b"char"
 
 
-def tdms(path):
-    properties = {"wf_increment": 0.005, "unit_string": "N"}
-    channels = [ChannelObject("hits", "hammer", FORCE, properties), ChannelObject("hits", "tip", ANSWER)]
+def tdms(path, hammer=None, tip=None):
+    properties = {"wf_increment": 0.005, "unit_string": "N"} | (hammer or {})
+    channels = [ChannelObject("hits", "hammer", FORCE, properties), ChannelObject("hits", "tip", ANSWER, tip)]
     with TdmsWriter(str(path)) as writer:
         writer.write_segment(channels)
 

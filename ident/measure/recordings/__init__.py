@@ -5,10 +5,10 @@ import importlib
 from pathlib import Path
 
 from ident.errors import InputError, Problem
-from ident.measure.recordings.recording import Channel, Recording, Shape
+from ident.measure.recordings.recording import Channel, NoChannelError, Recording, Shape
 from ident.text import one_line, read_bytes
 
-__all__ = ["ENDINGS", "Channel", "Recording", "Shape", "is_recording", "read_recording"]
+__all__ = ["ENDINGS", "Channel", "NoChannelError", "Recording", "Shape", "is_recording", "read_recording"]
 
 ENDINGS = {
     **dict.fromkeys((".uff", ".unv", ".uf", ".bunv"), "universal"),
@@ -37,9 +37,10 @@ def read_recording(path: str | Path) -> Recording:
         path: the file; its ending tells the format.
 
     Returns:
-        Its channels.
+        Its channels, finished modes and nodes.
 
     Raises:
+        NoChannelError: it has none of these.
         InputError: there is no such file, it is damaged or truncated, or the package that reads it is not installed.
     """
     path = Path(path)
@@ -52,6 +53,6 @@ def read_recording(path: str | Path) -> Recording:
         raise InputError(Problem(file, "an empty file", "a recording", "export it anew"))
     module = importlib.import_module(f"ident.measure.recordings.{ENDINGS[path.suffix.lower()]}")
     channels, shapes, places = module.read(path, data)
-    if not channels and not shapes:
-        raise InputError(Problem(file, "no channel", "at least one row of numbers", "export it anew"))
+    if not channels and not shapes and not places:
+        raise NoChannelError(Problem(file, "no channel", "at least one row of numbers", "export it anew"))
     return Recording(str(path), hashlib.sha256(data).hexdigest(), channels, shapes, places)

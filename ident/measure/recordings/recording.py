@@ -20,18 +20,20 @@ class Channel:
         values: (B, T) [unit] samples of B blocks; of a frequency response (B, F) [unit / reference_unit], complex.
         unit: as the file says it; empty where it says none.
         step: [s] between samples, or [Hz] between lines; None where the file does not say it.
-        start: [s or Hz] of the first sample or line.
+        start: [s or Hz] of the first sample or line; (B,) [s] of those of each block, where they differ.
         reference: channel of the force, of a frequency response; empty for samples over time.
         reference_unit: the force's unit, as the file says it.
+        notes: (B,) what the file says of each of several blocks, for messages.
     """
 
     name: str
     values: np.ndarray
     unit: str = ""
     step: float | None = None
-    start: float = 0.0
+    start: float | tuple[float, ...] = 0.0
     reference: str = ""
     reference_unit: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Recording:
         channels: in the order of the file.
         shapes: finished modes.
         places: (3,) [as the file] coordinates of nodes, by node, in a frame that only the test knows.
+        holds: what is in it instead of channels, for messages; empty where nothing is to be said.
     """
 
     path: str
@@ -71,6 +74,7 @@ class Recording:
     channels: tuple[Channel, ...]
     shapes: tuple[Shape, ...] = ()
     places: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    holds: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -96,6 +100,10 @@ def columns(name: str, values: Any, **more: Any) -> list[Channel]:
         return []
     table = table.T if table.shape[0] > table.shape[1] else table
     return [Channel(f"{name}:{i}", row[None], **more) for i, row in enumerate(table, 1)]
+
+
+class NoChannelError(InputError):
+    """A sound file holds nothing that a test could take."""
 
 
 def lacking(path: Path, package: str) -> NoReturn:

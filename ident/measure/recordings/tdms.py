@@ -29,7 +29,9 @@ def read(path: Path, data: bytes) -> Contents:
         damaged(path, KIND, f"{len(data)} bytes")
     try:
         file = TdmsFile.read(io.BytesIO(data))
-        found = [_channel(group.name, channel) for group in file.groups() for channel in group.channels()]
+        every = [(group.name, channel) for group in file.groups() for channel in group.channels()]
+        first = _first_time(every)
+        found = [_channel(name, channel, first) for name, channel in every]
     except Exception as error:  # npTDMS lets ValueError, struct and EOF errors of damaged files through
         damaged(path, KIND, error)
     if file.file_status.incomplete_final_segment:
@@ -37,10 +39,21 @@ def read(path: Path, data: bytes) -> Contents:
     return tuple(each for each in found if each is not None), (), {}
 
 
-def _channel(group: str, channel: Any) -> Channel | None:
+def _first_time(every: list[tuple[str, Any]]) -> np.datetime64 | None:
+    """Return the earliest time at which a channel's clock started; None where some channel does not say it."""
+    times = [channel.properties.get("wf_start_time") for _, channel in every]
+    said = [time.astype("datetime64[us]") for time in times if isinstance(time, np.datetime64) and not np.isnat(time)]
+    return min(said) if said and len(said) == len(times) else None
+
+
+def _channel(group: str, channel: Any, first: np.datetime64 | None) -> Channel | None:
+    """Return a channel, whose start counts from the earliest clock of the file."""
     values = np.asarray(channel[:])
     if values.dtype.kind not in "iuf" or values.size < 2:
         return None
-    unit = next((str(channel.properties[name]) for name in UNITS if channel.properties.get(name)), "")
-    step = channel.properties.get("wf_increment")
-    return Channel(f"{group}/{channel.name}", values[None].astype(float), unit, float(step) if step else None)
+    said = channel.properties
+    unit = next((str(said[name]) for name in UNITS if said.get(name)), "")
+    step, start = said.get("wf_increment"), float(said.get("wf_start_offset") or 0.0)
+    if first is not None:
+        start += float((said["wf_start_time"].astype("datetime64[us]") - first) / np.timedelta64(1, "s"))
+    return Channel(f"{group}/{channel.name}", values[None].astype(float), unit, float(step) if step else None, start)

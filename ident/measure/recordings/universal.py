@@ -1,22 +1,23 @@
-"""Universal files (UFF, UNV): datasets 58 in ASCII and binary, 55, 15, 2411 and 151, read by pyuff.
+"""Universal files (UFF, UNV): datasets 58 in ASCII and binary, 55, 15 and 2411; those of other types are passed over.
 
 References:
     I-DEAS universal file formats, University of Cincinnati, Structural Dynamics Research Laboratory.
 """
 
-from collections.abc import Iterable, Mapping
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ident.errors import InputError, Problem
-from ident.measure.recordings.recording import Channel, Contents, Shape, damaged, lacking
-from ident.text import one_line
+from ident.measure.recordings.recording import Channel, Contents, NoChannelError, Shape, damaged
+from ident.text import one_line, quoted
 
 KIND = "a universal file (UFF)"
-TAG = b"    -1"
-"""Line that starts and ends a dataset."""
 DIRECTIONS = {
     0: "S",
     **{sign * k: f"{'+' if sign > 0 else '-'}{name}" for k, name in enumerate(("X", "Y", "Z"), 1) for sign in (1, -1)},
@@ -27,108 +28,462 @@ QUANTITIES = {8: " displacement", 9: " force", 11: " velocity", 12: " accelerati
 """Words for what a function is of, by the number of its specific data type."""
 TIME, RESPONSE = 1, 4
 """Numbers of the functions that are read: samples over time, frequency response."""
+FUNCTIONS = (
+    "unknown", "samples over time", "auto-spectrum", "cross-spectrum", "frequency response", "transmissibility",
+    "coherence", "auto-correlation", "cross-correlation", "power spectral density", "energy spectral density",
+    "probability density", "spectrum",
+)  # fmt: skip
+"""Words for the numbers of functions, from 0."""
+REAL, COMPLEX, DOUBLE = (2, 4), (5, 6), (4, 6)
+"""Types of ordinates: real and complex ones, and those of double precision."""
 MODE = (2, 3, 7)
 """Kinds of analysis of a dataset 55 that are modes: real, and complex of first and second kind."""
+NODES, SHAPE, FUNCTION = (15, 2411), 55, 58
+"""Types of the datasets that are read."""
+HEADER = 11
+"""Lines of a dataset 58 before its values."""
+ROUNDED = 1e-5
+"""Share of the largest abscissa by which E13.5 rounds two of them apart at most."""
+_TAG = rb" {4}-1 *(?=[\r\n]|\Z)"
+_START = re.compile(rb"(?:\A|(?<=[\r\n]))" + _TAG)
+"""Line that starts and ends a dataset."""
+_BINARY_END = re.compile(rb"[\r\n]{0,2}" + _TAG)
+"""The same behind binary values, where it has no line of its own."""
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n)")
+_EXPONENT = re.compile(r"(?<=[\d.])([-+]\d+)$")
+"""An exponent without its letter, as Fortran writes those of three digits."""
+_EVENT = re.compile(
+    r"\b(hits?|impacts?|runs?|records?|blocks?|frames?|measurements?|meas|trials?|shots?|events?|averages?)\b", re.I
+)
+"""A word by which an ID line with a number says when a function was recorded, and not by which sensor."""
 
 
 def read(path: Path, data: bytes) -> Contents:
-    """Return what a universal file holds; datasets of other numbers are passed over."""
-    try:
-        import pyuff
-    except ImportError:
-        lacking(path, "pyuff")
-    _check_whole(path, data)
-    try:
-        sets = pyuff.UFF(str(path)).read_sets()
-    except Exception as error:  # pyuff raises bare exceptions whatever is wrong
-        damaged(path, KIND, error)
-    sets = [sets] if isinstance(sets, dict) else sets
-    functions = [_function(path, each) for each in sets if each.get("type") == 58]
-    shapes = tuple(_shape(each) for each in sets if each.get("type") == 55 and each.get("analysis_type") in MODE)
-    return tuple(_joined(path, filter(None, functions))), shapes, _places(sets)
+    """Return what a universal file holds.
+
+    Raises:
+        NoChannelError: it holds nothing but functions or datasets that are not read.
+    """
+    functions, shapes, places = list[_Function](), list[Shape](), dict[str, tuple[float, float, float]]()
+    others, passed = Counter[str](), set[int]()
+    for dataset in _datasets(path, data):
+        try:
+            if dataset.kind == FUNCTION:
+                function = _function(path, dataset)
+                functions += [function] if isinstance(function, _Function) else []
+                others.update([function] if isinstance(function, str) else [])
+            elif dataset.kind == SHAPE:
+                shapes += _shape(dataset)
+            elif dataset.kind in NODES:
+                places |= _places(dataset)
+            else:
+                passed.add(dataset.kind)
+        except (ValueError, OverflowError) as error:
+            damaged(path, KIND, f"dataset {dataset.number}, of type {dataset.kind}: {one_line(str(error))}")
+    if not functions and not shapes and (others or not places):
+        kinds = [f"{count} function{'s' * (count > 1)} of kind {kind}" for kind, count in others.items()]
+        got = ", ".join(kinds) or f"datasets of type {', '.join(map(str, sorted(passed or {SHAPE})))}"
+        expected = "samples over time, frequency responses or modes"
+        raise NoChannelError(Problem(one_line(str(path)), got, expected, "export one of these"))
+    return tuple(_joined(path, functions)), tuple(shapes), places
 
 
-def _check_whole(path: Path, data: bytes) -> None:
-    """Refuse a file whose last dataset has no end: pyuff would leave it out in silence."""
-    tags = [line.rstrip() == TAG for line in data.replace(b"\r\n", b"\n").split(b"\n") if line.startswith(TAG)]
-    if not sum(tags):
+@dataclass(frozen=True)
+class _Dataset:
+    """A dataset as bytes.
+
+    Attributes:
+        number: of the dataset in its file, from 1.
+        kind: its type.
+        head: the line that says its type.
+        body: what follows that line.
+    """
+
+    number: int
+    kind: int
+    head: str
+    body: bytes
+
+    @property
+    def binary(self) -> bool:
+        return self.head[6:7].lower() == "b"
+
+    @property
+    def lines(self) -> list[str]:
+        return _text(self.body).splitlines()
+
+
+def _datasets(path: Path, data: bytes) -> Iterator[_Dataset]:
+    """Yield the datasets of a file; one without an end refuses the file."""
+    number, at = 0, 0
+    while tag := _START.search(data, at):
+        if number and data[at : tag.start()].strip():
+            damaged(path, KIND, f"dataset {number} has no end")
+        first = _LINE.match(data, tag.end())
+        line = _LINE.match(data, first.end()) if first else None
+        if line is None or not line.group().strip():
+            at = tag.end()
+            break
+        number += 1
+        head = _text(line.group())
+        try:
+            kind = int(head[:6])
+        except ValueError:
+            kind = -1
+        if kind < 0:
+            damaged(path, KIND, f"dataset {number} has no type")
+        binary = kind == FUNCTION and head[6:7].lower() == "b"
+        end = _binary_end(data, line.end(), head) if binary else _START.search(data, line.end())
+        if end is None:
+            damaged(path, KIND, "its last dataset has no end")
+        yield _Dataset(number, kind, head, data[line.end() : end.start()])
+        at = end.end()
+    if not number:
         damaged(path, KIND, "no dataset in it")
-    if not data.rstrip().endswith(TAG.strip()):
+    if data[at:].strip(b" \t\r\n\0\x1a"):
         damaged(path, KIND, "its last dataset has no end")
 
 
-def _function(path: Path, dataset: Mapping[str, Any]) -> Channel | None:
-    """Return a dataset 58 of samples over time or of a frequency response as a channel of one block."""
-    kind, file = dataset["func_type"], one_line(str(path))
-    if kind not in (TIME, RESPONSE):
-        return None
-    name = _degree_of_freedom(dataset, "rsp", "ordinate")
-    if dataset["abscissa_spacing"] != 1:
-        problem = Problem(file, f"{name} at uneven steps", "even steps", "resample it, then export it anew")
-        raise InputError(problem)
-    values, count = np.asarray(dataset["data"]), int(dataset["num_pts"])
-    if len(values) != count:  # more where the header says another precision than the numbers have
-        damaged(path, KIND, f"{len(values)} values of {name}, its header says {count}")
-    step, start = float(dataset["abscissa_inc"]), float(dataset["abscissa_min"])
-    unit = _label(dataset["ordinate_axis_units_lab"])
-    if kind == TIME:
-        return Channel(name, values[None].astype(float), unit, step, start)
-    reference, below = _degree_of_freedom(dataset, "ref", "orddenom"), _label(dataset["orddenom_axis_units_lab"])
+def _binary_end(data: bytes, at: int, head: str) -> re.Match[bytes] | None:
+    """Return the tag behind binary values: where the header says, for the values may hold the same bytes; or the next.
+
+    Args:
+        data: of the file.
+        at: where the line behind its type begins.
+        head: the line that says its type, and how many bytes there are.
+    """
+    _, at = _header(data, at)
+    size = head[31:43].strip()
+    there = _BINARY_END.match(data, at + int(size)) if size.isdecimal() else None
+    return there or _BINARY_END.search(data, at)
+
+
+def _header(data: bytes, at: int = 0) -> tuple[list[str], int]:
+    """Return the lines of a dataset 58 before its values, and where they end."""
+    lines = list[str]()
+    while len(lines) < HEADER and (line := _LINE.match(data, at)):
+        at = line.end()
+        lines.append(_text(line.group()).rstrip("\r\n"))
+    return lines, at
+
+
+def _text(data: bytes) -> str:
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+@dataclass(frozen=True)
+class _Function:
+    """A function as a channel of one block, with what may tell it from others of its node and direction.
+
+    Attributes:
+        channel: called by node, direction and quantity.
+        place: node and direction.
+        labels: entity and label of the ordinate.
+        reference_entity: of the force.
+        identity: ID lines.
+        has_node: whether its own end has one.
+    """
+
+    channel: Channel
+    place: str
+    labels: tuple[str, ...]
+    reference_entity: str
+    identity: tuple[str, ...]
+    has_node: bool
+
+    @property
+    def is_force(self) -> bool:
+        """Whether it is of a force, by its quantity or unit."""
+        return self.channel.name.endswith(" force") or self.channel.unit in ("N", "kN", "lbf")
+
+    def called(self, label: str, reference: str = "") -> "_Function":
+        """Return it with more labels in its names."""
+        name, force = self.channel.name, self.channel.reference
+        name = f"{self.place} {label}{name.removeprefix(self.place)}" if label else name
+        force = " ".join([*force.split(" ")[:1], reference, *force.split(" ")[1:]]) if reference else force
+        return replace(self, channel=replace(self.channel, name=name, reference=force))
+
+
+def _function(path: Path, dataset: _Dataset) -> _Function | str:
+    """Return a dataset 58 of samples over time or of a frequency response; of another kind of function its name."""
+    (header, at), file = _header(dataset.body), one_line(str(path))
+    if len(header) < HEADER:
+        raise ValueError(f"fewer than {HEADER} lines")
+    kind, _, _, _, entity, node, direction, force_entity, force_node, force_direction = _cut(
+        header[5], 5, 10, 5, 10, 11, 10, 4, 11, 10, 4
+    )
+    function = _whole(kind)
+    if function not in (TIME, RESPONSE):
+        return FUNCTIONS[function] if 0 <= function < len(FUNCTIONS) else str(function)
+    ordinates, count, spacing, *abscissa = _cut(header[6], 10, 10, 10, 13, 13)
+    code, _, _, _, label, unit = map(_label, _cut(header[8], 10, 5, 5, 5, 21, 21))
+    force_code, _, _, _, _, below = map(_label, _cut(header[9], 10, 5, 5, 5, 21, 21))
+    place, name = _degree_of_freedom(node, direction, code)
+    form, even = _whole(ordinates), _whole(spacing) == 1
+    if form not in REAL + COMPLEX:
+        got = f"ordinates of type {form} for {name} in dataset {dataset.number}"
+        expected = "2 or 4 (real), 5 or 6 (complex)"
+        raise InputError(Problem(file, got, expected, "export it again in single or double precision"))
+    width = (1 if form in REAL else 2) + (not even)
+    table = _table(dataset, at, form, even).copy()
+    if len(table) != _whole(count) * width:  # more where the header says another precision than the numbers have
+        raise ValueError(f"{len(table) / width:g} values of {name}, its header says {_whole(count)}")
+    table = table.reshape(-1, width)
+    start, step = map(_real, abscissa)
+    if not even:
+        start, step = _even(table[:, 0], step, f"{file}, dataset {dataset.number}", name)
+    if not (np.isfinite(start) and 0 <= step < np.inf):
+        raise ValueError(f"an abscissa from {start:g} in steps of {step:g}")
+    values = table[:, -1] if form in REAL else table[:, -2] + 1.0j * table[:, -1]
+    _check_ordinates(file, name, function, form, values)
+    identity = tuple(_label(each) for each in header[:5])
+    labels, has_node = (_label(entity), label), bool(_whole(node))
+    if function == TIME:
+        channel = Channel(name, values.real[None].astype(float), unit, step or None, start)
+        return _Function(channel, place, labels, "", identity, has_node)
+    _, reference = _degree_of_freedom(force_node, force_direction, force_code)
     numerator = unit.removesuffix(f"/{below}") if below else unit
-    return Channel(name, values[None].astype(complex), numerator, step, start, reference, below)
+    channel = Channel(name, values[None].astype(complex), numerator, step or None, start, reference, below)
+    return _Function(channel, place, labels, _label(force_entity), identity, has_node)
 
 
-def _degree_of_freedom(dataset: Mapping[str, Any], end: str, axis: str) -> str:
-    """Return node, direction and quantity as a name: force and acceleration may be of one node and direction."""
-    quantity = QUANTITIES.get(dataset[f"{axis}_spec_data_type"], "")
-    return f"{dataset[f'{end}_node']}:{DIRECTIONS.get(dataset[f'{end}_dir'], '?')}{quantity}"
+def _check_ordinates(file: str, name: str, function: int, form: int, values: np.ndarray) -> None:
+    """Refuse a frequency response without its phase, and samples over time that are complex."""
+    if function == RESPONSE:
+        real = f"real ordinates (type {form})" if form in REAL else "imaginary parts that are all zero"
+        if form in REAL or (values.any() and not values.imag.any()):
+            got, remedy = f"{real} for the frequency response {name}", "export real and imaginary parts"
+            raise InputError(Problem(file, got, "complex ordinates", remedy))
+    elif values.imag.any():
+        got, remedy = f"complex ordinates (type {form}) for the samples of {name}", "export the samples over time"
+        raise InputError(Problem(file, got, "real ordinates", remedy))
 
 
-def _label(text: Any) -> str:
-    text = str(text or "").strip()
+def _table(dataset: _Dataset, at: int, form: int, even: bool) -> np.ndarray:
+    """Return the numbers of a dataset 58 in their order."""
+    if dataset.binary:
+        order, size = "<" if _whole(dataset.head[7:13]) == 1 else ">", 8 if form in DOUBLE else 4
+        payload = dataset.body[at:]
+        return np.frombuffer(payload[: len(payload) // size * size], f"{order}f{size}").astype(float)
+    widths = [13] if form not in DOUBLE else [20] if even else [13, 20] if form in REAL else [13, 20, 20]
+    lines = _text(dataset.body[at:]).splitlines()
+    return np.array([_number(field) for line in lines for field in _fields(line.rstrip(), widths)], float)
+
+
+def _fields(line: str, widths: Sequence[int]) -> Iterator[str]:
+    """Yield the fields of a line, whose widths repeat."""
+    at = 0
+    for width in cycle(widths):
+        if at >= len(line):
+            return
+        yield line[at : at + width]
+        at += width
+
+
+def _even(abscissa: np.ndarray, step: float, where: str, name: str) -> tuple[float, float]:
+    """Return start and step of an abscissa that the file gives value by value.
+
+    It counts as even to 1 % of a step, and to the last of the six digits that it is printed with.
+
+    Args:
+        abscissa: (T,) [s or Hz]
+        step: [s or Hz] as the header says it, 0 where it says none.
+        where: for a message.
+        name: of the channel, for a message.
+    """
+    if len(abscissa) < 2 or not np.isfinite(abscissa).all():
+        raise ValueError(f"no abscissa of {name}")
+    span, largest = float(abscissa[-1] - abscissa[0]), float(np.abs(abscissa).max())
+    mean = span / (len(abscissa) - 1)
+    rounding = min(ROUNDED * largest, mean) if largest < 100 * span else 0.0
+    wrong = np.abs(abscissa - (abscissa[0] + mean * np.arange(len(abscissa)))) > max(0.01 * mean, rounding)
+    if not mean > 0 or wrong.any():
+        got = f"{name} at uneven steps, about value {int(np.argmax(wrong)) + 1}"
+        raise InputError(Problem(where, got, "even steps", "resample it, then export it anew"))
+    printed = abs(step - mean) <= ROUNDED * mean
+    return float(abscissa[0]), step if printed else mean
+
+
+def _degree_of_freedom(node: str, direction: str, code: str) -> tuple[str, str]:
+    """Return node and direction, and the same with the quantity: force and acceleration may be of one node."""
+    place = f"{_whole(node)}:{DIRECTIONS.get(_whole(direction), '?')}"
+    return place, place + QUANTITIES.get(_whole(code), "")
+
+
+def _label(text: str) -> str:
+    text = text.strip()
     return "" if text.upper() == "NONE" else text
 
 
-def _joined(path: Path, functions: Iterable[Channel]) -> list[Channel]:
+def _cut(line: str, *widths: int) -> list[str]:
+    """Return the fields of a line without blanks about them, as many as there are widths."""
+    ends = np.cumsum(widths)
+    return [line[end - width : end].strip() for end, width in zip(ends, widths, strict=True)]
+
+
+def _whole(text: str) -> int:
+    """Return a whole number; an empty field is 0, as Fortran reads it."""
+    try:
+        return int(text or "0")
+    except ValueError:
+        raise ValueError(f"{quoted(text)} is no whole number") from None
+
+
+def _real(text: str) -> float:
+    return _number(text) if text.strip() else 0.0
+
+
+def _number(text: str) -> float:
+    """Return a number; its exponent may have the letter D, or none before three digits."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return float(_EXPONENT.sub(r"E\1", text.strip().upper().replace("D", "E")))
+    except ValueError:
+        raise ValueError(f"{quoted(text.strip())} is no number") from None
+
+
+def _joined(path: Path, functions: Sequence[_Function]) -> list[Channel]:
     """Return the functions of one channel as its blocks, in the order of the file."""
-    groups: dict[tuple[str, str], list[Channel]] = {}
+    groups: dict[tuple[str, str], list[_Function]] = {}
     for each in functions:
-        groups.setdefault((each.name, each.reference), []).append(each)
-    return [_blocks(path, group) for group in groups.values()]
+        groups.setdefault((each.channel.name, each.channel.reference), []).append(each)
+    parts = [part for group in groups.values() for part in _by_label(group)]
+    return [_blocks(split) for part in parts for split in _by_identity(path, part, parts)]
 
 
-def _blocks(path: Path, group: list[Channel]) -> Channel:
-    first = group[0]
-    for each in group[1:]:
-        if each.values.shape != first.values.shape or each.step != first.step or each.unit != first.unit:
-            got = f"blocks of {first.name} that differ in length, sampling or unit"
-            raise InputError(
-                Problem(one_line(str(path)), got, "blocks that are alike", "put them into files of their own")
-            )
-    values = np.concatenate([each.values for each in group])
-    return Channel(first.name, values, first.unit, first.step, first.start, first.reference, first.reference_unit)
+def _by_label(group: list[_Function]) -> list[list[_Function]]:
+    """Return the functions of one node and direction by entity and label of the ordinate, where these differ."""
+    differ = [i for i in range(2) if len({each.labels[i] for each in group}) > 1]
+    several = len({each.reference_entity for each in group}) > 1
+    parts: dict[tuple[str, str], list[_Function]] = {}
+    for each in group:
+        label = " ".join(filter(None, (each.labels[i] for i in differ)))
+        parts.setdefault((label, each.reference_entity if several else ""), []).append(each)
+    return [[each.called(*key) for each in part] for key, part in parts.items()]
 
 
-def _shape(dataset: Mapping[str, Any]) -> Shape:
-    """Return a dataset 55 of a mode; of a complex one frequency and damping are those of its pole."""
-    if "eig" in dataset:
-        pole = complex(dataset["eig"])
-        frequency, ratio = abs(pole) / (2 * np.pi), -pole.real / abs(pole)
-    else:
-        frequency, ratio = float(dataset["freq"]), float(dataset.get("modal_damp_vis", 0.0))
-    motion = {
-        f"{int(node)}:{DIRECTIONS[k]}": complex(value)
-        for k in (1, 2, 3)
-        for node, value in zip(dataset["node_nums"], dataset.get(f"r{k}", ()), strict=False)
+def _by_identity(path: Path, part: list[_Function], parts: list[list[_Function]]) -> list[list[_Function]]:
+    """Return functions that may be of several sensors by an ID line that tells these apart.
+
+    Several functions of one node and direction are blocks of one channel, hit by hit. They may not be where they are
+    not alike, have no node and as many blocks as no force has, or are the only ones of the file that stand twice. An ID
+    line that other channels have, too, and one that counts hits, says nothing of sensors.
+
+    Raises:
+        InputError: no ID line does.
+    """
+    if len(part) == 1:
+        return [part]
+    finished = bool(part[0].channel.reference)
+    others = [each for each in parts if each is not part and bool(each[0].channel.reference) == finished]
+    hits = any(len(each) == len(part) and each[0].is_force != part[0].is_force for each in others)
+    alone = bool(others) and all(len(each) == 1 for each in others)
+    if _are_alike(part) and (hits or part[0].has_node) and not alone:
+        return [part]
+    for line in (0, 1, 3, 4):  # the third is the date
+        words = [each.identity[line] for each in part]
+        if len(set(words)) < 2 or not all(words):
+            continue
+        if {each.identity[line] for other in others for each in other} & set(words):
+            continue
+        if len({re.sub(r"\d+", "", word) for word in words}) == 1 and _EVENT.search(words[0]):
+            if _are_alike(part):
+                return [part]
+            continue
+        split: dict[str, list[_Function]] = {}
+        for word, each in zip(words, part, strict=True):
+            split.setdefault(word, []).append(each.called(word))
+        if all(map(_are_alike, split.values())):
+            return list(split.values())
+    if _are_alike(part) and part[0].has_node:
+        return [part]
+    alike = "" if _are_alike(part) else "differ in length, sampling or unit, and that "
+    got = f"{len(part)} functions of {part[0].channel.name} that {alike}nothing tells apart"
+    got += f" (ID lines: {', '.join(map(quoted, _identities(part[:4])))})"
+    expected = "a node, an entity name or an ID line of its own for each channel"
+    raise InputError(Problem(one_line(str(path)), got, expected, "name the channels in the program that exports them"))
+
+
+def _identities(part: Sequence[_Function]) -> tuple[str, ...]:
+    """Return the ID lines of functions, each as one text."""
+    return tuple(" / ".join(filter(None, each.identity)) for each in part)
+
+
+def _are_alike(part: Sequence[_Function]) -> bool:
+    """Tell whether functions may be blocks of one channel."""
+    kinds = {
+        (each.channel.values.shape, each.channel.step, each.channel.unit, each.channel.reference and each.channel.start)
+        for each in part
     }
-    return Shape(frequency, ratio, motion, of="pole" if "eig" in dataset else "")
+    return len(kinds) == 1
 
 
-def _places(sets: Iterable[Mapping[str, Any]]) -> dict[str, tuple[float, float, float]]:
-    """Return the coordinates of nodes of datasets 15 and 2411."""
-    places: dict[str, tuple[float, float, float]] = {}
-    for each in sets:
-        if each.get("type") in (15, 2411):
-            rows = zip(each["node_nums"], each["x"], each["y"], each["z"], strict=True)
-            places |= {str(int(node)): (float(x), float(y), float(z)) for node, x, y, z in rows}
-    return places
+def _blocks(part: Sequence[_Function]) -> Channel:
+    first, made = part[0].channel, np.concatenate([each.channel.values for each in part])
+    starts = np.ravel([each.channel.start for each in part])
+    start = tuple(starts.tolist()) if np.ptp(starts) else first.start
+    return replace(first, values=made, start=start, notes=_identities(part) if len(part) > 1 else ())
+
+
+def _shape(dataset: _Dataset) -> list[Shape]:
+    """Return a dataset 55 of a mode; of a complex one frequency and damping are those of its pole."""
+    lines = dataset.lines
+    if len(lines) < 9:
+        raise ValueError("fewer than 9 lines")
+    _, analysis, _, _, form, width = map(_whole, _cut(lines[5], *6 * [10]))
+    if analysis not in MODE:
+        return []
+    if form not in (2, 5) or width < 3:
+        raise ValueError(f"data of type {form} with {width} values a node, expected type 2 or 5 with 3 or 6")
+    first, second, third, *_ = map(_real, _cut(lines[7], *6 * [13]))
+    if analysis == 2:
+        frequency, ratio = first, third
+    else:
+        pole = first + 1.0j * second
+        if not pole:
+            raise ValueError("a pole of zero")
+        frequency, ratio = abs(pole) / (2 * np.pi), -pole.real / abs(pole)
+    nodes, rows = _nodal_values([line for line in lines[8:] if line.strip()], width * (1 if form == 2 else 2))
+    values = rows if form == 2 else rows[:, 0::2] + 1.0j * rows[:, 1::2]
+    motion = {
+        f"{node}:{DIRECTIONS[k]}": complex(value)
+        for k in (1, 2, 3)
+        for node, value in zip(nodes, values[:, k - 1], strict=True)
+    }
+    return [Shape(frequency, ratio, motion, of="" if analysis == 2 else "pole")]
+
+
+def _nodal_values(lines: Sequence[str], count: int) -> tuple[list[int], np.ndarray]:
+    """Return the nodes of a dataset 55 and (nodes, count) their values, which may go on over several lines."""
+    nodes, rows, at = list[int](), list[list[float]](), 0
+    while at < len(lines):
+        nodes.append(_whole(lines[at].strip()))
+        row, at = list[float](), at + 1
+        while len(row) < count:
+            if at == len(lines):
+                raise ValueError(f"{len(row)} of {count} values of node {nodes[-1]}")
+            row += [_number(field) for field in _fields(lines[at].rstrip(), [13])]
+            at += 1
+        rows.append(row[:count])
+    return nodes, np.array(rows, float).reshape(-1, count)
+
+
+def _places(dataset: _Dataset) -> dict[str, tuple[float, float, float]]:
+    """Return the coordinates of nodes of a dataset 15, a line each, or 2411, two lines each."""
+    words = [
+        word
+        for line in dataset.lines
+        for word in (
+            line.split() if dataset.kind != 15 or len(line.split()) in (0, 7) else _cut(line, *4 * [10], *3 * [13])
+        )
+    ]
+    if len(words) % 7:
+        raise ValueError(f"{len(words)} numbers, expected seven for each node")
+    rows = np.array([_number(word) for word in words], float).reshape(-1, 7)
+    return {str(int(node)): (float(x), float(y), float(z)) for node, _, _, _, x, y, z in rows}
