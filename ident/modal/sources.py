@@ -1,6 +1,7 @@
 """A file of a modal test in SI: force and responses, each with its place, as the channel table says."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
@@ -13,13 +14,15 @@ from ident.measure.recordings import Channel, Recording
 from ident.measure.recordings.sampling import even_step
 from ident.modal.finished import is_finished
 from ident.modal.frf import Place
-from ident.modal.units import quantity_and_factor
+from ident.modal.units import quantity_and_factor, unit_remark
 from ident.text import did_you_mean, one_line, quoted
 
 ORDER = {"acceleration": 0, "velocity": 1, "length": 2}
 """How often a response is differentiated to give an acceleration."""
 SAME = 1e-6
 """Relative difference of two rates that are the same."""
+STEPS = (1e-9, 1e3)
+"""Sampling intervals [s], or distances of lines [Hz], that can be meant: a rate of 1 mHz shows no vibration."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class Source:
         force: (B, T) [N] samples; None for finished frequency responses.
         full_scale: [N] of the force's input, None where it is not known.
         responses: what answered.
+        remarks: what a reader should know.
     """
 
     file: str
@@ -70,6 +74,7 @@ class Source:
     force: np.ndarray | None
     full_scale: float | None
     responses: tuple[Response, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def state(self) -> tuple[tuple[float, ...], Load, str]:
@@ -121,7 +126,7 @@ def _of_file(name: str, rows: list[ChannelRow], recording: Recording) -> Iterato
         remedy = "give the channel of the hammer or the force cell this role"
         raise InputError(Problem(counting[0].where, got, "a channel of role force", remedy, "role"))
     check_state(counting)
-    finished = any(channel.reference for channel in recording.channels)
+    finished = has_responses(counting, recording)
     if len(forces) > 1 and not finished:
         got = f"{len(forces)} forces in {quoted(name)}"
         remedy = "give each force a file of its own, or the role ignore"
@@ -134,7 +139,7 @@ def _source(
     name: str, force: ChannelRow, rows: list[ChannelRow], every: list[ChannelRow], recording: Recording
 ) -> Source:
     """Return what a file measured of one force."""
-    finished = any(channel.reference for channel in recording.channels)
+    finished = has_responses(rows, recording)
     reference = force.channel if finished else ""
     by_name = {each.name: each for each in recording.channels if each.reference == reference}
     rows = [row for row in rows if row.channel in by_name]
@@ -145,19 +150,58 @@ def _source(
     step = sampling_step(name, every, recording, used, finished)
     below = quantity_and_factor(force, used[0].reference_unit)[1] if finished else 1.0
     responses = tuple(response_of(name, row, by_name[row.channel], below) for row in rows)
-    if len({each.values.shape for each in responses}) > 1:
-        got = f"channels of different lengths in {quoted(name)}"
-        raise InputError(Problem(rows[0].where, got, "the same length", "export them again together", "channel"))
+    check_lengths(name, rows if finished else [force, *rows], used if finished else [used[-1], *used[:-1]])
+    check_moves(name, rows, responses)
     pushed, full_scale = None, None
     if not finished:
         channel = by_name[force.channel]
         _, factor = quantity_and_factor(force, channel.unit)
         pushed = finite(name, channel) * factor
+        if not np.ptp(pushed):
+            got, remedy = f"{quoted(force.channel)} of {quoted(name)} constant at {pushed.flat[0]:.4g} N", _CABLE
+            raise InputError(Problem(force.where, got, "a force with hits", remedy, "channel"))
         full_scale = _full_scale(force)
     return Source(
         name, force.posture, force.load, force.drives, force.decay, step, used[0].start, _place(force), pushed,
-        full_scale, responses,
+        full_scale, responses, tuple(_unit_remarks(name, [force, *rows], used, finished)),
     )  # fmt: skip
+
+
+_CABLE = "look at the cable of the hammer, and which channel of the file is the force"
+
+
+def _unit_remarks(name: str, rows: Sequence[ChannelRow], used: Sequence[Channel], finished: bool) -> Iterator[str]:
+    """Yield which units have been read as something that they mean only here."""
+    units = {each.name: each.unit for each in used} | ({rows[0].channel: used[0].reference_unit} if finished else {})
+    for row in rows:
+        if remark := unit_remark(row, units[row.channel]):
+            yield f"{name}: {remark}"
+
+
+def has_responses(rows: Iterable[ChannelRow], recording: Recording) -> bool:
+    """Tell whether the channels of a file that count are frequency responses: samples may lie beside them."""
+    named = {row.channel for row in rows if row.counts}
+    return any(channel.reference for channel in recording.channels if channel.name in named)
+
+
+def check_lengths(name: str, rows: Sequence[ChannelRow], used: Sequence[Channel]) -> None:
+    """Refuse channels of different numbers of blocks or samples."""
+    first = used[0]
+    for row, each in zip(rows, used, strict=True):
+        if each.values.shape != first.values.shape:
+            counts = [" x ".join(map(str, one.values.shape)) for one in (first, each)]
+            got = f"channels of different lengths in {quoted(name)}: {counts[0]} samples of {quoted(rows[0].channel)},"
+            got = f"{got} {counts[1]} of {quoted(row.channel)}"
+            raise InputError(Problem(row.where, got, "the same length", "export them again together", "channel"))
+
+
+def check_moves(name: str, rows: Sequence[ChannelRow], responses: Sequence[Response]) -> None:
+    """Refuse a channel that says nothing."""
+    for row, each in zip(rows, responses, strict=True):
+        if not np.ptp(each.values):
+            got = f"{quoted(row.channel)} of {quoted(name)} without any motion"
+            remedy = "look at its cable, or give the channel the role ignore"
+            raise InputError(Problem(row.where, got, "a response that moves", remedy, "channel"))
 
 
 def response_of(name: str, row: ChannelRow, channel: Channel, below: float = 1.0) -> Response:
@@ -194,6 +238,9 @@ def finite(name: str, channel: Channel) -> np.ndarray:
     return channel.values
 
 
+_USABLE = "samples over time, or complex frequency responses with their frequencies"
+
+
 def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None:
     """Refuse rows of channels that a file has not, or that stand twice."""
     problems = []
@@ -202,11 +249,27 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
             remedy = did_you_mean(row.channel, recording.names, f"it has {', '.join(recording.names[:8])}")
             expected = f"a channel of {quoted(name)}"
             problems.append(Problem(row.where, quoted(row.channel), expected, remedy, "channel"))
-    names = [row.channel for row in rows]
-    for i, row in enumerate(rows):
-        if row.channel in names[:i]:
-            got = f"{quoted(row.channel)} twice"
-            problems.append(Problem(row.where, got, "each channel once", "keep one", "channel"))
+    by_name: dict[str, list[ChannelRow]] = {}
+    for row in rows:
+        by_name.setdefault(row.channel, []).append(row)
+    for same in by_name.values():
+        if len(same) > 1:
+            got = f"{quoted(same[0].channel)} {'twice' if len(same) == 2 else f'{len(same)} times'}"
+            problems.append(Problem(same[1].where, got, "each channel once", "keep one", "channel"))
+    counts = Counter((channel.name, channel.reference) for channel in recording.channels)
+    twice = {channel for (channel, _), count in counts.items() if count > 1}
+    flawed = {channel.name: channel for channel in recording.channels if channel.flaw}
+    for channel, (row, *_) in by_name.items():
+        if channel in twice and row.role != IGNORED:
+            got, remedy = (
+                f"{quoted(channel)} twice in {quoted(name)}",
+                "give each channel of the file a name of its own",
+            )
+            problems.append(Problem(row.where, got, "one channel of this name", remedy, "channel"))
+        elif channel in flawed and row.role != IGNORED:
+            got = f"{quoted(channel)} of {quoted(name)}: {flawed[channel].flaw}"
+            remedy = flawed[channel].remedy or "give the channel the role ignore"
+            problems.append(Problem(row.where, got, _USABLE, remedy, "channel"))
     if problems:
         raise InputError(problems)
 
@@ -230,6 +293,11 @@ def sampling_step(
         channel = next(each for each in recording.channels if each.name == times[0].channel)
         factor = quantity_and_factor(times[0], channel.unit)[1]
         said.add(even_step(channel.values[0] * factor, one_line(name), channel.name))
+        for each in used:
+            if each.values.shape[1] != channel.values.shape[1]:
+                got = f"{channel.values.shape[1]} times for {each.values.shape[1]} samples of {quoted(each.name)}"
+                remedy = "export them again together"
+                raise InputError(Problem(times[0].where, got, "a time for each sample", remedy, "channel"))
     given = [row for row in rows if row.rate]
     if not finished:
         said |= {1 / row.rate for row in given if row.rate}
@@ -239,6 +307,12 @@ def sampling_step(
         raise InputError(
             Problem(where, f"no sampling rate of {quoted(name)}", "one: the file says none", remedy, "rate")
         )
+    for step in said:
+        if not STEPS[0] <= step <= STEPS[1]:
+            what, unit = ("lines", "Hz") if finished else ("samples", "s")
+            got = f"{what} of {quoted(name)} {step:.4g} {unit} apart"
+            expected = f"{STEPS[0]:g} to {STEPS[1]:g} {unit}"
+            raise InputError(Problem(where, got, expected, "correct the sampling of the file, or its unit", "rate"))
     if max(said) > min(said) * (1 + SAME):
         got = f"sampling of {1 / max(said):.6g} and of {1 / min(said):.6g} Hz for {quoted(name)}"
         remedy = "correct the table, or export the channels with one sampling"

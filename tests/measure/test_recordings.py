@@ -174,12 +174,6 @@ def test_lvm(tmp_path):
     np.testing.assert_array_equal(lvm_read.read_str(LVM)[0]["data"][:, 2], tip.values[0])
 
 
-def test_an_lvm_file_loads_no_pickle_that_lies_beside_it(tmp_path):
-    (tmp_path / "a.lvm").write_text(LVM)
-    (tmp_path / "a.lvm.pkl").write_bytes(b"cos\nabort\n(tR.")
-    assert len(read_recording(tmp_path / "a.lvm").channels) == 2
-
-
 def test_tdms(tmp_path):
     tdms(tmp_path / "a.tdms")
     hammer, tip = read_recording(tmp_path / "a.tdms").channels
@@ -218,7 +212,7 @@ def test_an_empty_file_and_another_ending(tmp_path):
 
 @pytest.mark.parametrize(
     ("end", "module", "package"),
-    [("uff", "pyuff", "pyuff"), ("lvm", "lvm_read", "lvm-read"), ("tdms", "nptdms", "npTDMS")],
+    [("uff", "pyuff", "pyuff"), ("tdms", "nptdms", "npTDMS")],
 )
 def test_a_missing_extra_is_said_in_one_line(tmp_path, monkeypatch, end, module, package):
     files(tmp_path)

@@ -146,7 +146,10 @@ UNITS = [
      "neither the file nor the table has one; fill the cell"),
     ("N", None, {}, "got 'N' of channel 'z', expected a unit of response, such as m/s^2, g_0, m/s or mm; "
      "write the unit and the sensitivity into the table"),
-    ("g", None, {}, "got the ambiguous 'g', expected an acceleration unit such as m/s^2; write g_0"),
+    ("g", "m/s^2", {}, "got 'm/s^2' of channel 'z', expected 'g', as in the file; correct one of them"),
+    ("g's", "mm/s^2", {}, "got 'mm/s^2' of channel 'z', expected 'g's', as in the file; correct one of them"),
+    ("mV/g", None, {}, "got 'mV/g' of channel 'z', expected a unit of response"),
+    ("V", "m/s2", {}, "got 'm/s2' of channel 'z', expected 'V', as in the file; give its sensitivity"),
     ("m/s^2", "mm/s^2", {}, "got 'mm/s^2' of channel 'z', expected 'm/s^2', as in the file; correct one of them"),
     ("V", "g_0", {}, "got 'g_0' of channel 'z', expected 'V', as in the file; give its sensitivity"),
     ("m/s^2", "g_0", {"sensitivity": 0.1}, "got a sensitivity of channel 'z', whose file is in 'm/s^2'"),

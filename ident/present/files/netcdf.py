@@ -12,7 +12,7 @@ import numpy as np
 from ident.errors import InputError, Problem
 from ident.files import replace_path
 from ident.present.files.document import EXPECTED, RERUN
-from ident.text import one_line, read_bytes
+from ident.text import LARGEST_BINARY, one_line, read_bytes
 
 if TYPE_CHECKING:
     import xarray
@@ -53,7 +53,7 @@ def write_netcdf_result(
 
 def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
     """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it."""
-    file = BytesIO(read_bytes(path, EXPECTED))
+    file = BytesIO(read_bytes(path, EXPECTED, LARGEST_BINARY))
     with whole(path, "no result to load", EXPECTED, RERUN):
         data = read_group(file, GROUP, mask_and_scale=False)
         arrays = {str(name): part.values for name, part in data.data_vars.items()}
