@@ -198,7 +198,8 @@ def check_lengths(name: str, rows: Sequence[ChannelRow], used: Sequence[Channel]
 def check_moves(name: str, rows: Sequence[ChannelRow], responses: Sequence[Response]) -> None:
     """Refuse a channel that says nothing."""
     for row, each in zip(rows, responses, strict=True):
-        if not np.ptp(each.values):
+        still = not each.values.any() if np.iscomplexobj(each.values) else not np.ptp(each.values)
+        if still:
             got = f"{quoted(row.channel)} of {quoted(name)} without any motion"
             remedy = "look at its cable, or give the channel the role ignore"
             raise InputError(Problem(row.where, got, "a response that moves", remedy, "channel"))

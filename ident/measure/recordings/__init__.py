@@ -60,4 +60,8 @@ def read_recording(path: str | Path) -> Recording:
         channels, shapes, places = module.read(path, data)
     if not channels and not shapes:
         raise InputError(Problem(file, "no channel", "at least one row of numbers", "export it anew"))
+    for channel in channels:
+        if not channel.values.size:
+            got, remedy = f"no sample of {one_line(channel.name)}", "export it again"
+            raise InputError(Problem(file, got, "at least one sample of each channel", remedy))
     return Recording(str(path), hashlib.sha256(data).hexdigest(), channels, shapes, places)

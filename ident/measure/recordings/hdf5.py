@@ -35,13 +35,14 @@ def read(path: Path, data: bytes) -> Contents:
         if not text and "#refs#" not in name and (values := _values(item)) is not None:
             found.append((name, values, next(filter(None, (_said(item, unit) for unit in UNITS)), "")))
 
-    def look(name: bytes, link: Any) -> None:
-        if link.type not in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT):  # a soft one is of this file, and is not followed
-            _leads_away(path, name.decode("utf-8", "replace"), "a link to another file")
+    def away(name: bytes, link: Any) -> bytes | None:  # what it raised, h5py would turn into an error of its own
+        own = link.type in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)  # a soft one is of this file, and is not followed
+        return None if own else name
 
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            file.id.links.visit(look, info=True)
+            if (name := file.id.links.visit(away, info=True)) is not None:
+                _leads_away(path, name.decode("utf-8", "replace"), "a link to another file")
             file.visititems(visit)
     except InputError:
         raise

@@ -7,7 +7,9 @@ References:
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import date
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,8 @@ from ident.text import decode, one_line
 KIND = "a LabVIEW measurement file (LVM)"
 TIMES, COMMENT = "X_Value", "Comment"
 """Names of columns that are no channels."""
+HEADING = ("***", "Channels", "Notes", "Test_", "UUT_", TIMES)
+"""Words with which the heading of a segment begins."""
 EPOCH = 1905
 """Before this year a time of day is LabVIEW's zero: that of a channel without one."""
 _NUMBER = re.compile(r"[+-]?[0-9]*(?:\.(?P<digits>[0-9]*))?(?:[eE](?P<power>[+-]?[0-9]{1,3}))?")
@@ -72,7 +76,7 @@ def read(path: Path, data: bytes) -> Contents:
         promised = max(
             (int(n) for i in range(len(each.names)) if np.isfinite(n := each.number("Samples", i))), default=0
         )
-        if len(each.rows) < promised:
+        if not each.rows or len(each.rows) < promised:
             damaged(path, KIND, f"{len(each.rows)} of {promised} samples")
     file = one_line(str(path))
     return tuple(_joined(file, [list(_channels(file, each)) for each in segments])), (), {}
@@ -85,30 +89,31 @@ def _segments(text: str) -> Iterator[_Segment]:
     file_header: dict[str, list[str]] | None = None
     header: dict[str, list[str]] = {}
     segment: _Segment | None = None
-    special = False
+    special = reading = False
     for number, line in enumerate(lines, 1):
         tag = line.partition(separator)[0].strip()
         blank = not line.strip(separator + " \t")
         if special or tag == "***Start_Special***":
             special = tag != "***End_Special***"
-        elif (
-            segment
-            and not blank
-            and not tag.startswith("*")
-            and (not tag[:1].isalpha() or tag.lower() in ("nan", "inf"))
-        ):
-            segment.rows.append(line.split(separator))
-        elif segment:  # a blank line, or the first of another header
-            yield segment
-            segment, header = None, {}
-        if segment or special or blank or tag == "***End_Special***":
             continue
-        if tag == "***End_of_Header***" and file_header is None:
+        if reading and (blank or tag.startswith(HEADING)):
+            reading, header = False, {}
+        if blank:
+            continue
+        if reading and segment:
+            segment.rows.append(line.split(separator))
+        elif segment and not header and not tag.startswith(HEADING):  # of a file with one heading for all segments
+            yield segment
+            segment, reading = replace(segment, line=number - 1, rows=[line.split(separator)]), True
+        elif tag == "***End_of_Header***" and file_header is None:
             file_header, header = header, {}
         elif tag == TIMES:
+            if segment:
+                yield segment
             mark = (file_header or header).get("Decimal_Separator", ["", ""])[1:2] or [""]
             names = [name.strip() for name in line.split(separator)]
-            segment = _Segment(number, header, names, mark[0].strip() or _mark(lines[number : number + 1], separator))
+            mark_said = mark[0].strip() or _mark(lines[number : number + 1], separator)
+            segment, reading = _Segment(number, header, names, mark_said), True
         elif not tag.startswith("*"):
             header[tag] = line.split(separator)
     if segment:
@@ -140,18 +145,22 @@ def _channels(file: str, segment: _Segment) -> Iterator[Channel]:
             got = f"records of {lengths} samples, each from where {TIMES} starts again"
             remedy = "put them into files of their own"
             raise InputError(Problem(f"{file}:{segment.line}", got, "records of one length", remedy, TIMES))
-        step, start = sampling.step, sampling.start + _offset(segment, label, sampling.label)
+        step, start = sampling.step, sampling.start
+        if label != sampling.label:  # the times are those of another channel
+            later = segment.number("X0", label) - segment.number("X0", sampling.label)
+            start += later if np.isfinite(later) else 0.0
         if segment.label("Delta_X", label) != segment.label("Delta_X", sampling.label):
             step = segment.number("Delta_X", label)
-        quantity = segment.label("X_Dimension", label)
-        flaw = "" if quantity.lower() in ("", "time") else f"values over {one_line(quantity.lower())}, not over time"
+        quantity = segment.label("X_Dimension", label).lower()
+        flaw = "" if quantity in ("", "time") else f"values over {one_line(quantity)}"
         yield Channel(
             segment.names[place],
             np.array(blocks),
             segment.label("Y_Unit_Label", label),
             step if step > 0 else None,
-            start,
+            start + _later(segment, label, labels[0]),
             flaw=flaw,
+            remedy="export the samples over time" if flaw else "",
         )
 
 
@@ -164,23 +173,19 @@ def _labels(segment: _Segment, places: Sequence[int]) -> Sequence[int]:
     return places
 
 
-def _offset(segment: _Segment, label: int, other: int) -> float:
-    """Return how much later [s] a channel starts than another one, by X0 and the time of day."""
-    first, second = (segment.number("X0", i) for i in (label, other))
-    by_clock = [_clock(segment.label("Date", i), segment.label("Time", i)) for i in (label, other)]
-    later = by_clock[0] - by_clock[1] if None not in by_clock else 0.0  # type: ignore[operator]
-    return (first - second if np.isfinite(first - second) else 0.0) + later
+def _later(segment: _Segment, label: int, other: int) -> float:
+    """Return how much later [s] than another one the zero of a channel's times is, by date and time of day."""
+    one, two = (_clock(segment.label("Date", i), segment.label("Time", i)) for i in (label, other))
+    return one - two if one is not None and two is not None else 0.0
 
 
-def _clock(date: str, time: str) -> float | None:
-    """Return date and time of day in seconds from any fixed day; None where there is none."""
-    day, clock = _DATE.fullmatch(date), _CLOCK.fullmatch(time)
-    if not day or not clock or int(day[1]) < EPOCH:
+def _clock(day: str, time: str) -> float | None:
+    """Return date and time of day in seconds from 2010 on; None where there is none."""
+    found, clock = _DATE.fullmatch(day), _CLOCK.fullmatch(time)
+    if not found or not clock or int(found[1]) < EPOCH:
         return None
     try:
-        days = (
-            int(np.datetime64("-".join(part.zfill(2) for part in day.groups()), "D").astype(int)) - 14610
-        )  # from 2010
+        days = (date(*map(int, found.groups())) - date(2010, 1, 1)).days
     except ValueError:
         return None
     return 86400.0 * days + 3600 * int(clock[1]) + 60 * int(clock[2]) + float(clock[3].replace(",", "."))
@@ -215,46 +220,40 @@ def _sampling(file: str, segment: _Segment, column: int, label: int) -> _Samplin
         cells.pop()
     if not cells:
         return _Sampling(label, step, start, (len(segment.rows),))
-    times, digit = _numbers(cells), max(map(_digit, [*cells[:: max(len(cells) // 100, 1)], cells[-1]]))
-    where = f"{file}:{segment.line}"
+    times, digit = _numbers(cells), _digit(*cells[:: max(len(cells) // 100, 1)], cells[-1])
     if not np.isfinite(times).all():
         row = int(np.flatnonzero(~np.isfinite(times))[0])
         got, remedy = "a time that is no number", "export it again with all times"
         raise InputError(Problem(f"{file}:{segment.line + row + 1}", got, "times that increase", remedy, TIMES))
     digit += 4 * float(np.spacing(abs(times).max()))
-    starts = np.flatnonzero(np.diff(times) < -digit) + 1
-    blocks = np.split(times, starts)
-    said = step if step > 0 else None
-    fine = _digit(segment.label("Delta_X", label).replace(segment.mark, "."))
-    steps = [rounded_step(block, digit, said, fine) for block in blocks]
-    if wrong := [i for i, each in enumerate(steps) if each is None]:
-        first = wrong[0]
-        expected = said or float(np.mean(np.diff(blocks[first])))
-        off = abs(blocks[first] - blocks[first][0] - expected * np.arange(len(blocks[first]))) > digit
-        at = max(int(np.argmax(off)), 1)
-        row = (0 if first == 0 else int(starts[first - 1])) + at
-        got = f"a step of {blocks[first][at] - blocks[first][at - 1]:.6g} s"
-        source = "as Delta_X says" if said else "the mean step"
-        remedy = "export evenly sampled waveforms, with their true Delta_X"
-        raise InputError(
-            Problem(
-                f"{where.rpartition(':')[0]}:{segment.line + row + 1}",
-                got,
-                f"{expected:.6g} s, {source}",
-                remedy,
-                TIMES,
-            )
-        )
-    longest = max(range(len(blocks)), key=lambda i: len(blocks[i]))
+    starts = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(times) < -digit)), len(times)]
+    said, fine = step if step > 0 else None, _digit(segment.label("Delta_X", label).replace(segment.mark, "."))
+    steps = []
+    for begin, end in pairwise(starts):
+        even = rounded_step(times[begin:end], digit, said, fine)
+        if even is None:
+            expected = said or float(np.diff(times[begin:end]).mean())
+            late = abs(times[begin:end] - times[begin] - expected * np.arange(end - begin)) > digit
+            row = begin + max(int(np.argmax(late)), 1)
+            got, source = f"a step of {times[row] - times[row - 1]:.6g} s", "by Delta_X" if said else "the mean step"
+            remedy = "export evenly sampled waveforms with their true Delta_X"
+            where = f"{file}:{segment.line + row + 1}"
+            raise InputError(Problem(where, got, f"{expected:.6g} s, {source}", remedy, TIMES))
+        steps.append((end - begin, even))
     start = start if abs(start - times[0]) <= digit else float(times[0])
-    ends = (*(int(each) for each in starts), len(times))
-    return _Sampling(label, steps[longest] or np.nan, start, ends)
+    return _Sampling(label, max(steps)[1], start, tuple(starts[1:]))
 
 
-def _digit(cell: str) -> float:
-    """Return what one more in the last digit of a printed number is."""
-    found = _NUMBER.fullmatch(cell)
-    return 10.0 ** (int(found["power"] or 0) - len(found["digits"] or "")) if found and cell else 0.0
+def _digit(*cells: str) -> float:
+    """Return what one more in the last digit of printed numbers is; some writers leave zeros at the end out."""
+    fixed, floating = [], [0.0]
+    for cell in cells:
+        found = _NUMBER.fullmatch(cell)
+        if found and found["power"] is None:
+            fixed.append(10.0 ** -len(found["digits"] or ""))
+        elif found and _as_number(cell):
+            floating.append(10.0 ** (int(found["power"]) - len(found["digits"] or "")))
+    return min(fixed) if fixed else max(floating)
 
 
 def _numbers(cells: Sequence[str]) -> np.ndarray:

@@ -7,7 +7,7 @@ from ident.errors import InputError, Problem
 UNEVEN = 0.01
 """Largest deviation of a sampling interval from the mean one, as a fraction of it."""
 COARSE = 0.2
-"""Last digit of printed times, as a fraction of their interval, up to which even ones can be told from uneven ones."""
+"""Largest deviation from even times by rounding, as a fraction of their interval."""
 ROUNDED = 0.05
 """Largest error of an interval that a file states in few digits: 0.000020 s for 1 / 51.2 kHz has 2.4 %."""
 
@@ -26,7 +26,7 @@ def even_step(time: np.ndarray, file: str, column: str = "time") -> float:
     worst = int(np.argmax(abs(steps - mean)))
     if not mean > 0 or abs(steps[worst] - mean) > UNEVEN * mean:
         digit = last_digit(time) + 4 * float(np.spacing(abs(time).max()))
-        if mean > 0 and digit <= COARSE * mean and rounded_step(time, digit) is not None:
+        if rounded_step(time, digit) is not None:
             return mean
         got = f"an interval of {steps[worst]:.6g} s before sample {worst + 2}"
         raise InputError(Problem(file, got, f"{mean:.6g} s within 1 %, the mean interval", remedy, column))
@@ -58,4 +58,4 @@ def rounded_step(time: np.ndarray, digit: float, said: float | None = None, fine
         return float("nan")
     mean = float(passed[-1]) / (len(time) - 1)
     agrees = said is None or abs(mean - said) <= min(fine / 2 + digit / (len(time) - 1), ROUNDED * said)
-    return mean if mean > 0 and agrees and float(abs(passed - mean * number).max()) <= digit else None
+    return mean if agrees and float(abs(passed - mean * number).max()) <= min(digit, COARSE * mean) else None
