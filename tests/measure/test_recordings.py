@@ -500,7 +500,7 @@ def test_warnings_of_other_libraries_stay_within(tmp_path, monkeypatch):
         assert read_recording(tmp_path / "a.h5").names == ("a",)
 
 
-@pytest.mark.parametrize("end", [end for end in ENDINGS if end != ".bunv"])
+@pytest.mark.parametrize("end", ENDINGS)
 def test_a_file_that_is_too_large_is_refused_unread(tmp_path, end):
     with (tmp_path / f"a{end}").open("wb") as file:
         file.truncate(8 * 10**9)

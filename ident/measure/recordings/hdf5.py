@@ -2,13 +2,16 @@
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ident.errors import InputError, Problem
 from ident.measure.recordings.recording import Contents, array_channels, damaged
 from ident.text import one_line
+
+if TYPE_CHECKING:
+    import h5py
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = ("unit", "units")
@@ -28,21 +31,17 @@ def read(path: Path, data: bytes) -> Contents:
     found: list[tuple[str, np.ndarray, str]] = []
 
     def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset):
-            return
-        _check_own(path, name, item)
         text = _said(item, "MATLAB_class") in ("char", "cell")
-        if not text and "#refs#" not in name and (values := _values(item)) is not None:
-            found.append((name, values, next(filter(None, (_said(item, unit) for unit in UNITS)), "")))
-
-    def away(name: bytes, link: Any) -> bytes | None:  # what it raised, h5py would turn into an error of its own
-        own = link.type in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)  # a soft one is of this file, and is not followed
-        return None if own else name
+        if isinstance(item, h5py.Dataset) and not text and "#refs#" not in name:
+            values, unit = _values(item), next(filter(None, (_said(item, unit) for unit in UNITS)), "")
+            found.extend([(name, values, unit)] if values is not None else [])
 
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            if (name := file.id.links.visit(away, info=True)) is not None:
-                _leads_away(path, name.decode("utf-8", "replace"), "a link to another file")
+            if away := leads_away(file):
+                remedy = "export it again with all numbers in one file (h5repack)"
+                name, got = map(one_line, away)
+                raise InputError(Problem(one_line(str(path)), got, "a file that holds its own numbers", remedy, name))
             file.visititems(visit)
     except InputError:
         raise
@@ -51,17 +50,27 @@ def read(path: Path, data: bytes) -> Contents:
     return tuple(array_channels(found)), (), {}
 
 
-def _check_own(path: Path, name: str, item: Any) -> None:
-    """Refuse a dataset whose numbers lie in another file, before one is read: it could be any file of the machine."""
-    if item.id.get_create_plist().get_external_count():
-        _leads_away(path, name, "numbers stored in another file")
-    if item.is_virtual and any(source.file_name != "." for source in item.virtual_sources()):
-        _leads_away(path, name, "numbers of another file (a virtual dataset)")
+def leads_away(file: "h5py.File") -> tuple[str, str] | None:
+    """Return what in an HDF5 file leads to another one, by its name, None for nothing; no other file is opened.
 
+    Reading it would bring in any file of the machine that its writer has named.
+    """
+    import h5py
 
-def _leads_away(path: Path, name: str, got: str) -> None:
-    remedy = "export it again with all numbers in one file (h5repack)"
-    raise InputError(Problem(one_line(str(path)), got, "a file that holds its own numbers", remedy, one_line(name)))
+    def linked(name: bytes, link: Any) -> bytes | None:  # what it raised, h5py would turn into an error of its own
+        own = link.type in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)  # a soft one is of this file, and is not followed
+        return None if own else name
+
+    def stored(name: str, item: Any) -> tuple[str, str] | None:
+        if not isinstance(item, h5py.Dataset):
+            return None
+        if item.id.get_create_plist().get_external_count():
+            return name, "numbers stored in another file"
+        virtual = item.is_virtual and any(source.file_name != "." for source in item.virtual_sources())
+        return (name, "numbers of another file (a virtual dataset)") if virtual else None
+
+    name = file.id.links.visit(linked, info=True)
+    return (name.decode("utf-8", "replace"), "a link to another file") if name else file.visititems(stored)
 
 
 def _values(item: Any) -> np.ndarray | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.errors import InputError, Problem
 from ident.files import replace_path
+from ident.measure.recordings.hdf5 import leads_away
 from ident.present.files.document import EXPECTED, RERUN
 from ident.text import LARGEST_BINARY, one_line, read_bytes
 
@@ -73,15 +74,17 @@ def read_group(file: "str | Path | BytesIO", group: str | None = None, **how: An
     """Return a group of a netCDF file with all its variables; a few bytes may claim more than there is memory for.
 
     Raises:
-        ValueError: its variables are larger than `MOST_BYTES`; besides, whatever the libraries raise.
+        ValueError: it leads to another file, or its variables are larger than `MOST_BYTES`; besides, whatever the
+            libraries raise.
     """
     import h5netcdf
     import h5py
     import xarray
 
     h5netcdf.File._writable = False  # of one that it fails to open, and asks for this when that is thrown away
-    with h5py.File(file, "r"):  # what is no such file at all ends here: in h5netcdf it would not end quietly
-        pass
+    with h5py.File(file, "r") as opened:  # what is no such file at all ends here: in h5netcdf it would not end quietly
+        if away := leads_away(opened):
+            raise ValueError(f"{away[0]}: {away[1]}")
     with xarray.open_dataset(file, group=group, engine="h5netcdf", **how) as data:
         if data.nbytes > MOST_BYTES:
             raise ValueError(f"{data.nbytes / 1e9:.3g} GB of numbers")
