@@ -16,6 +16,7 @@ from scipy.io import savemat, wavfile
 
 from ident.errors import InputError
 from ident.measure.recordings import ENDINGS, Channel, matlab, read_recording
+from ident.present.files.netcdf import read_group
 
 
 def refused(path):
@@ -301,6 +302,8 @@ def test_hdf5_that_leads_to_other_files_is_refused_whether_they_are_there_or_not
         (tmp_path / "secret.bin").unlink()
         (tmp_path / "other.h5").unlink(missing_ok=True)
     assert "expected a file that holds its own numbers" in refused(tmp_path / f"a.{end}")
+    with pytest.raises(ValueError, match="another file"):
+        read_group(tmp_path / f"a.{end}")
 
 
 def test_a_soft_link_within_hdf5_is_not_followed(tmp_path):

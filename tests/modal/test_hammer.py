@@ -133,10 +133,11 @@ def test_a_window_of_the_analyser_counts_in_the_decay():
     np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=0, atol=1e-4 * abs(plain.frf.mean).max())
 
 
-def test_sensitivity_and_units_scale_as_they_say():
+@pytest.mark.parametrize("label", ["V", "mV/g", "EU", ""])
+def test_sensitivity_and_units_scale_as_they_say(label):
     force, answer = blocks(noise=0)
     volts = table(response={"unit": "g_0", "sensitivity": 0.1}, force={"unit": "kN"})
-    scaled = recording(force / 1000, answer / 9.80665 * 0.1, units=("V", ""))
+    scaled = recording(force / 1000, answer / 9.80665 * 0.1, units=(label, ""))
     (plain,), (again,) = modal_tests(table(), recording(force, answer)), modal_tests(volts, scaled)
     np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=1e-9)
 
