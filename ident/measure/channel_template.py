@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -56,12 +57,12 @@ def is_table(path: Path) -> bool:
     if path.suffix.lower() not in (".csv", ".txt"):
         return False
     try:
-        with path.open(encoding="utf-8", errors="replace") as file:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
             every = (line.strip() for line in iter(lambda: file.readline(LONGEST_LINE), ""))
             lines = [next((line for line in every if line and not line.startswith("#")), "")]
     except OSError:  # who reads it says so
         return False
-    head = {cell.strip().lower() for cell in lines[0].replace(";", ",").split(",")}
+    head = {cell.strip().lower() for cell in re.split("[,;\t]", lines[0])}
     return {"file", "channel"} <= head or {"kind", "value"} <= head
 
 

@@ -177,6 +177,14 @@ def test_the_table_to_fill_in_says_what_cannot_be_used(tmp_path):
     assert "not to be used: values over frequency without an imaginary part; export the real" in row
 
 
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_channel_table_is_no_recording_however_it_is_saved(tmp_path, delimiter, mark):
+    (tmp_path / "t.csv").write_text(mark + "# of a test\n\n" + HEAD.replace(",", delimiter) + "\n", encoding="utf-8")
+    (tmp_path / "a.csv").write_text("time [s],f [N]\n0,1\n1,2\n")
+    assert list(recordings_of(tmp_path)) == ["a.csv"]
+
+
 def test_a_folder_without_recordings(tmp_path):
     with pytest.raises(InputError, match="a folder without recordings"):
         recordings_of(tmp_path)

@@ -131,7 +131,10 @@ def test_csv_of_frequency_responses(tmp_path, real, imaginary, name):
     assert recording.names == (name, "force")
 
 
-@pytest.mark.parametrize("header", ["frequency [Hz],|H| [g/N],phase [deg]", "Freq (Hz),dB,real H", "f [Hz],a [g],b"])
+@pytest.mark.parametrize(
+    "header",
+    ["frequency [Hz],|H| [g/N],phase [deg]", "Freq (Hz),dB,real H", "f [Hz],a [g],b", "freq [Hz],H [g],imag H [deg]"],
+)
 def test_csv_of_half_a_frequency_response_asks_for_both_parts(tmp_path, header):
     rows = "".join(f"{f!r},{abs(h)!r},{h.real!r}\n" for f, h in zip(LINES.tolist(), RESPONSE.tolist(), strict=True))
     (tmp_path / "a.csv").write_text(f"{header}\n{rows}")

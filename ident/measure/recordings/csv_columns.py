@@ -78,17 +78,17 @@ def _over_frequency(file: str, header: Sequence[str], table: np.ndarray, frequen
         step, start = even_step(scaled, file, "frequency"), float(scaled[0])
     else:
         flaw, remedy = "values over frequencies without a unit", "write it into the header, as in 'frequency [Hz]'"
+    more = f"{EXPORT}, as 'real NAME' and 'imag NAME' in one unit"
     for name, columns in parts.items():
-        real = columns.get("r", columns.get(""))
-        imaginary = columns.get("i")
-        if real is not None and imaginary is not None:
+        real, imaginary = columns.get("r", columns.get("")), columns.get("i")
+        whole = real is not None and imaginary is not None and _unit(header[imaginary]) in ("", _unit(header[real]))
+        if real is not None and imaginary is not None and whole:
             above, below = quotient(_unit(header[real]))
             values = table[:, real] + 1j * table[:, imaginary]
             yield Channel(name, values[None], above, step, start, FORCE, below, flaw, remedy)
-        else:
-            more = f"{EXPORT}, as 'real NAME' and 'imag NAME'"
-            made = (Channel(_name(header[i]), table[:, i][None].copy(), _unit(header[i])) for i in columns.values())
-            yield from (replace(each, flaw=REAL, remedy=more) for each in made)
+        for i in columns.values():
+            if not (whole and i in (real, imaginary)):
+                yield Channel(_name(header[i]), table[:, i][None].copy(), _unit(header[i]), flaw=REAL, remedy=more)
 
 
 def _part(name: str) -> tuple[str, str]:
@@ -179,17 +179,22 @@ def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
         return np.array(texts).astype(float)
     except ValueError:
         pass
+    every = (
+        (where, cell)
+        for (where, cells), numbers in zip(rows, texts, strict=True)
+        for cell, number in zip(cells, numbers, strict=True)
+        if not _is_number(number)
+    )
     findings = Findings()
-    for (where, cells), numbers in zip(rows, texts, strict=True):
-        for cell, number in zip(cells, numbers, strict=True):
-            if not findings and not _is_number(number):
-                findings.attempt(where, "", parse_number, cell, mark)
+    where, cell = next(every, (place, ""))
+    findings.attempt(where, "", parse_number, cell, mark)
     remedy = f"{findings[0].remedy}; or begin lines above the header with #"
     raise InputError(replace(findings[0], expected=f"{findings[0].expected} ({above})", remedy=remedy))
 
 
 def _is_number(text: str) -> bool:
     try:
-        return bool(np.isscalar(float(text)))
+        float(text)
     except ValueError:
         return False
+    return True
