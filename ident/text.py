@@ -2,6 +2,7 @@
 
 import difflib
 import os
+import stat
 from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
@@ -16,6 +17,15 @@ NAME_RULE = "letters, digits, _ and - only, a letter first"
 
 LONGEST_QUOTE = 40
 """Characters of a user's text that a message repeats."""
+
+LARGEST_TEXT = 100_000_000
+"""Bytes of a file that people write: a campaign, a channel table, an arm. A million rows have half of that."""
+
+LARGEST_SAMPLES = 1_000_000_000
+"""Bytes of a table of samples as text: 12 channels at 1 kHz for two hours."""
+
+LARGEST_BINARY = 4_300_000_000
+"""Bytes of a file that only programs write: recordings, results. A WAV file cannot be longer."""
 
 OFF = ("", "0", "off", "no", "n", "false", "f")
 """What switches off what an environment variable switches on."""
@@ -45,18 +55,30 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
     return f"did you mean {near}?" if near else otherwise
 
 
-def read_bytes(path: str | PathLike[str], expected: str) -> bytes:
-    """Return the bytes of a file; `expected` says in an error what the file should be.
+def read_bytes(path: str | PathLike[str], expected: str, largest: int = LARGEST_TEXT) -> bytes:
+    """Return the bytes of a regular file; a pipe or a device may have no end.
+
+    Args:
+        path: the file.
+        expected: what the file should be, for messages.
+        largest: bytes that it may have.
 
     Raises:
-        InputError: there is no such file, or it cannot be read.
+        InputError: there is no such file, it is no regular one, is too large, or cannot be read.
     """
+    where = one_line(str(path))
     try:
+        status = Path(path).stat()
+        if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
+            remedy = "save what it holds as a file, and name that"
+            raise InputError(Problem(where, "a pipe, a device or a socket", f"{expected} in a regular file", remedy))
+        if stat.S_ISREG(status.st_mode) and status.st_size > largest:
+            got, most = f"a file of {status.st_size / 1e6:.0f} MB", f"at most {largest / 1e6:.0f} MB"
+            raise InputError(Problem(where, got, f"{expected} of {most}", "name another file, or split this one"))
         return Path(path).read_bytes()
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
-        remedy = "check the path and its permissions"
-        raise InputError(Problem(one_line(str(path)), reason, expected, remedy)) from None
+        raise InputError(Problem(where, reason, expected, "check the path and its permissions")) from None
 
 
 def decode(data: bytes, file: str) -> str:

@@ -96,6 +96,28 @@ _FRACTIONS = {"": 1.0, "1": 1.0, "-": 1.0, "%": 0.01, "percent": 0.01}
 _SLOPES = {"mm/m": 1e-3, "um/m": 1e-6}
 """How levels show a rotation [rad]: as a slope, the same to a millionth up to 1.7 mm/m."""
 _SPECIAL = {"damping_ratio": _FRACTIONS, "ratio": _FRACTIONS, "rotation": _SLOPES}
+STANDARD_GRAVITY = 9.80665
+"""One g, as accelerometers are scaled [m/s^2]."""
+GRAVITIES = ("g", "G", "gn", "g's", "G's", "gs", "Gs")
+"""What equipment writes for standard gravity, where an acceleration is meant; elsewhere g is a gram."""
+POUNDS = ("lb", "lbs", "LB", "LBS", "Lb", "lbF", "LBF", "Lbf")
+"""What equipment writes for a pound-force, where a force is meant; elsewhere lb is a mass."""
+_POUND_FORCE = 4.4482216152605
+_LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "in": 0.0254, "ft": 0.3048}
+_LENGTH = "(?P<length>" + "|".join(sorted(_LENGTHS, key=len, reverse=True)) + ")"
+_POWER, _SECOND = r"(?:\^|\*\*)?", r"\s*s(?:ec)?\s*"
+_LABELS = {
+    "acceleration": re.compile(
+        rf"{_LENGTH}\s*(?:/{_SECOND}{_POWER}\s*[2²]|/{_SECOND}/{_SECOND}|[\s.·*]*{_SECOND}{_POWER}\s*(?:-2|⁻²))"
+    ),
+    "velocity": re.compile(rf"{_LENGTH}\s*(?:/{_SECOND}|[\s.·*]*{_SECOND}{_POWER}\s*(?:-1|⁻¹))"),
+}
+"""Labels of equipment that are no units by pint's rules: m/s2, m/s/s, ms-2, which is never per square millisecond."""
+_NEWTONS = ("newton", "newtons", "newton(s)")
+_AMBIGUOUS = {
+    "acceleration": dict.fromkeys(GRAVITIES, STANDARD_GRAVITY),
+    "force": dict.fromkeys(POUNDS, _POUND_FORCE),
+}
 _FACTOR = r"(?:°|[^\W\d]\w*)(?:(?:\^|\*\*)-?[0-9])?"
 # Checked before pint sees the text: pint would evaluate numbers, and 9**9**9 takes for ever.
 _EXPRESSION = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/ ]\s*{_FACTOR})*")
@@ -155,8 +177,21 @@ def si_factor(unit: str, quantity: str) -> float:
     if factor is None and _SPECIAL.get(quantity) is not _FRACTIONS:
         factor = _factor(unit, quantity)
     if factor is None:
+        factor = _labelled(unit, quantity)
+    if factor is None:
         raise InputError(_wrong_unit(unit, quantity))
     return factor
+
+
+def sensor_factor(unit: str, quantity: str) -> float | None:
+    """Return the number of SI units in one `unit` of a force, acceleration, ... sensor; None where it is none.
+
+    Other than `si_factor` it takes g for standard gravity and lb for a pound-force.
+    """
+    try:
+        return _AMBIGUOUS.get(quantity, {}).get(unit.strip()) or (si_factor(unit, quantity) if unit else None)
+    except InputError:
+        return None
 
 
 def to_si(value: float, unit: str, quantity: str) -> float:
@@ -177,6 +212,14 @@ def _factor(text: str, quantity: str) -> float | None:
         return _cycles(text, factor, base)
     expected = in_si(QUANTITIES[quantity].si)
     return factor if expected and base == expected[1] else None
+
+
+def _labelled(text: str, quantity: str) -> float | None:
+    """Return SI units in what equipment writes for a unit of a quantity, None where it is none."""
+    if quantity == "force":
+        return 1.0 if text.lower() in _NEWTONS else None
+    label = _LABELS[quantity].fullmatch(text) if quantity in _LABELS else None
+    return _LENGTHS[label["length"]] if label else None
 
 
 def _cycles(text: str, factor: float, base: str) -> float | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ident.errors import InputError
-from ident.units import COMMON, NMM_PER_DEG, registry, si_factor, to_si
+from ident.units import COMMON, NMM_PER_DEG, registry, sensor_factor, si_factor, to_si
 
 
 @pytest.mark.parametrize(
@@ -72,6 +72,41 @@ def test_wrong_units_are_refused_at_once(unit, quantity):
     with pytest.raises(InputError, match=r"^got .*, expected .*; correct the unit$"):
         si_factor(unit, quantity)
     assert time.perf_counter() - start < 10
+
+
+@pytest.mark.parametrize(
+    ("units", "quantity", "factor"),
+    [
+        (["m/s2", "m/s²", "m/s**2", "m/s/s", "m/sec2"], "acceleration", 1),
+        (["ms-2", "ms^-2", "m s-2", "m s^-2", "m.s-2", "m·s⁻²"], "acceleration", 1),
+        (["mm/s2", "mm/s/s", "mms-2", "mm s^-2"], "acceleration", 1e-3),
+        (["um/s2", "µm/s2", "μm/s2"], "acceleration", 1e-6),
+        (["in/s2", "in/s/s", "in/sec2"], "acceleration", 0.0254),
+        (["ms-1", "m s-1", "ms^-1", "m/sec"], "velocity", 1),
+        (["mms-1", "mm s^-1"], "velocity", 1e-3),
+        (["Newton", "Newtons", "NEWTON", "Newton(s)", "newtons"], "force", 1),
+        (["lbf"], "force", 4.4482216152605),
+    ],
+)  # fmt: skip
+def test_labels_of_equipment(units, quantity, factor):
+    """`ms-2` is m s^-2: per square millisecond it would be a million times as much, and no acceleration."""
+    for unit in units:
+        assert si_factor(unit, quantity) == pytest.approx(factor, rel=1e-12), unit
+        assert sensor_factor(unit, quantity) == si_factor(unit, quantity)
+
+
+def test_g_and_lb_of_sensors_are_no_masses_and_elsewhere_nothing_else():
+    for unit in ("g", "G", "g's", "gn"):
+        assert sensor_factor(unit, "acceleration") == 9.80665
+    for unit in ("lb", "LB", "lbs"):
+        assert sensor_factor(unit, "force") == pytest.approx(0.45359237 * 9.80665, rel=1e-12)
+    assert sensor_factor("g", "force") is None
+    assert sensor_factor("V", "acceleration") is None
+    assert sensor_factor("", "acceleration") is None
+    assert (si_factor("g", "mass"), si_factor("lb", "mass")) == (1e-3, pytest.approx(0.45359237))
+    for unit, quantity in (("g", "acceleration"), ("lb", "force"), ("ms-2", "velocity"), ("ms-2", "frequency")):
+        with pytest.raises(InputError):
+            si_factor(unit, quantity)
 
 
 @pytest.mark.parametrize("unit", ["1/s", "Bq", "1 / s", "s**-1", "1/min"])

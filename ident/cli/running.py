@@ -33,7 +33,9 @@ LONGEST_PATH = 200
 
 def start() -> None:
     """Set up jax: double precision, and compiled programs kept from one run to the next."""
-    warnings.filterwarnings("ignore", category=FutureWarning)  # what a library will do is no news to who uses ident
+    warnings.simplefilter(
+        "ignore", append=True
+    )  # what a library warns of is no news to who uses ident; -W says otherwise
     use_few_heaps()
     gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs slow compilation as an error

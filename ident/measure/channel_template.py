@@ -2,15 +2,17 @@
 
 import csv
 import io
+import re
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from ident.errors import InputError, Problem
 from ident.files import replace_file
-from ident.measure.channels import FORCE, RESPONSE, ChannelTable
+from ident.measure.channels import FORCE, QUANTITIES, RESPONSE, TIME, ChannelTable
 from ident.measure.recordings import Channel, NoChannelError, Recording, is_recording, read_recording
 from ident.text import one_line
+from ident.units import sensor_factor
 
 COMMENTS = (
     "Fill in for each channel that counts: role (force, response; time where a channel holds the times), point of the",
@@ -20,6 +22,10 @@ COMMENTS = (
     "window that the analyser has applied. A row without role is left out. `*` in a file's name: any letters.",
     "Without any force: a column harmonics for what turned meanwhile (2.25 Hz @ pulley 1 + 1450 rpm @ pump).",
 )
+LONGEST_LINE = 100_000
+"""Characters of a header: a line of a sparse file has no end."""
+MEASURED = (FORCE, RESPONSE, TIME)
+"""Roles by which a unit may be right, where the file does not tell the role."""
 HEAD = ("file", "channel", "role", "point", "direction", "frame", "unit", "sensitivity", "rate", "decay")
 
 
@@ -70,8 +76,13 @@ def is_table(path: Path) -> bool:
     """Tell whether a CSV file is a channel table or a campaign: its header names none of samples."""
     if path.suffix.lower() not in (".csv", ".txt"):
         return False
-    lines = (line for line in path.read_text("utf-8", "replace").splitlines() if line and not line.startswith("#"))
-    head = {cell.strip().lower() for cell in next(lines, "").replace(";", ",").split(",")}
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            every = (line.strip() for line in iter(lambda: file.readline(LONGEST_LINE), ""))
+            lines = [next((line for line in every if line and not line.startswith("#")), "")]
+    except OSError:  # who reads it says so
+        return False
+    head = {cell.strip().lower() for cell in re.split("[,;\t]", lines[0])}
     return {"file", "channel"} <= head or {"kind", "value"} <= head
 
 
@@ -106,13 +117,29 @@ def _rows(name: str, recording: Recording) -> Iterator[dict[str, str]]:
     by_name = {channel.name: channel for channel in recording.channels}
     for each in recording.names:
         channel = by_name.get(each)
-        role = {"force": FORCE, "acceleration": RESPONSE}.get(each.rpartition(" ")[2], "")
-        note = [_note(channel) if channel else "", _place(recording, each)]
-        unit = channel.unit if channel else ""
+        flawed = channel is not None and bool(channel.flaw)
+        role = {"force": FORCE, "acceleration": RESPONSE}.get(each.rpartition(" ")[2], "") if not flawed else ""
+        said = channel.unit if channel else _force_unit(recording, each)
+        unit = said if _is_taken(said, role) else ""
+        hint = "" if unit == said or flawed else f"in {one_line(said)!r}: write unit and sensitivity"
+        note = [_note(channel) if channel else "", hint, _place(recording, each)]
         yield {"file": name, "channel": each, "role": role, "unit": unit, "note": "; ".join(filter(None, note))}
 
 
+def _force_unit(recording: Recording, force: str) -> str:
+    """Return the unit of a force that frequency responses refer to, empty where they name none."""
+    return next((each.reference_unit for each in recording.channels if each.reference == force), "")
+
+
+def _is_taken(unit: str, role: str) -> bool:
+    """Tell whether a row of this role, or of any, may have a unit: volts are none."""
+    quantities = QUANTITIES[role] if role else dict.fromkeys(each for role in MEASURED for each in QUANTITIES[role])
+    return any(sensor_factor(unit, quantity) is not None for quantity in quantities)
+
+
 def _note(channel: Channel) -> str:
+    if channel.flaw:
+        return f"not to be used: {channel.flaw}; {channel.remedy}"
     blocks, samples = channel.values.shape
     step = f" at {1 / channel.step:.6g} Hz" if channel.step and not channel.reference else ""
     return f"{blocks} x {samples} {'lines' if channel.reference else 'samples'}{step}"

@@ -147,9 +147,22 @@ def read_channels(path: str | Path) -> ChannelTable:
     if findings:
         raise InputError(findings)
     rows = [row for record in records[1:] for row in _row(record, header, delimiter, findings)]
+    findings += _repeated(rows)
     if findings:
         raise InputError(findings)
     return ChannelTable(str(path), hashlib.sha256(data).hexdigest(), tuple(rows))
+
+
+def _repeated(rows: list[ChannelRow]) -> Iterator[Problem]:
+    """Yield one problem for each channel that several rows speak of in the same words, one of which counts."""
+    by_name: dict[tuple[str, str], list[ChannelRow]] = {}
+    for row in rows:
+        by_name.setdefault((row.file, row.channel), []).append(row)
+    for same in by_name.values():
+        if len(same) > 1 and any(row.counts for row in same):
+            count = "twice" if len(same) == 2 else f"{len(same)} times"
+            got = f"{quoted(same[0].channel)} of {quoted(same[0].file)} {count}"
+            yield Problem(same[1].where, got, "each channel once", "keep one row", "channel")
 
 
 def _split(cell: str) -> tuple[str, str]:
@@ -229,6 +242,7 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
         "posture": tuple(
             (mine.attempt(where, name, _number, cell[name], decimal, None) or 0.0) * header.factors[name]
             for name in header.angles
+            if role != TIME
         ),
         "point": cell["point"],
         "joint": cell.get("joint", ""),

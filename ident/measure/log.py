@@ -11,6 +11,7 @@ from jaxtyping import Float
 from ident.errors import InputError, Problem
 from ident.measure.series import TIME, Series, missing_column, parse_series
 from ident.measure.table import Findings, read_table
+from ident.text import LARGEST_SAMPLES
 
 FEWEST_ROWS = 4
 """Fewest rows of a log."""
@@ -54,7 +55,7 @@ def read_log(path: str | Path, joints: Sequence[str]) -> Log:
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    return parse_log(read_table(path), path, joints)
+    return parse_log(read_table(path, LARGEST_SAMPLES), path, joints)
 
 
 def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:

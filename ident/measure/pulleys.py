@@ -12,7 +12,7 @@ from ident.errors import InputError
 from ident.measure.series import parse_series
 from ident.measure.table import Findings, read_table
 from ident.measure.trace import FEWEST_ROWS, Trace
-from ident.text import NAME
+from ident.text import LARGEST_SAMPLES, NAME
 
 FIELDS = {"frequency": "frequency", "angle": "angle"}
 """Columns of a pulley, `drive1.frequency [Hz]` and `drive1.angle [rad]`, and the quantity of each."""
@@ -48,7 +48,7 @@ def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
         return {}
     findings = Findings()
     wanted = {match["name"]: (FIELDS[match["field"]],) for match in there}
-    series = parse_series(read_table(path), path, wanted, FEWEST_ROWS, findings)
+    series = parse_series(read_table(path, LARGEST_SAMPLES), path, wanted, FEWEST_ROWS, findings)
     if findings:
         raise InputError(findings)
     return {

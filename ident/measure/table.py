@@ -12,7 +12,7 @@ from typing import ParamSpec, TypeVar
 
 from ident.errors import InputError, Problem
 from ident.measure.spreadsheet import is_sheet, sheet_text
-from ident.text import decode, one_line, read_bytes
+from ident.text import LARGEST_TEXT, decode, one_line, read_bytes
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -47,11 +47,12 @@ class Findings(list[Problem]):
             return None
 
 
-def read_table(path: str | Path) -> bytes:
+def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
     """Return the bytes of a CSV file, or of an Excel sheet (`.xlsx`).
 
     Raises:
-        InputError: there is no such file, it cannot be read, or its ending says that it is another kind of file.
+        InputError: there is no such file, it cannot be read or has more bytes than `largest`, or its ending says that
+            it is another kind of file.
     """
     if kind := FOREIGN.get(Path(path).suffix.lower()):
         sheet = " or .xlsx" if kind == FOREIGN[".xls"] else ""
@@ -59,7 +60,7 @@ def read_table(path: str | Path) -> bytes:
         if kind == FOREIGN[".toml"]:
             remedy = "name the measurements instead"
         raise InputError(Problem(one_line(str(path)), kind, "a table as CSV", remedy))
-    return read_bytes(path, "a readable CSV file")
+    return read_bytes(path, "a readable CSV file", largest)
 
 
 def table_text(data: bytes, file: str) -> str:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from ident.errors import InputError, Problem
 from ident.measure.series import EXAMPLES, TIME, Series, parse_series
 from ident.measure.table import Findings, read_table
+from ident.text import LARGEST_SAMPLES
 
 DIRECTIONS = ("x", "y", "z")
 """Names of the columns: axes of the base frame."""
@@ -64,7 +65,7 @@ def read_trace(path: str | Path) -> Trace:
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    return parse_trace(read_table(path), path)
+    return parse_trace(read_table(path, LARGEST_SAMPLES), path)
 
 
 def parse_trace(data: bytes, path: str | Path) -> Trace:

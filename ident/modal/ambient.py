@@ -25,8 +25,6 @@ BLOCKS = 120
 """Blocks of a record at most, which are joined later."""
 FEWEST = 20
 """Blocks of twice the lags that a record has at least."""
-STILL = 1e-12
-"""Range of a response's values, as a share of the largest, up to which it is a constant and its rounding."""
 SEGMENTS = 40
 """Segments of a record, of half their length apart, whose spectra are averaged."""
 
@@ -46,7 +44,6 @@ def ambient_tests(records: Sequence[Record], processing: Processing) -> tuple[Am
 def _test(group: list[Record], processing: Processing) -> AmbientTest:
     first = group[0]
     _check_alike(group)
-    _check_moving(group)
     low, high = processing.band or (LOWEST, 1 / (first.step * OVERSAMPLED))
     high = min(high, 1 / (first.step * ANTI_ALIAS))
     factor = max(int(1 / (first.step * OVERSAMPLED * high)), 1)
@@ -116,16 +113,6 @@ def _check_alike(group: Sequence[Record]) -> None:
         if not np.isclose(record.step, first.step, rtol=1e-6):
             got, expected = f"a rate of {1 / record.step:.6g} Hz", f"{1 / first.step:.6g} Hz, as of {first.file}"
             raise InputError(Problem(one_line(record.file), got, expected, "resample one of them"))
-
-
-def _check_moving(group: Sequence[Record]) -> None:
-    """Refuse a response that stays where it is: its sensor was not connected."""
-    for record in group:
-        for each in record.responses:
-            if np.ptp(each.values) <= STILL * np.abs(each.values).max():
-                got = f"{quoted(each.channel)}, which has one value throughout"
-                remedy = "check the sensor and its cable, or give the channel the role ignore"
-                raise InputError(Problem(one_line(record.file), got, "a response that vibrates", remedy, "channel"))
 
 
 def _check_length(first: Record, parts: Sequence[tuple[Record, np.ndarray]], step: float) -> None:

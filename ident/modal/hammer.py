@@ -57,6 +57,10 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
     """Return the test of recorded forces and responses."""
     step = group[0].step
     hits = [find_hits(source.force, step, processing.rest) for source in group if source.force is not None]
+    for source, each in zip(group, hits, strict=True):
+        if not any(hit.end for hit in each):
+            remedy = "look at the cable of the hammer and which channel is the force, or hit harder"
+            raise InputError(Problem(one_line(source.file), "no pulse of the force", "at least one hit", remedy))
     count = min(_samples(hit) for each in hits for hit in each if not hit.flaw or hit.end) if any(hits) else 0
     if count < FEWEST:
         got = f"{max(count, 0)} samples behind a hit"
@@ -74,8 +78,13 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
         got = f"{kept.sum()} lines from {low:.4g} to {high:.4g} Hz"
         raise InputError(Problem(one_line(group[0].file), got, "at least two", "widen the band (`band`)"))
     frf, quality, remarks = _assembled(every, frequency[kept], kept, decay, processing.estimator)
-    remarks += [*_moving(every), *mains_lines(group, frequency[kept])]
+    remarks += [*_moving(every), *mains_lines(group, frequency[kept]), *_of_sources(group)]
     return ModalTest(*group[0].state, _files(group), frf, quality, count * step, rejected, checks(frf), tuple(remarks))
+
+
+def _of_sources(group: Iterable[Source]) -> list[str]:
+    """Return what is said of the files, each once."""
+    return list(dict.fromkeys(remark for source in group for remark in source.remarks))
 
 
 def _moving(every: Iterable[Spectra]) -> Iterator[str]:
@@ -181,4 +190,5 @@ def _of_responses(group: list[Source], processing: Processing) -> ModalTest:
         for source in group
     ]
     frf, quality, remarks = _assembled(every, frequency[kept], kept, max(s.decay for s in group), "h1")
+    remarks += _of_sources(group)
     return ModalTest(*first.state, _files(group), frf, quality, 0.0, (), checks(frf), tuple(remarks))

@@ -62,7 +62,7 @@ def find_hits(force: np.ndarray, step: float, rest: float) -> list[Hit]:
 def _of_block(number: int, force: np.ndarray, level: float) -> Hit:
     peak = float(np.abs(force).max())
     noise = NOISE * _noise(force)
-    if peak <= max(level, noise):
+    if peak <= max(level, noise) or not _stands_out(force):
         return Hit(number, 0, 0, len(force), "no pulse of the force")
     weak = max(REBOUND * peak, noise)
     pulses = _distinct(force, _pulses(force, weak), weak)
@@ -72,11 +72,13 @@ def _of_block(number: int, force: np.ndarray, level: float) -> Hit:
 def _of_record(force: np.ndarray, step: float, rest: float) -> Iterator[Hit]:
     level = max(PULSE * float(np.abs(force).max()), NOISE * _noise(force))
     groups: list[list[tuple[int, int]]] = []
-    for pulse in _pulses(force, level):
+    for pulse in _pulses(force, level) if _stands_out(force) else ():
         if groups and (pulse[0] - groups[-1][-1][1]) * step < rest:
             groups[-1].append(pulse)
         else:
             groups.append([pulse])
+    if not groups:
+        return
     starts = [group[0][0] for group in groups]
     for group, until in zip(groups, [*starts[1:], len(force)], strict=True):
         begin = group[0][0]
@@ -84,6 +86,11 @@ def _of_record(force: np.ndarray, step: float, rest: float) -> Iterator[Hit]:
         weak = max(REBOUND * float(np.abs(near).max()), NOISE * _noise(force))
         pulses = _distinct(near, _pulses(near, weak), weak)
         yield Hit(0, begin + pulses[0][0], begin + pulses[0][1], until, _double(near, pulses))
+
+
+def _stands_out(force: np.ndarray) -> bool:
+    """Tell whether anything rises above the noise about the force's median: a constant offset is no pulse."""
+    return bool(np.abs(force - np.median(force)).max() > NOISE * _noise(force))
 
 
 def _pulses(force: np.ndarray, level: float) -> list[tuple[int, int]]:

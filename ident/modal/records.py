@@ -4,14 +4,22 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-import numpy as np
-
 from ident.errors import InputError, Problem
 from ident.measure.channels import FORCE, REFERENCE, ChannelRow, ChannelTable
 from ident.measure.load import Load
-from ident.measure.recordings import Recording
+from ident.measure.recordings import Channel, Recording
 from ident.measure.speeds import Speed
-from ident.modal.sources import Response, aligned, check_names, check_state, response_of, sampling_step
+from ident.modal.sources import (
+    Response,
+    aligned,
+    check_moves,
+    check_names,
+    check_state,
+    has_responses,
+    response_of,
+    sampling_step,
+)
+from ident.modal.units import unit_remark
 from ident.text import quoted
 
 
@@ -52,8 +60,9 @@ def ambient_files(table: ChannelTable, recordings: Mapping[str, Recording]) -> f
     counting = {
         name: [row for row in table.rows if row.counts and fnmatchcase(name, row.file)]
         for name, recording in recordings.items()
-        if recording.channels and not any(channel.reference for channel in recording.channels)
+        if recording.channels
     }
+    counting = {name: rows for name, rows in counting.items() if not has_responses(rows, recordings[name])}
     pushed = {_state(row) for rows in counting.values() for row in rows if row.role == FORCE}
     return frozenset(name for name, rows in counting.items() if rows and _state(rows[0]) not in pushed)
 
@@ -89,24 +98,22 @@ def _record(name: str, rows: list[ChannelRow], recording: Recording) -> Record:
     step = sampling_step(name, rows, recording, used)
     responses = tuple(
         response_of(name, row, channel, late=late)
-        for row, channel, late in zip(counting, *aligned(name, counting[0].where, used, step), strict=True)
+        for row, channel, late in zip(counting, *aligned(name, counting, used, step), strict=True)
     )
-    _check_moves(name, counting, responses)
+    check_moves(name, counting, responses)
     references = tuple(i for i, row in enumerate(counting) if row.role == REFERENCE)
     speeds = tuple(dict.fromkeys(speed for row in counting for speed in row.harmonics))
     return Record(
         name, *_state(counting[0]), step, responses, references or tuple(range(len(counting))), speeds,
-        tuple(_forces(rows, recording)),
+        (*_forces(rows, recording), *_unit_remarks(name, counting, channels)),
     )  # fmt: skip
 
 
-def _check_moves(name: str, rows: list[ChannelRow], responses: tuple[Response, ...]) -> None:
-    """Refuse a channel that says nothing."""
-    for row, each in zip(rows, responses, strict=True):
-        if not np.ptp(each.values):
-            got = f"{quoted(row.channel)} of {quoted(name)} without any motion"
-            remedy = "look at its cable, or give the channel the role ignore"
-            raise InputError(Problem(row.where, got, "a response that moves", remedy, "channel"))
+def _unit_remarks(name: str, rows: list[ChannelRow], channels: Mapping[str, Channel]) -> Iterator[str]:
+    """Yield which units have been read as something that they mean only here."""
+    for row in rows:
+        if remark := unit_remark(row, channels[row.channel].unit):
+            yield remark
 
 
 def _forces(rows: list[ChannelRow], recording: Recording) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """A file of a modal test in SI: force and responses, each with its place, as the channel table says."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -13,7 +14,7 @@ from ident.measure.recordings import Channel, Recording
 from ident.measure.recordings.sampling import even_step
 from ident.modal.finished import is_finished
 from ident.modal.frf import Place
-from ident.modal.units import quantity_and_factor
+from ident.modal.units import quantity_and_factor, unit_remark
 from ident.text import did_you_mean, one_line, quoted
 
 ORDER = {"acceleration": 0, "velocity": 1, "length": 2}
@@ -22,6 +23,8 @@ SAME = 1e-6
 """Relative difference of two rates that are the same."""
 TOGETHER = 1e-3
 """Share of a step by which samples of two channels may be apart and count as taken together."""
+STEPS = (1e-9, 1e3)
+"""Sampling intervals [s], or distances of lines [Hz], that can be meant: a rate of 1 mHz shows no vibration."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class Source:
         force: (B, T) [N] samples; None for finished frequency responses.
         full_scale: [N] of the force's input, None where it is not known.
         responses: what answered.
+        remarks: what a reader should know.
     """
 
     file: str
@@ -74,6 +78,7 @@ class Source:
     force: np.ndarray | None
     full_scale: float | None
     responses: tuple[Response, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def state(self) -> tuple[tuple[float, ...], Load, str]:
@@ -138,7 +143,7 @@ def _of_file(name: str, rows: list[ChannelRow], recording: Recording) -> Iterato
         remedy = "give the channel of the hammer or the force cell this role"
         raise InputError(Problem(counting[0].where, got, "a channel of role force", remedy, "role"))
     check_state(counting)
-    finished = any(channel.reference for channel in recording.channels)
+    finished = has_responses(counting, recording)
     if len(forces) > 1 and not finished:
         got = f"{len(forces)} forces in {quoted(name)}"
         remedy = "give each force a file of its own, or the role ignore"
@@ -151,7 +156,7 @@ def _source(
     name: str, force: ChannelRow, rows: list[ChannelRow], every: list[ChannelRow], recording: Recording
 ) -> Source:
     """Return what a file measured of one force."""
-    finished = any(channel.reference for channel in recording.channels)
+    finished = has_responses(rows, recording)
     reference = force.channel if finished else ""
     by_name = {each.name: each for each in recording.channels if each.reference == reference}
     rows = [row for row in rows if row.channel in by_name]
@@ -160,32 +165,63 @@ def _source(
         raise InputError(Problem(force.where, got, "a channel of role response", "add its row to the table", "role"))
     used: Sequence[Channel] = ([] if finished else [by_name[force.channel]]) + [by_name[row.channel] for row in rows]
     step = sampling_step(name, every, recording, used, finished)
-    used, late = aligned(name, rows[0].where, used, step)
+    used, late = aligned(name, rows if finished else [force, *rows], used, step)
     below = quantity_and_factor(force, used[0].reference_unit)[1] if finished else 1.0
     responses = tuple(
         response_of(name, row, channel, below, each)
         for row, channel, each in zip(rows, used[-len(rows) :], late[-len(rows) :], strict=True)
     )
+    check_moves(name, rows, responses)
     pushed, full_scale, start = None, None, used[0].start if finished else 0.0
     assert isinstance(start, float), "a reader gives frequency responses of one start as one channel"
     if not finished:
         _, factor = quantity_and_factor(force, used[0].unit)
         pushed = finite(name, used[0]) * factor
+        if not np.ptp(pushed):
+            got, remedy = f"{quoted(force.channel)} of {quoted(name)} constant at {pushed.flat[0]:.4g} N", _CABLE
+            raise InputError(Problem(force.where, got, "a force with hits", remedy, "channel"))
         full_scale = _full_scale(force)
     return Source(
         name, force.posture, force.load, force.drives, force.decay, step, start, _place(force), pushed,
-        full_scale, responses,
+        full_scale, responses, tuple(_unit_remarks(name, [force, *rows], used, finished)),
     )  # fmt: skip
 
 
+_CABLE = "look at the cable of the hammer, and which channel of the file is the force"
+
+
+def _unit_remarks(name: str, rows: Sequence[ChannelRow], used: Sequence[Channel], finished: bool) -> Iterator[str]:
+    """Yield which units have been read as something that they mean only here."""
+    units = {each.name: each.unit for each in used} | ({rows[0].channel: used[0].reference_unit} if finished else {})
+    for row in rows:
+        if remark := unit_remark(row, units[row.channel]):
+            yield f"{name}: {remark}"
+
+
+def has_responses(rows: Iterable[ChannelRow], recording: Recording) -> bool:
+    """Tell whether the channels of a file that count are frequency responses: samples may lie beside them."""
+    named = {row.channel for row in rows if row.counts}
+    return any(channel.reference for channel in recording.channels if channel.name in named)
+
+
+def check_moves(name: str, rows: Sequence[ChannelRow], responses: Sequence[Response]) -> None:
+    """Refuse a channel that says nothing."""
+    for row, each in zip(rows, responses, strict=True):
+        still = not each.values.any() if np.iscomplexobj(each.values) else not np.ptp(each.values)
+        if still:
+            got = f"{quoted(row.channel)} of {quoted(name)} without any motion"
+            remedy = "look at its cable, or give the channel the role ignore"
+            raise InputError(Problem(row.where, got, "a response that moves", remedy, "channel"))
+
+
 def aligned(
-    name: str, where: str, channels: Sequence[Channel], step: float
+    name: str, rows: Sequence[ChannelRow], channels: Sequence[Channel], step: float
 ) -> tuple[Sequence[Channel], Sequence[np.ndarray | None]]:
     """Return the channels of a file cut to the span that all of them have; those that start together stay as they are.
 
     Args:
         name: the file's.
-        where: row of the table, for messages.
+        rows: C rows of the table, for messages.
         channels: C channels of samples, or of frequency responses to one force.
         step: [s or Hz] of all of them.
 
@@ -196,13 +232,16 @@ def aligned(
     Raises:
         InputError: they have different numbers of blocks, different lengths, or no span, or lines, in common.
     """
+    where = rows[0].where
     _check_blocks(name, where, channels)
     starts = np.array([np.broadcast_to(each.start, len(each.values)) for each in channels], float)  # (C, B)
     lengths = np.array([[each.values.shape[1]] for each in channels])
     if (starts == starts[0]).all():
-        if len(set(lengths.ravel())) > 1:
-            got = f"channels of different lengths in {quoted(name)}"
-            raise InputError(Problem(where, got, "the same length", "export them again together", "channel"))
+        for row, each, length in zip(rows, channels, lengths[:, 0], strict=True):
+            if length != lengths[0, 0]:
+                counts = f"{lengths[0, 0]} samples of {quoted(channels[0].name)}, {length} of {quoted(each.name)}"
+                got = f"channels of different lengths in {quoted(name)}: {counts}"
+                raise InputError(Problem(row.where, got, "the same length", "export them again together", "channel"))
         return channels, [None] * len(channels)
     offset = (starts - starts[0]) / step
     whole = np.rint(offset)
@@ -284,6 +323,9 @@ def finite(name: str, channel: Channel) -> np.ndarray:
     return channel.values
 
 
+_USABLE = "samples over time, or complex frequency responses with their frequencies"
+
+
 def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None:
     """Refuse rows of channels that a file has not, or that stand twice."""
     problems = []
@@ -292,11 +334,27 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
             remedy = did_you_mean(row.channel, recording.names, f"it has {', '.join(recording.names[:8])}")
             expected = f"a channel of {quoted(name)}"
             problems.append(Problem(row.where, quoted(row.channel), expected, remedy, "channel"))
-    names = [row.channel for row in rows]
-    for i, row in enumerate(rows):
-        if row.channel in names[:i]:
-            got = f"{quoted(row.channel)} twice"
-            problems.append(Problem(row.where, got, "each channel once", "keep one", "channel"))
+    by_name: dict[str, list[ChannelRow]] = {}
+    for row in rows:
+        by_name.setdefault(row.channel, []).append(row)
+    for same in by_name.values():
+        if len(same) > 1:
+            got = f"{quoted(same[0].channel)} {'twice' if len(same) == 2 else f'{len(same)} times'}"
+            problems.append(Problem(same[1].where, got, "each channel once", "keep one", "channel"))
+    counts = Counter((channel.name, channel.reference) for channel in recording.channels)
+    twice = {channel for (channel, _), count in counts.items() if count > 1}
+    flawed = {channel.name: channel for channel in recording.channels if channel.flaw}
+    for channel, (row, *_) in by_name.items():
+        if channel in twice and row.role != IGNORED:
+            got, remedy = (
+                f"{quoted(channel)} twice in {quoted(name)}",
+                "give each channel of the file a name of its own",
+            )
+            problems.append(Problem(row.where, got, "one channel of this name", remedy, "channel"))
+        elif channel in flawed and row.role != IGNORED:
+            got = f"{quoted(channel)} of {quoted(name)}: {flawed[channel].flaw}"
+            remedy = flawed[channel].remedy or "give the channel the role ignore"
+            problems.append(Problem(row.where, got, _USABLE, remedy, "channel"))
     if problems:
         raise InputError(problems)
 
@@ -320,6 +378,11 @@ def sampling_step(
         channel = next(each for each in recording.channels if each.name == times[0].channel)
         factor = quantity_and_factor(times[0], channel.unit)[1]
         said.add(even_step(channel.values[0] * factor, one_line(name), channel.name))
+        for each in used:
+            if each.values.shape[1] != channel.values.shape[1]:
+                got = f"{channel.values.shape[1]} times for {each.values.shape[1]} samples of {quoted(each.name)}"
+                remedy = "export them again together"
+                raise InputError(Problem(times[0].where, got, "a time for each sample", remedy, "channel"))
     given = [row for row in rows if row.rate]
     if not finished:
         said |= {1 / row.rate for row in given if row.rate}
@@ -329,6 +392,12 @@ def sampling_step(
         raise InputError(
             Problem(where, f"no sampling rate of {quoted(name)}", "one: the file says none", remedy, "rate")
         )
+    for step in said:
+        if not STEPS[0] <= step <= STEPS[1]:
+            what, unit = ("lines", "Hz") if finished else ("samples", "s")
+            got = f"{what} of {quoted(name)} {step:.4g} {unit} apart"
+            expected = f"{STEPS[0]:g} to {STEPS[1]:g} {unit}"
+            raise InputError(Problem(where, got, expected, "correct the sampling of the file, or its unit", "rate"))
     if max(said) > min(said) * (1 + SAME):
         got = f"sampling of {1 / max(said):.6g} and of {1 / min(said):.6g} Hz for {quoted(name)}"
         remedy = "correct the table, or export the channels with one sampling"

@@ -5,10 +5,8 @@ import numpy as np
 from ident.errors import InputError, Problem
 from ident.measure.channels import QUANTITIES, ChannelRow
 from ident.text import quoted
-from ident.units import si_factor
+from ident.units import GRAVITIES, POUNDS, STANDARD_GRAVITY, sensor_factor
 
-GRAVITIES = ("g", "G", "gn", "g's")
-"""What analysers write for standard gravity, which is a gram for everybody else: the table must say g_0."""
 _MOTION = "m/s^2, g_0, m/s or mm"
 EXAMPLES = {"force": "N", "response": _MOTION, "reference": _MOTION, "time": "s"}
 
@@ -30,7 +28,7 @@ def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
         )
     quantity, factor = _measured(row, row.unit or unit)
     if row.sensitivity is not None:
-        if not row.unit or _of(unit, quantity) is not None:
+        if not row.unit or sensor_factor(unit, quantity) is not None:
             got = f"a sensitivity of channel {quoted(row.channel)}, whose file is in {quoted(unit or row.unit)}"
             expected = "numbers of the file for one unit of the table"
             raise InputError(Problem(row.where, got, expected, "leave the cell empty", "sensitivity"))
@@ -43,32 +41,28 @@ def _measured(row: ChannelRow, unit: str) -> tuple[str, float]:
     """Return quantity and factor of a unit, which must be one of what the row's role measures."""
     possible = (row.quantity,) if row.quantity else QUANTITIES[row.role]
     for quantity in possible:
-        factor = _of(unit, quantity)
+        factor = sensor_factor(unit, quantity)
         if factor is not None:
             return quantity, factor
-    if unit in GRAVITIES and "acceleration" in possible:
-        got, remedy = f"the ambiguous {quoted(unit)}", "write g_0 for standard gravity"
-        raise InputError(Problem(row.where, got, "an acceleration unit such as m/s^2", remedy, "unit"))
     named = "displacement" if row.quantity == "length" else row.quantity or row.role
     expected = f"a unit of {named}, such as {EXAMPLES[row.role]}"
     remedy = "correct the unit" if row.unit else "write the unit and the sensitivity into the table"
     raise InputError(Problem(row.where, f"{quoted(unit)} of channel {quoted(row.channel)}", expected, remedy, "unit"))
 
 
-def _of(unit: str, quantity: str) -> float | None:
-    """Return SI units per unit, or None where it is none of that quantity."""
-    try:
-        return si_factor(unit, quantity) if unit else None
-    except InputError:
-        return None
-
-
 def _check_agreement(row: ChannelRow, unit: str, quantity: str, factor: float) -> None:
     """Refuse a unit of the table that contradicts the file's."""
-    if not (row.unit and unit) or (unit in GRAVITIES and quantity == "acceleration"):
+    if not (row.unit and unit):
         return
-    said = _of(unit, quantity)
+    said = sensor_factor(unit, quantity)
     if said is None or not np.isclose(said, factor, rtol=1e-6):
         got = f"{quoted(row.unit)} of channel {quoted(row.channel)}"
         remedy = "give its sensitivity" if said is None else "correct one of them, or leave the cell empty"
         raise InputError(Problem(row.where, got, f"{quoted(unit)}, as in the file", remedy, "unit"))
+
+
+def unit_remark(row: ChannelRow, unit: str) -> str:
+    """Return what is said of a unit that means something else elsewhere; empty for others."""
+    written = row.unit or unit
+    meant = {**dict.fromkeys(GRAVITIES, f"standard gravity, {STANDARD_GRAVITY} m/s^2"), **dict.fromkeys(POUNDS, "lbf")}
+    return f"{quoted(written)} of {quoted(row.channel)} is read as {meant[written]}" if written in meant else ""

@@ -1,10 +1,13 @@
 """`ident modal`: files of a hammer test to frequency responses, and the channel table to fill in."""
 
+import warnings
 from shutil import copy
 
 import pytest
 from commands import files
 from hammer_files import FOLDER
+
+from ident.cli.running import start
 
 pytestmark = pytest.mark.slow
 
@@ -41,6 +44,15 @@ def test_frequency_responses_alone(run, folder):
     code, _, err = run("modal", folder, "--modes", "x=3")
     assert code == 2
     assert "--modes x=3: got 'x', expected the number of a posture" in err
+
+
+def test_warnings_of_libraries_do_not_reach_the_terminal():
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.resetwarnings()
+        start()
+        for kind in (RuntimeWarning, UserWarning, FutureWarning):
+            warnings.warn("of a library", kind, stacklevel=1)
+    assert not seen
 
 
 def test_init_writes_a_table_to_fill_in_and_overwrites_none(run, folder):

@@ -1,5 +1,6 @@
 """Channel tables: what a row says, what it must say, and the table to fill in."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,8 @@ from recording_files import dataset, dataset_58
 from ident.errors import InputError
 from ident.measure.channel_template import recordings_of, write_template
 from ident.measure.channels import read_channels
+from ident.measure.recordings import read_recording
+from ident.modal.sources import sources
 
 HEAD = "file,channel,role,point,joint,position [mm],direction,frame,quantity,unit,sensitivity,q1 [deg],load"
 
@@ -36,6 +39,32 @@ def test_a_row_in_si(tmp_path):
 def test_a_row_without_role_is_left_out_however_little_it_says(tmp_path):
     (row,) = table(tmp_path, "a.uff,1:+Z,,,,,,,,,,,").rows
     assert not row.counts
+
+
+def test_a_channel_of_times_needs_no_posture(tmp_path):
+    _, row = table(tmp_path, "a.csv,f,force,tip,,,z,,,N,,30,", "a.csv,t,time,,,,,,,ms,,,").rows
+    assert (row.role, row.posture, row.unit) == ("time", (), "ms")
+
+
+@pytest.mark.parametrize("row", ["a.csv,f,force,tip,,,z,,,N,,0,", "a.csv,f,response,tip,,,z,body,,g,,0,"])
+def test_many_equal_rows_are_one_mistake(tmp_path, row):
+    assert lines(tmp_path, *[row] * 20_000) == [
+        "channels.csv:3, channel: got 'f' of 'a.csv' 20000 times, expected each channel once; keep one row"
+    ]
+
+
+def test_a_pipe_or_a_file_without_end_is_no_channel_table(tmp_path):
+    path = tmp_path / "channels.csv"
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="got a pipe, a device or a socket, expected a readable CSV file"):
+        read_channels(path)
+    path.unlink()
+    with path.open("wb") as file:
+        file.truncate(8 * 10**9)
+    with pytest.raises(InputError, match="got a file of 8000 MB, expected a readable CSV file of at most 100 MB"):
+        read_channels(path)
+    with pytest.raises(InputError, match="got a file of 8000 MB, expected a recording of at most 1000 MB"):
+        recordings_of(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -92,6 +121,70 @@ def test_the_table_to_fill_in_has_what_the_files_say_and_no_more(tmp_path):
         read_channels(tmp_path / "channels.csv")
     with pytest.raises(InputError, match="got a file that is there, expected none"):
         write_template(tmp_path, tmp_path / "channels.csv", 3)
+
+
+UNITS = [
+    "m/s2",
+    "mm/s2",
+    "in/s2",
+    "m/s/s",
+    "ms-2",
+    "g",
+    "g's",
+    "G",
+    "Newtons",
+    "lbf",
+    "LB",
+    "V",
+    "mV",
+    "mV/g",
+    "EU",
+    "",
+]
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_the_table_to_fill_in_has_units_that_the_program_takes(tmp_path, unit):
+    rows = "".join(f"{k / 100},{k % 7}\n" for k in range(40))
+    (tmp_path / "a.csv").write_text(f"time [s],z [{unit}]\n" + rows)
+    write_template(tmp_path, tmp_path / "channels.csv", 1)
+    text = (tmp_path / "channels.csv").read_text()
+    force = unit in ("Newtons", "lbf", "LB")
+    filled = text.replace(f"a.csv,z,,,,,{unit},", f"a.csv,z,{'force' if force else 'response'},tip,z,,{unit},")
+    if unit in ("V", "mV", "mV/g", "EU", ""):
+        assert "a.csv,z,,,,,,,,," in text
+        assert (f"in '{unit}': write unit and sensitivity" in text) == bool(unit)
+        return
+    assert filled != text
+    head, row = filled.splitlines()[-2:]
+    cells = dict(zip(head.split(","), row.split(","), strict=True)) | {"q1 [deg]": "0"}
+    other = {**cells, "channel": "other", "role": "response" if force else "force", "unit": "m/s^2" if force else "N"}
+    both = "\n".join(",".join(each.values()) for each in (cells, other | {"point": "tip", "direction": "z"}))
+    (tmp_path / "channels.csv").write_text(f"{head}\n{both}\n")
+    (tmp_path / "a.csv").write_text(
+        f"time [s],z [{unit}],other\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(40))
+    )
+    (source,) = sources(read_channels(tmp_path / "channels.csv"), {"a.csv": read_recording(tmp_path / "a.csv")})
+    factor = {"mm/s2": 1e-3, "in/s2": 0.0254, "lbf": 4.4482216152605, "LB": 4.4482216152605}
+    expected = factor.get(unit, 9.80665 if unit[0] in "gG" else 1.0) * (np.arange(40) % 7)
+    np.testing.assert_allclose(source.force[0] if force else source.responses[0].values[0], expected, rtol=1e-12)
+    assert bool(source.remarks) == (unit in ("g", "g's", "G", "LB"))
+
+
+def test_the_table_to_fill_in_says_what_cannot_be_used(tmp_path):
+    (tmp_path / "a.csv").write_text("frequency [Hz],acceleration [g/N]\n" + "".join(f"{k},{k % 7}\n" for k in range(9)))
+    write_template(tmp_path, tmp_path / "channels.csv", 1)
+    row = (tmp_path / "channels.csv").read_text().splitlines()[-1]
+    assert row.startswith("a.csv,acceleration,,")
+    assert "not to be used: values over frequency without an imaginary part; export the real" in row
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_channel_table_is_no_recording_however_it_is_saved(tmp_path, delimiter, mark):
+    (tmp_path / "t.csv").write_text(mark + "# of a test\n\n" + HEAD.replace(",", delimiter) + "\n", encoding="utf-8")
+    (tmp_path / "a.csv").write_text("time [s],f [N]\n0,1\n1,2\n")
+    assert list(recordings_of(tmp_path)) == ["a.csv"]
 
 
 def test_a_folder_without_recordings(tmp_path):

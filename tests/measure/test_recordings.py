@@ -1,17 +1,22 @@
 """Recordings of each format: what other programs have written is read as they meant it; what is damaged is refused."""
 
+import logging
+import os
+import struct
 import warnings
 
+import h5py
 import lvm_read
 import numpy as np
 import pytest
 import pyuff
 from hammer_files import FOLDER, generator
-from recording_files import ANSWER, FORCE, LVM, RATE, TIME, dataset, dataset_58, files, hdf5, tdms, uff
+from recording_files import ANSWER, FORCE, LVM, RATE, TIME, dataset, dataset_58, files, hdf5, lvm, tdms, uff
 from scipy.io import savemat, wavfile
 
 from ident.errors import InputError
-from ident.measure.recordings import NoChannelError, matlab, read_recording
+from ident.measure.recordings import ENDINGS, Channel, NoChannelError, matlab, read_recording
+from ident.present.files.netcdf import read_group
 
 
 def refused(path):
@@ -300,6 +305,60 @@ def test_csv(tmp_path):
     np.testing.assert_allclose([hammer.values[0], tip.values[0]], [FORCE, ANSWER], atol=1e-9)
 
 
+RESPONSE = (ANSWER + 1j * FORCE)[:40]
+LINES = 0.5 + 0.25 * np.arange(40)
+
+
+def assert_responses(channels, names, values=(RESPONSE,)):
+    assert [each.name for each in channels] == names
+    for each, expected in zip(channels, values, strict=True):
+        assert (each.step, each.start, each.reference, each.flaw) == (0.25, 0.5, "force", "")
+        np.testing.assert_allclose(each.values, [expected], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("real", "imaginary", "name"),
+    [("tip", "imag tip", "tip"), ("Re(tip)", "Im(tip)", "tip"), ("tip_real", "tip_imag", "tip"), ("real", "imag", "H")],
+)
+def test_csv_of_frequency_responses(tmp_path, real, imaginary, name):
+    rows = "".join(f"{f!r},{h.real!r},{h.imag!r}\n" for f, h in zip(LINES.tolist(), RESPONSE.tolist(), strict=True))
+    (tmp_path / "a.csv").write_text(f"frequency [Hz],{real} [g/N],{imaginary} [g/N]\n" + rows)
+    recording = read_recording(tmp_path / "a.csv")
+    assert_responses(recording.channels, [name])
+    assert (recording.channels[0].unit, recording.channels[0].reference_unit) == ("g", "N")
+    assert recording.names == (name, "force")
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["frequency [Hz],|H| [g/N],phase [deg]", "Freq (Hz),dB,real H", "f [Hz],a [g],b", "freq [Hz],H [g],imag H [deg]"],
+)
+def test_csv_of_half_a_frequency_response_asks_for_both_parts(tmp_path, header):
+    rows = "".join(f"{f!r},{abs(h)!r},{h.real!r}\n" for f, h in zip(LINES.tolist(), RESPONSE.tolist(), strict=True))
+    (tmp_path / "a.csv").write_text(f"{header}\n{rows}")
+    channels = read_recording(tmp_path / "a.csv").channels
+    assert len(channels) == 2
+    for each in channels:
+        assert each.flaw == "values over frequency without an imaginary part"
+        assert each.remedy.startswith("export the real and the imaginary part")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("DAQ export\n12 May\ntime [s],a [N]\n0,1\n1,2\n", "a.csv:3: got 2 fields"),
+        ("DAQ export\ntime\n0\n1\n", "a.csv:2: got 'time', expected a number"),
+        ("DAQ, export\ntime [s],a [N]\n0,1\n1,2\n", "a.csv:2: got 'time [s]', expected a number"),
+    ],
+)
+def test_csv_with_lines_above_its_header_says_which_line_was_taken_for_it(tmp_path, text, words):
+    (tmp_path / "a.csv").write_text(text)
+    line = refused(tmp_path / "a.csv")
+    assert words in line
+    assert "line 1 was taken for the header: 'DAQ" in line
+    assert "begin lines above the header with #" in line
+
+
 def test_csv_without_units_keeps_its_times_as_a_channel(tmp_path):
     np.savetxt(tmp_path / "a.txt", np.column_stack([TIME, FORCE]), header="t,hammer", comments="", delimiter=",")
     first, second = read_recording(tmp_path / "a.txt").channels
@@ -348,6 +407,113 @@ def test_matlab_5_whose_reader_dies_is_refused(tmp_path, monkeypatch):
     assert "scipy's reader crashes" in refused(tmp_path / "a.mat")
 
 
+def mat_5(path, arrays):
+    savemat(path.with_suffix(".mat"), arrays)
+    return path.with_suffix(".mat")
+
+
+def mat_7_3(path, arrays):
+    """As MATLAB writes it: axes reversed, complex numbers as pairs named real and imag."""
+    with h5py.File(path, "w") as file:
+        for name, values in arrays.items():
+            values = np.atleast_2d(values).T
+            if values.dtype.kind == "c":
+                pairs = np.empty(values.shape, [("real", float), ("imag", float)])
+                pairs["real"], pairs["imag"] = values.real, values.imag
+                values = pairs
+            file[name] = values
+            file[name].attrs["MATLAB_class"] = b"double"
+    return path
+
+
+def plain_hdf5(path, arrays):
+    with h5py.File(path, "w") as file:
+        for name, values in arrays.items():
+            file[name] = values
+    return path
+
+
+each_array_file = pytest.mark.parametrize("write", [mat_5, mat_7_3, plain_hdf5])
+
+
+@each_array_file
+def test_complex_arrays_with_their_frequencies_are_frequency_responses(tmp_path, write):
+    path = write(tmp_path / "a.h5", {"freq": LINES, "H": RESPONSE, "coherence": np.abs(RESPONSE)})
+    *responses, coherence = read_recording(path).channels
+    assert_responses(responses, ["H"])
+    assert "imaginary part" in coherence.flaw
+    path = write(tmp_path / "b.h5", {"freq": LINES, "H": np.stack([RESPONSE, 2 * RESPONSE], 1)})
+    assert_responses(read_recording(path).channels, ["H:1", "H:2"], (RESPONSE, 2 * RESPONSE))
+    both = np.stack([np.stack([RESPONSE, 2 * RESPONSE], 1), np.stack([3 * RESPONSE, 4 * RESPONSE], 1)], 2)
+    found = read_recording(write(tmp_path / "c.h5", {"freq": LINES, "H": both})).channels
+    assert [(each.name, each.reference) for each in found] == [
+        ("H:1", "force:1"), ("H:1", "force:2"), ("H:2", "force:1"), ("H:2", "force:2"),
+    ]  # fmt: skip
+    np.testing.assert_allclose([each.values[0] for each in found], np.outer([1, 3, 2, 4], RESPONSE), rtol=1e-12)
+
+
+@each_array_file
+def test_complex_arrays_without_frequencies_say_what_to_save(tmp_path, write):
+    recording = read_recording(write(tmp_path / "a.h5", {"t": TIME, "force": FORCE, "H": RESPONSE}))
+    assert set(recording.names) == {"t", "force", "H"}
+    assert [each.name for each in recording.channels if each.flaw] == ["H"]
+    assert "as a vector freq of the same length" in values(recording, "H").remedy
+
+
+@each_array_file
+def test_magnitudes_over_frequencies_are_no_samples_but_samples_over_times_are(tmp_path, write):
+    path = write(tmp_path / "a.h5", {"freq": LINES, "mag": np.abs(RESPONSE)})
+    assert [bool(each.flaw) for each in read_recording(path).channels if each.name == "mag"] == [True]
+    path = write(tmp_path / "b.h5", {"t": TIME, "f": FORCE, "a": ANSWER})
+    assert not any(each.flaw for each in read_recording(path).channels)
+
+
+def other_file(file, path):
+    with h5py.File(path.with_name("other.h5"), "w") as other:
+        other["secret"] = ANSWER
+    return "other.h5"
+
+
+def external_storage(file, path):
+    file.create_dataset("b", (8,), "f8", external=[(str(path.with_name("secret.bin")), 0, 64)])
+
+
+def external_link(file, path):
+    file["group/b"] = h5py.ExternalLink(other_file(file, path), "secret")
+
+
+def virtual_dataset(file, path):
+    layout = h5py.VirtualLayout((len(ANSWER),), "f8")
+    layout[:] = h5py.VirtualSource(other_file(file, path), "secret", (len(ANSWER),))
+    file.create_virtual_dataset("b", layout)
+
+
+@pytest.mark.parametrize("end", ["h5", "mat"])
+@pytest.mark.parametrize("lead", [external_storage, external_link, virtual_dataset])
+@pytest.mark.parametrize("there", [True, False])
+def test_hdf5_that_leads_to_other_files_is_refused_whether_they_are_there_or_not(
+    tmp_path, monkeypatch, end, lead, there
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "secret.bin").write_bytes(b"x" * 64)
+    with h5py.File(tmp_path / f"a.{end}", "w") as file:
+        file["a"] = FORCE
+        lead(file, tmp_path / f"a.{end}")
+    if not there:
+        (tmp_path / "secret.bin").unlink()
+        (tmp_path / "other.h5").unlink(missing_ok=True)
+    assert "expected a file that holds its own numbers" in refused(tmp_path / f"a.{end}")
+    with pytest.raises(ValueError, match="another file"):
+        read_group(tmp_path / f"a.{end}")
+
+
+def test_a_soft_link_within_hdf5_is_not_followed(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a"] = FORCE
+        file["b"] = h5py.SoftLink("/a")
+    assert read_recording(tmp_path / "a.h5").names == ("a",)
+
+
 def test_hdf5(tmp_path):
     hdf5(tmp_path / "a.h5")
     recording = read_recording(tmp_path / "a.h5")
@@ -372,10 +538,107 @@ def test_lvm(tmp_path):
     np.testing.assert_array_equal(lvm_read.read_str(LVM)[0]["data"][:, 2], tip.values[0])
 
 
-def test_an_lvm_file_loads_no_pickle_that_lies_beside_it(tmp_path):
-    (tmp_path / "a.lvm").write_text(LVM)
-    (tmp_path / "a.lvm.pkl").write_bytes(b"cos\nabort\n(tR.")
-    assert len(read_recording(tmp_path / "a.lvm").channels) == 2
+def lvm_channels(tmp_path, text):
+    (tmp_path / "a.lvm").write_text(text)
+    return read_recording(tmp_path / "a.lvm").channels
+
+
+MULTI = {
+    "names": ["X_Value", "a", "X_Value", "b", "Comment"],
+    "Samples": (3, "", 2),
+    "Y_Unit_Label": ("", "", "mm/s^2"),
+    "X0": ("0.0", "", "0.02"),
+    "Delta_X": ("0.25", "", "0.5"),
+}
+
+
+def test_units_steps_and_starts_of_an_lvm_file_with_a_column_of_times_for_each_channel(tmp_path):
+    rows = [("0.00", 1, "0.02", 10, "well"), ("0.25", 2, "0.52", 20), ("0.50", 3, "", "")]
+    a, b = lvm_channels(tmp_path, lvm(rows=rows, columns="Multi", **MULTI))
+    assert (a.name, a.unit, a.step, a.start) == ("a", "", 0.25, 0.0)
+    assert (b.name, b.unit, b.step, b.start) == ("b", "mm/s^2", 0.5, 0.02)
+    np.testing.assert_array_equal(a.values, [[1, 2, 3]])
+    np.testing.assert_array_equal(b.values, [[10, 20]])
+
+
+def test_labels_of_an_lvm_file_above_the_columns_of_times_are_those_of_its_channels_all_the_same(tmp_path):
+    moved = {key: ("", *cells) for key, cells in MULTI.items() if key != "names"}
+    rows = [("0.00", 1, "0.02", 10), ("0.25", 2, "0.52", 20), ("0.50", 3, "0.77", 30)]
+    rows[2] = ("0.50", 3, "1.02", 30)
+    text = lvm(MULTI["names"], rows, columns="Multi", **(moved | {"Samples": ("", 3, "", 3)}))
+    a, b = lvm_channels(tmp_path, text)
+    assert (a.unit, a.step, b.unit, b.step) == ("", 0.25, "mm/s^2", 0.5)
+
+
+def test_an_lvm_file_with_decimal_commas_and_a_special_section(tmp_path):
+    special = "***Start_Special***\nWfm_Sclr_Meas\n1\t2\n\n***End_Special***\n"
+    rows = [("0.000", 1.5, -2), ("0.005", -0.25, 4)]
+    text = lvm(["X_Value", "a", "b"], rows, mark=",", special=special, Delta_X=("0.005", "0.005"), X0=("0.0", "-0.001"))
+    a, b = lvm_channels(tmp_path, text)
+    assert (a.step, a.start, b.step, b.start) == (0.005, 0.0, 0.005, -0.001)
+    np.testing.assert_array_equal([a.values[0], b.values[0]], [[1.5, -0.25], [-2, 4]])
+
+
+def test_an_lvm_file_without_times(tmp_path):
+    (a,) = lvm_channels(tmp_path, lvm(["X_Value", "a"], [("", 1), ("", 2)], columns="No", Delta_X=("0.1",)))
+    assert (a.step, a.start) == (0.1, 0.0)
+    np.testing.assert_array_equal(a.values, [[1, 2]])
+
+
+@pytest.mark.parametrize("printed", ["1.9531250000000000E-5", "0.000020"])
+def test_times_of_six_decimals_at_51_2_khz_are_even(tmp_path, printed):
+    rows = [(f"{i / 51200:.6f}", i % 7) for i in range(5000)]
+    (a,) = lvm_channels(tmp_path, lvm(["X_Value", "a"], rows, Delta_X=(printed,)))
+    assert a.step == pytest.approx(1 / 51200, rel=1e-12 if "E" in printed else 2e-5)
+    (tmp_path / "a.csv").write_text("time [s],a\n" + "".join(f"{t},{a}\n" for t, a in rows))
+    (b,) = read_recording(tmp_path / "a.csv").channels
+    assert b.step == pytest.approx(1 / 51200, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("times", "delta", "words"),
+    [
+        ([0, 0.002, 0.004], "1", "a.lvm:12, X_Value: got a step of 0.002 s, expected 1 s, by Delta_X"),
+        ([0, 0.1, 0.2, 0.35], "0.1", "a.lvm:14, X_Value: got a step of 0.15 s, expected 0.1 s, by Delta_X"),
+        ([0, 0.1, 0.2, 0.4], "", "expected 0.133333 s, the mean step"),
+        ([0, "x", 0.2], "0.1", "a.lvm:12, X_Value: got a time that is no number"),
+        ([0, 0.1, 0.2, 0, 0.1], "0.1", "got records of 2 and 3 samples, each from where X_Value starts again"),
+    ],
+)
+def test_times_of_an_lvm_file_that_contradict_its_step(tmp_path, times, delta, words):
+    (tmp_path / "a.lvm").write_text(lvm(["X_Value", "a"], [(t, 1) for t in times], Delta_X=(delta,)))
+    assert words in refused(tmp_path / "a.lvm")
+
+
+def test_times_that_start_again_and_segments_are_blocks(tmp_path):
+    rows = [(f"{t:.6f}", i) for i, t in enumerate([0, 0.1, 0.2] * 2)]
+    text = lvm(["X_Value", "a"], rows, Samples=(3,), Delta_X=("0.1",), X0=("0.0",))
+    (a,) = lvm_channels(tmp_path, text)
+    np.testing.assert_array_equal(a.values, [[0, 1, 2], [3, 4, 5]])
+    assert a.step == 0.1
+    once = text.replace("***\n\n", "***\n").partition("***End_of_Header***\n")
+    (b,) = lvm_channels(tmp_path, text + "\n" + once[2])
+    assert b.values.shape == (4, 3)
+    (c,) = lvm_channels(tmp_path, text + "\n" + text.partition("X_Value\ta\n")[2])
+    np.testing.assert_array_equal(c.values, b.values)
+    (tmp_path / "a.lvm").write_text(text + "\n" + "0.0\t1\n0.1\t2\n")
+    assert "2 of 3 samples" in refused(tmp_path / "a.lvm")
+
+
+def test_times_of_day_of_an_lvm_file_move_the_start_of_a_channel(tmp_path):
+    header = {"Date": ("2024/02/29", "2024/03/01", "1903/12/31"), "Delta_X": ("0.1",) * 3}
+    header["Time"] = ("23:59:59.99", "00:00:00,01", "19:00:00")
+    rows = [("0.0", 1, 2, 3), ("0.1", 1, 2, 3)]
+    a, b, c = lvm_channels(tmp_path, lvm(["X_Value", "a", "b", "c"], rows, **header))
+    assert (a.start, c.start) == (0.0, 0.0)
+    assert b.start == pytest.approx(0.02, abs=1e-6)
+
+
+def test_spectra_in_an_lvm_file_are_no_samples(tmp_path):
+    (a,) = lvm_channels(
+        tmp_path, lvm(["X_Value", "a"], [("0.0", 1), ("0.1", 2)], Delta_X=("0.1",), X_Dimension=("Frequency",))
+    )
+    assert a.flaw == "values over frequency"
 
 
 def test_tdms(tmp_path):
@@ -397,6 +660,62 @@ def test_wav_is_a_share_of_full_scale(tmp_path, kind):
     np.testing.assert_allclose([first.values[0], second.values[0]], share.T, atol=1 / top if whole else 1e-7)
 
 
+def chunk(name, data):
+    return name + struct.pack("<I", len(data)) + data + b"\0" * (len(data) % 2)
+
+
+def wav(*chunks, samples=(0, 16384, -32768), rate=8000):
+    head = chunk(b"fmt ", struct.pack("<HHIIHH", 1, 1, rate, 2 * rate, 2, 16))
+    body = b"WAVE" + chunks[0] + head + chunks[1] + chunk(b"data", np.array(samples, "<i2").tobytes()) + chunks[2]
+    return b"RIFF" + struct.pack("<I", len(body)) + body
+
+
+def test_wav_with_chunks_of_recorders(tmp_path):
+    path = tmp_path / "a.wav"
+    path.write_bytes(wav(chunk(b"bext", b"x" * 603), chunk(b"iXML", b"<x/>"), chunk(b"cue ", bytes(28))))
+    np.testing.assert_array_equal(read_recording(path).channels[0].values, [[0, 0.5, -1]])
+    path.write_bytes(path.read_bytes()[:-10])
+    assert "damaged or truncated file" in refused(path)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"), [({"rate": 0}, "got a sampling rate of 0 Hz"), ({"samples": ()}, "got no sample, expected")]
+)
+def test_wav_without_rate_or_samples(tmp_path, more, words):
+    (tmp_path / "a.wav").write_bytes(wav(b"", b"", b"", **more))
+    assert words in refused(tmp_path / "a.wav")
+
+
+def test_warnings_of_other_libraries_stay_within(tmp_path, monkeypatch):
+    tdms(tmp_path / "a.tdms")
+    read_recording(tmp_path / "a.tdms")
+    assert {logging.getLogger(f"nptdms.{name}").getEffectiveLevel() for name in ("reader", "base_segment")} == {
+        logging.ERROR
+    }
+
+    def warn(path, data):
+        warnings.warn("of a library", RuntimeWarning, stacklevel=1)
+        return (Channel("a", FORCE[None]),), (), {}
+
+    hdf5(tmp_path / "a.h5")
+    monkeypatch.setattr("ident.measure.recordings.hdf5.read", warn)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read_recording(tmp_path / "a.h5").names == ("a",)
+
+
+@pytest.mark.parametrize("end", ENDINGS)
+def test_a_file_that_is_too_large_is_refused_unread(tmp_path, end):
+    with (tmp_path / f"a{end}").open("wb") as file:
+        file.truncate(8 * 10**9)
+    assert f"a{end}: got a file of 8000 MB, expected a recording of at most" in refused(tmp_path / f"a{end}")
+
+
+def test_a_pipe_is_no_recording(tmp_path):
+    os.mkfifo(tmp_path / "a.csv")
+    assert "got a pipe, a device or a socket, expected a recording in a regular file" in refused(tmp_path / "a.csv")
+
+
 @pytest.mark.parametrize("share", [0.02, 0.6, 0.97])
 def test_each_truncated_file_is_refused_in_one_line(tmp_path, share):
     for path in files(tmp_path):
@@ -414,13 +733,8 @@ def test_an_empty_file_and_another_ending(tmp_path):
     assert "no such file" in refused(tmp_path / "b.uff")
 
 
-@pytest.mark.parametrize(
-    ("end", "module", "package"),
-    [("lvm", "lvm_read", "lvm-read"), ("tdms", "nptdms", "npTDMS")],
-)
-def test_a_missing_extra_is_said_in_one_line(tmp_path, monkeypatch, end, module, package):
+def test_a_missing_extra_is_said_in_one_line(tmp_path, monkeypatch):
     files(tmp_path)
-    monkeypatch.setitem(__import__("sys").modules, module, None)
-    line = refused(tmp_path / f"a.{end}")
-    assert line.endswith(f"got a file that needs the package {package}, expected {package} to read it; "
-                         "pip install 'ident[modal]'")  # fmt: skip
+    monkeypatch.setitem(__import__("sys").modules, "nptdms", None)
+    expected = "got a file that needs the package npTDMS, expected npTDMS to read it; pip install 'ident[modal]'"
+    assert refused(tmp_path / "a.tdms").endswith(expected)

@@ -135,6 +135,14 @@ def test_what_is_no_file_of_modes_is_refused(folder, known, old, new, said):
         modal(folder, frequency_is="pole")
 
 
+def test_a_table_of_modes_without_a_mode_is_refused(folder, known):
+    csv_file(folder, known)
+    head = (folder / "modes.csv").read_text().splitlines()[0]
+    (folder / "modes.csv").write_text(head + "\n")
+    with pytest.raises(InputError, match=r"modes.csv:1: got a header without a row, expected a row for each mode"):
+        modal(folder, frequency_is="pole")
+
+
 def test_a_sensitivity_has_no_meaning_there(folder, known):
     csv_file(folder, known)
     text = TABLE.replace("unit,load", "unit,sensitivity").replace("30,,\n", "30,,2\n")

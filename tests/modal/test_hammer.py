@@ -133,10 +133,11 @@ def test_a_window_of_the_analyser_counts_in_the_decay():
     np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=0, atol=1e-4 * abs(plain.frf.mean).max())
 
 
-def test_sensitivity_and_units_scale_as_they_say():
+@pytest.mark.parametrize("label", ["V", "mV/g", "EU", ""])
+def test_sensitivity_and_units_scale_as_they_say(label):
     force, answer = blocks(noise=0)
     volts = table(response={"unit": "g_0", "sensitivity": 0.1}, force={"unit": "kN"})
-    scaled = recording(force / 1000, answer / 9.80665 * 0.1, units=("V", ""))
+    scaled = recording(force / 1000, answer / 9.80665 * 0.1, units=(label, ""))
     (plain,), (again,) = modal_tests(table(), recording(force, answer)), modal_tests(volts, scaled)
     np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=1e-9)
 
@@ -146,7 +147,10 @@ UNITS = [
      "neither the file nor the table has one; fill the cell"),
     ("N", None, {}, "got 'N' of channel 'z', expected a unit of response, such as m/s^2, g_0, m/s or mm; "
      "write the unit and the sensitivity into the table"),
-    ("g", None, {}, "got the ambiguous 'g', expected an acceleration unit such as m/s^2; write g_0"),
+    ("g", "m/s^2", {}, "got 'm/s^2' of channel 'z', expected 'g', as in the file; correct one of them"),
+    ("g's", "mm/s^2", {}, "got 'mm/s^2' of channel 'z', expected 'g's', as in the file; correct one of them"),
+    ("mV/g", None, {}, "got 'mV/g' of channel 'z', expected a unit of response"),
+    ("V", "m/s2", {}, "got 'm/s2' of channel 'z', expected 'V', as in the file; give its sensitivity"),
     ("m/s^2", "mm/s^2", {}, "got 'mm/s^2' of channel 'z', expected 'm/s^2', as in the file; correct one of them"),
     ("V", "g_0", {}, "got 'g_0' of channel 'z', expected 'V', as in the file; give its sensitivity"),
     ("m/s^2", "g_0", {"sensitivity": 0.1}, "got a sensitivity of channel 'z', whose file is in 'm/s^2'"),
@@ -161,14 +165,87 @@ def test_units_are_never_guessed(file, said, more, words):
     assert words in refused(rows, recording(*blocks(), units=(file, "N")))
 
 
-def test_g_of_a_file_is_what_the_table_says():
+@pytest.mark.parametrize("said", ["", "g", "g_0"])
+def test_g_of_a_file_is_standard_gravity_and_said(said):
     force, answer = blocks(noise=0)
-    rows = table(response={"unit": "g_0"})
+    rows = table(response={"unit": said})
     (plain,), (again,) = (
         modal_tests(table(), recording(force, answer)),
         modal_tests(rows, recording(force, answer / 9.80665, units=("g", "N"))),
     )
     np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=1e-9)
+    words = "a.uff: 'g' of 'z' is read as standard gravity, 9.80665 m/s^2"
+    assert again.remarks == (() if said == "g_0" else (words,))
+
+
+CONSTANT = [0.0, 3.0]
+
+
+@pytest.mark.parametrize("level", CONSTANT)
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_force_that_never_moves_is_refused(level, count):
+    force, answer = blocks(count)
+    line = refused(table(), recording(0 * force + level, answer))
+    assert f"channels.csv:3, channel: got 'f' of 'a.uff' constant at {level:.4g} N, expected a force with hits" in line
+
+
+@pytest.mark.parametrize("level", CONSTANT)
+@pytest.mark.parametrize("count", [1, 4])
+def test_noise_about_a_constant_force_is_no_hit(level, count):
+    force, answer = blocks(count)
+    noise = level + 0.01 * np.random.default_rng(7).standard_normal(force.shape)
+    assert "a.uff: got no pulse of the force, expected at least one hit" in refused(table(), recording(noise, answer))
+
+
+def test_a_block_without_a_hit_is_rejected_whatever_its_offset():
+    force, answer = blocks(4)
+    force[2] = force[2].max()
+    (test,) = modal_tests(table(), recording(force, answer))
+    assert [(each.number, each.reason) for each in test.rejected] == [(3, "no pulse of the force")]
+
+
+def test_a_response_that_never_moves_is_refused():
+    force, answer = blocks()
+    assert "got 'z' of 'a.uff' without any motion" in refused(table(), recording(force, 0 * answer + 1))
+
+
+def test_channels_of_different_lengths_are_refused():
+    force, answer = blocks()
+    line = refused(table(), recording(force[:, :-7], answer))
+    assert line.startswith("channels.csv:2, channel: got channels of different lengths in 'a.uff': 4 x 7993 samples of")
+    short = recording(force, answer, None, more=(Channel("t", np.arange(COUNT - 1)[None] * STEP),))
+    line = refused(table(row("t", "time", unit="s")), short)
+    assert "got 7999 times for 8000 samples of 'z', expected a time for each sample" in line
+
+
+@pytest.mark.parametrize("step", [1e30, -1e-3, 1e-30, np.inf])
+def test_a_sampling_that_nobody_means_is_refused(step):
+    assert "samples of 'a.uff'" in refused(table(), recording(*blocks(), step))
+
+
+def test_a_channel_that_cannot_be_used_is_refused_where_it_counts_and_nowhere_else():
+    force, answer = blocks()
+    flawed = Channel("m", abs(answer), "g", STEP, flaw="values over frequency", remedy="export both parts")
+    made = recording(force, answer, more=(flawed,))
+    assert modal_tests(table(row("m", "ignore")), made)
+    line = refused(table(row("m", "response", point="elbow")), made)
+    assert "got 'm' of 'a.uff': values over frequency, expected samples over time, or complex" in line
+    assert line.endswith("; export both parts")
+
+
+def test_two_channels_of_one_name_are_refused():
+    force, answer = blocks()
+    made = recording(force, answer, more=(Channel("z", 2 * answer, "m/s^2", STEP),))
+    assert "got 'z' twice in 'a.uff', expected one channel of this name" in refused(table(), made)
+
+
+def test_frequency_responses_beside_samples_do_not_hide_them():
+    force, answer = blocks()
+    response = Channel("H", np.ones((1, 40), complex), "g", 0.25, 0.25, "force", "N")
+    (plain,), (again,) = (
+        modal_tests(table(), made) for made in (recording(force, answer), recording(force, answer, more=(response,)))
+    )
+    np.testing.assert_array_equal(again.frf.hits, plain.frf.hits)
 
 
 def test_sampling_that_is_missing_or_contradictory():

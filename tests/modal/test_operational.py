@@ -103,13 +103,11 @@ def test_a_quiet_response_has_as_many_states_as_its_rank(noise):
     np.testing.assert_array_less(np.abs(modes.damping - [0.01, 0.015]), 4 * modes.sigma[1])
 
 
-@pytest.mark.parametrize("kind", ["zeros", "constant", "sine", "spike"])
-def test_a_response_without_vibration_is_refused(kind):
+@pytest.mark.parametrize("kind", ["sine", "spike"])
+def test_a_response_without_a_mode_is_refused(kind):
     time = np.arange(60000) / RATE
-    sine = np.sin(2 * np.pi * 5 * time)
-    values = {"zeros": 0 * time, "constant": 0 * time + 0.1, "sine": sine, "spike": (time == 1).astype(float)}[kind]
-    expected = "one value throughout" if kind in ("zeros", "constant") else "without a (mode|pole) that lasts"
-    with pytest.raises(InputError, match=expected):
+    values = np.sin(2 * np.pi * 5 * time) if kind == "sine" else (time == 1).astype(float)
+    with pytest.raises(InputError, match="without a (mode|pole) that lasts"):
         operational_modes(ambient_test(values[None]))
 
 

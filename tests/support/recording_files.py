@@ -32,6 +32,19 @@ X_Value\thammer\ttip\tComment
 """
 
 
+def lvm(names, rows, *, columns="One", mark=".", special="", **header):
+    """An LVM file of one segment; header lines have a cell for each column behind the first."""
+    lines = ["LabVIEW Measurement", "Separator\tTab", f"Decimal_Separator\t{mark}", f"X_Columns\t{columns}"]
+    lines += [
+        "***End_of_Header***",
+        "",
+        special + f"Channels\t{sum(name not in ('X_Value', 'Comment') for name in names)}",
+    ]
+    lines += ["\t".join([key, *map(str, cells)]) for key, cells in header.items()]
+    lines += ["***End_of_Header***", "\t".join(names), *("\t".join(map(str, row)) for row in rows)]
+    return "\n".join(lines).replace(".", mark) + "\n"
+
+
 def uff(path, binary, data=ANSWER, kind=1, **more):
     common = {"id1": "a", "id2": "b", "id3": "c", "id4": "d", "id5": "e", "func_type": kind, "abscissa_spacing": 1}
     ends = {"rsp_node": 7, "rsp_dir": -3, "ref_node": 2, "ref_dir": 1}

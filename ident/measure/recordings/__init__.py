@@ -2,11 +2,12 @@
 
 import hashlib
 import importlib
+import warnings
 from pathlib import Path
 
 from ident.errors import InputError, Problem
 from ident.measure.recordings.recording import Channel, NoChannelError, Recording, Shape
-from ident.text import one_line, read_bytes
+from ident.text import LARGEST_BINARY, LARGEST_SAMPLES, one_line, read_bytes
 
 __all__ = ["ENDINGS", "Channel", "NoChannelError", "Recording", "Shape", "is_recording", "read_recording"]
 
@@ -21,6 +22,8 @@ ENDINGS = {
     ".wav": "wave",
 }
 """Which module reads a file, by the ending of its name."""
+TEXT = ("csv_columns", "labview")
+"""Modules that read text."""
 
 
 def is_recording(path: Path) -> bool:
@@ -48,11 +51,18 @@ def read_recording(path: str | Path) -> Recording:
     if not is_recording(path):
         expected = f"a recording, one of {', '.join(ENDINGS)}"
         raise InputError(Problem(file, f"the ending '{path.suffix}'", expected, "export it in one of these formats"))
-    data = read_bytes(path, "a recording")
+    kind = ENDINGS[path.suffix.lower()]
+    data = read_bytes(path, "a recording", LARGEST_SAMPLES if kind in TEXT else LARGEST_BINARY)
     if not data:
         raise InputError(Problem(file, "an empty file", "a recording", "export it anew"))
-    module = importlib.import_module(f"ident.measure.recordings.{ENDINGS[path.suffix.lower()]}")
-    channels, shapes, places = module.read(path, data)
+    module = importlib.import_module(f"ident.measure.recordings.{kind}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what matters of a library's warnings, its reader checks
+        channels, shapes, places = module.read(path, data)
     if not channels and not shapes and not places:
         raise NoChannelError(Problem(file, "no channel", "at least one row of numbers", "export it anew"))
+    for channel in channels:
+        if not channel.values.size:
+            got, remedy = f"no sample of {one_line(channel.name)}", "export it again"
+            raise InputError(Problem(file, got, "at least one sample of each channel", remedy))
     return Recording(str(path), hashlib.sha256(data).hexdigest(), channels, shapes, places)

@@ -1,26 +1,36 @@
-"""A table of samples as CSV: a column for each channel, `name [unit]`, and one of the time; or of finished modes."""
+"""A table as CSV: a column for each channel, `name [unit]`, over time or frequency; or of finished modes."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ident.errors import InputError, Problem
-from ident.measure.recordings.recording import Channel, Contents, Shape
+from ident.measure.recordings.recording import EXPORT, FORCE, REAL, Channel, Contents, Shape, quotient
 from ident.measure.recordings.sampling import even_step
 from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter, table_text
 from ident.measure.text import parse_number
-from ident.text import one_line
+from ident.text import one_line, quoted
 from ident.units import si_factor
 
 TIME = "time"
 MODE = frozenset({"frequency", "damping_ratio"})
 """Columns by which a table is one of finished modes."""
 SIGMA, IMAGINARY = "sigma ", "imag "
+_FREQUENCY = re.compile(r"freq(?:s|uency|uencies)?\.?\s*(?:[\[(](?P<unit>[^\])]*)[\])])?", re.IGNORECASE)
+_PART = re.compile(
+    r"(?P<lead>real|imag(?:inary)?|re|im)(?:\s+part)?(?:\s+of)?[\s_:(]+(?P<named>.+?)\)?"
+    r"|(?P<name>.+?)[\s_:.(-]+(?P<trail>real|imag(?:inary)?|re|im)(?:\s+part)?\)?"
+    r"|(?P<alone>real|imag(?:inary)?)(?:\s+part)?",
+    re.IGNORECASE,
+)
+"""Names of the real and the imaginary part of a response, as `real H`, `H_imag`, `Re(H)`."""
 
 
 def read(path: Path, data: bytes) -> Contents:
-    """Return the columns of a CSV file; `time [s]` gives the sampling."""
+    """Return the columns of a CSV file: samples over `time [s]`, or frequency responses over `frequency [Hz]`."""
     file, findings = one_line(str(path)), Findings()
     text = table_text(data, file)
     delimiter = sniff_delimiter(text, lambda name: True)
@@ -30,9 +40,11 @@ def read(path: Path, data: bytes) -> Contents:
     if findings or len(records) < 3:
         few = Problem(file, "no header with two rows of numbers below", "columns of samples", "export it anew")
         raise InputError([*findings] or few)
-    (_, header), rows = records[0], records[1:]
-    table = _numbers(rows, len(header), delimiter)
-    named = [(cell.partition("[")[0].strip(), _unit(cell)) for cell in header]
+    header, table = records[0][1], _numbers(records, delimiter)
+    named = [(_name(cell), _unit(cell)) for cell in header]
+    frequency = _frequency(header, table)
+    if frequency is not None:
+        return tuple(_over_frequency(file, header, table, frequency)), (), {}
     step = None
     for (name, unit), column in zip(named, table.T, strict=True):
         if name.lower() == TIME and unit:
@@ -40,6 +52,52 @@ def read(path: Path, data: bytes) -> Contents:
     kept = [each for each in zip(named, table.T, strict=True) if not (step and each[0][0].lower() == TIME)]
     channels = tuple(Channel(name, column[None].copy(), unit, step) for (name, unit), column in kept)
     return channels, (), {}
+
+
+def _frequency(header: Sequence[str], table: np.ndarray) -> int | None:
+    """Return the column of frequencies, over which the others then are; None for samples over time."""
+    if any(_name(cell).lower() == TIME for cell in header):
+        return None
+    named = [i for i, cell in enumerate(header) if _FREQUENCY.fullmatch(cell)]
+    first = [0] if _unit(header[0]).lower() in ("hz", "khz") else []
+    return next((i for i in (*named, *first) if (np.diff(table[:, i]) > 0).all()), None)
+
+
+def _over_frequency(file: str, header: Sequence[str], table: np.ndarray, frequency: int) -> Iterator[Channel]:
+    """Yield frequency responses of which both parts are there; what lacks one is no response, and says so."""
+    parts: dict[str, dict[str, int]] = {}
+    for i, cell in enumerate(header):
+        name, part = _part(_name(cell))
+        if i != frequency:
+            parts.setdefault(name, {}).setdefault(part, i)
+    said = _FREQUENCY.fullmatch(header[frequency])
+    unit = _unit(header[frequency]) or (said["unit"] or "" if said else "")
+    step, start, flaw, remedy = None, 0.0, "", ""
+    if unit:
+        scaled = table[:, frequency] * si_factor(unit.strip(), "frequency")
+        step, start = even_step(scaled, file, "frequency"), float(scaled[0])
+    else:
+        flaw, remedy = "values over frequencies without a unit", "write it into the header, as in 'frequency [Hz]'"
+    more = f"{EXPORT}, as 'real NAME' and 'imag NAME' in one unit"
+    for name, columns in parts.items():
+        real, imaginary = columns.get("r", columns.get("")), columns.get("i")
+        whole = real is not None and imaginary is not None and _unit(header[imaginary]) in ("", _unit(header[real]))
+        if real is not None and imaginary is not None and whole:
+            above, below = quotient(_unit(header[real]))
+            values = table[:, real] + 1j * table[:, imaginary]
+            yield Channel(name, values[None], above, step, start, FORCE, below, flaw=flaw, remedy=remedy)
+        for i in columns.values():
+            if not (whole and i in (real, imaginary)):
+                yield Channel(_name(header[i]), table[:, i][None].copy(), _unit(header[i]), flaw=REAL, remedy=more)
+
+
+def _part(name: str) -> tuple[str, str]:
+    """Return the response that a column is of, and `r` or `i` for its real or imaginary part, empty for neither."""
+    found = _PART.fullmatch(name)
+    if not found:
+        return name, ""
+    word = found["lead"] or found["trail"] or found["alone"]
+    return found["named"] or found["name"] or "H", word[0].lower()
 
 
 def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
@@ -51,7 +109,9 @@ def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
     """
     (where, header), rows = records[0], records[1:]
     factors = [_factor(where, cell) for cell in header]
-    table = _numbers(rows, len(header), delimiter) * factors
+    if not rows:
+        raise InputError(Problem(where, "a header without a row", "a row for each mode", "add the modes"))
+    table = _numbers(records, delimiter) * factors
     names = [_name(cell) for cell in header]
     found = []
     for (place, _), row in zip(rows, table, strict=True):
@@ -99,19 +159,42 @@ def _unit(cell: str) -> str:
     return cell.partition("[")[2].removesuffix("]").strip()
 
 
-def _numbers(rows: list[Record], width: int, delimiter: str) -> np.ndarray:
-    """Return the cells as numbers (T, C); a cell that says nan is one."""
+def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
+    """Return the cells below the header as numbers (T, C); a cell that says nan is one.
+
+    Raises:
+        InputError: a row that does not fit the header, which is the first line of the file unless that begins with #.
+    """
+    (place, header), rows = records[0], records[1:]
+    number, width = place.rpartition(":")[2], len(header)
+    above = f"line {number} was taken for the header: {quoted(delimiter.join(header))}"
     for where, cells in rows:
         if len(cells) != width:
-            raise InputError(misfit(where, len(cells), width, delimiter))
+            problem = misfit(where, len(cells), width, delimiter)
+            remedy = f"begin lines above the header with #; or {problem.remedy}"
+            raise InputError(replace(problem, expected=f"{width}, as in the header ({above})", remedy=remedy))
     mark = decimal_mark(delimiter, (cell for _, cells in rows[:50] for cell in cells))
     texts = [[cell.replace(mark, ".") for cell in cells] for _, cells in rows]
     try:
         return np.array(texts).astype(float)
     except ValueError:
         pass
+    every = (
+        (where, cell)
+        for (where, cells), numbers in zip(rows, texts, strict=True)
+        for cell, number in zip(cells, numbers, strict=True)
+        if not _is_number(number)
+    )
     findings = Findings()
-    for where, cells in rows:
-        for cell in cells:
-            findings.attempt(where, "", parse_number, cell, mark)
-    raise InputError(findings[:1])
+    where, cell = next(every, (place, ""))
+    findings.attempt(where, "", parse_number, cell, mark)
+    remedy = f"{findings[0].remedy}; or begin lines above the header with #"
+    raise InputError(replace(findings[0], expected=f"{findings[0].expected} ({above})", remedy=remedy))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -2,32 +2,88 @@
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ident.measure.recordings.recording import Channel, Contents, columns, damaged
+import numpy as np
+
+from ident.errors import InputError, Problem
+from ident.measure.recordings.recording import Contents, array_channels, damaged
+from ident.text import one_line
+
+if TYPE_CHECKING:
+    import h5py
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = ("unit", "units")
 """Attributes that say the unit of a dataset."""
+COMPLEX = (("real", "imag"), ("r", "i"))
+"""Names of the parts of a complex number, as MATLAB and others write it."""
 
 
 def read(path: Path, data: bytes) -> Contents:
-    """Return the vectors, and the columns of matrices, of an HDF5 file; those in groups by `a/b`."""
+    """Return vectors, columns of matrices and frequency responses of an HDF5 file; those in groups by `a/b`.
+
+    Raises:
+        InputError: the file is damaged, or leads to other files, which are not opened.
+    """
     import h5py
 
-    found: list[Channel] = []
+    found: list[tuple[str, np.ndarray, str]] = []
 
     def visit(name: str, item: Any) -> None:
         text = _said(item, "MATLAB_class") in ("char", "cell")
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and not text and "#refs#" not in name:
-            found.extend(columns(name, item[()], unit=next(filter(None, (_said(item, unit) for unit in UNITS)), "")))
+        if isinstance(item, h5py.Dataset) and not text and "#refs#" not in name:
+            values, unit = _values(item), next(filter(None, (_said(item, unit) for unit in UNITS)), "")
+            found.extend([(name, values, unit)] if values is not None else [])
 
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
+            if away := leads_away(file):
+                remedy = "export it again with all numbers in one file (h5repack)"
+                name, got = map(one_line, away)
+                raise InputError(Problem(one_line(str(path)), got, "a file that holds its own numbers", remedy, name))
             file.visititems(visit)
+    except InputError:
+        raise
     except Exception as error:  # h5py lets OSError, KeyError and RuntimeError of damaged files through
         damaged(path, "an HDF5 file", error)
-    return tuple(found), (), {}
+    return tuple(array_channels(found)), (), {}
+
+
+def leads_away(file: "h5py.File") -> tuple[str, str] | None:
+    """Return what in an HDF5 file leads to another one, by its name, None for nothing; no other file is opened.
+
+    Reading it would bring in any file of the machine that its writer has named.
+    """
+    import h5py
+
+    def linked(name: bytes, link: Any) -> bytes | None:  # what it raised, h5py would turn into an error of its own
+        own = link.type in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)  # a soft one is of this file, and is not followed
+        return None if own else name
+
+    def stored(name: str, item: Any) -> tuple[str, str] | None:
+        if not isinstance(item, h5py.Dataset):
+            return None
+        if item.id.get_create_plist().get_external_count():
+            return name, "numbers stored in another file"
+        virtual = item.is_virtual and any(source.file_name != "." for source in item.virtual_sources())
+        return (name, "numbers of another file (a virtual dataset)") if virtual else None
+
+    name = file.id.links.visit(linked, info=True)
+    return (name.decode("utf-8", "replace"), "a link to another file") if name else file.visititems(stored)
+
+
+def _values(item: Any) -> np.ndarray | None:
+    """Return the numbers of a dataset, real or complex ones; None where it holds others."""
+    if item.dtype.kind in "iufc":
+        values = np.asarray(item[()])
+    elif item.dtype.names in COMPLEX:
+        real, imaginary = item.dtype.names
+        pairs = item[()]
+        values = np.asarray(pairs[real] + 1j * pairs[imaginary])
+    else:
+        return None
+    return values.T if values.dtype.kind == "c" and "MATLAB_class" in item.attrs else values  # MATLAB's axes, reversed
 
 
 def _said(item: Any, name: str) -> str:

@@ -1,59 +1,292 @@
-"""LabVIEW measurement files (LVM) as text, by lvm_read; each segment is a block."""
+"""LabVIEW measurement files (LVM), which are text: a segment, or times that start again, is a block.
 
+References:
+    National Instruments, "Specification for the LabVIEW Measurement File (.lvm)": labels stand in the column of the
+    samples that they belong to; `X_Columns` is No, One, or Multi, with a column of times before each channel.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import date
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ident.errors import InputError, Problem
-from ident.measure.recordings.recording import Channel, Contents, damaged, lacking
+from ident.measure.recordings.recording import Channel, Contents, damaged
+from ident.measure.recordings.sampling import rounded_step
 from ident.text import decode, one_line
 
 KIND = "a LabVIEW measurement file (LVM)"
+TIMES, COMMENT = "X_Value", "Comment"
+"""Names of columns that are no channels."""
+HEADING = ("***", "Channels", "Notes", "Test_", "UUT_", TIMES)
+"""Words with which the heading of a segment begins."""
+EPOCH = 1905
+"""Before this year a time of day is LabVIEW's zero: that of a channel without one."""
+_NUMBER = re.compile(r"[+-]?[0-9]*(?:\.(?P<digits>[0-9]*))?(?:[eE](?P<power>[+-]?[0-9]{1,3}))?")
+_DATE = re.compile(r"([0-9]{4})/([0-9]{1,2})/([0-9]{1,2})")
+_CLOCK = re.compile(r"([0-9]{1,2}):([0-9]{2}):([0-9]{2}(?:[.,][0-9]+)?)")
+
+
+@dataclass
+class _Segment:
+    """Rows of samples under one header.
+
+    Attributes:
+        line: number of the line that names the columns.
+        header: cells of each line of the header by its key, which is the first of them.
+        names: of the columns.
+        rows: cells.
+        mark: decimal mark.
+    """
+
+    line: int
+    header: Mapping[str, Sequence[str]]
+    names: Sequence[str]
+    mark: str
+    rows: list[list[str]] = field(default_factory=list)
+
+    def label(self, key: str, column: int) -> str:
+        """Return what the header says of a channel, empty for nothing."""
+        cells = self.header.get(key, ())
+        return cells[column].strip() if column < len(cells) else ""
+
+    def number(self, key: str, column: int) -> float:
+        """Return the same as a number, nan for none."""
+        return _as_number(self.label(key, column).replace(self.mark, "."))
+
+    def column(self, number: int) -> list[str]:
+        """Return the cells of a column with a decimal point."""
+        cells = [row[number].strip() if number < len(row) else "" for row in self.rows]
+        return cells if self.mark == "." else [cell.replace(self.mark, ".") for cell in cells]
 
 
 def read(path: Path, data: bytes) -> Contents:
-    """Return the channels of an LVM file.
-
-    The text is handed over, not the file's name: by name lvm_read would load a pickle that lies beside the file.
-    """
-    try:
-        import lvm_read
-    except ImportError:
-        lacking(path, "lvm-read")
+    """Return the channels of an LVM file."""
     text = decode(data, one_line(str(path)))
     if not text.endswith("\n"):
         damaged(path, KIND, "its last line has no end")
+    segments = list(_segments(text))
+    if not segments:
+        damaged(path, KIND, "no segment of samples in it")
+    for each in segments:
+        promised = max(
+            (int(n) for i in range(len(each.names)) if np.isfinite(n := each.number("Samples", i))), default=0
+        )
+        if not each.rows or len(each.rows) < promised:
+            damaged(path, KIND, f"{len(each.rows)} of {promised} samples")
+    file = one_line(str(path))
+    return tuple(_joined(file, [list(_channels(file, each)) for each in segments])), (), {}
+
+
+def _segments(text: str) -> Iterator[_Segment]:
+    """Yield the segments; special sections, which hold other things than samples, are passed over."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    separator = next((line[9] for line in lines[:20] if line.startswith("Separator") and len(line) > 9), "\t")
+    file_header: dict[str, list[str]] | None = None
+    header: dict[str, list[str]] = {}
+    segment: _Segment | None = None
+    special = reading = False
+    for number, line in enumerate(lines, 1):
+        tag = line.partition(separator)[0].strip()
+        blank = not line.strip(separator + " \t")
+        if special or tag == "***Start_Special***":
+            special = tag != "***End_Special***"
+            continue
+        if reading and (blank or tag.startswith(HEADING)):
+            reading, header = False, {}
+        if blank:
+            continue
+        if reading and segment:
+            segment.rows.append(line.split(separator))
+        elif segment and not header and not tag.startswith(HEADING):  # of a file with one heading for all segments
+            yield segment
+            segment, reading = replace(segment, line=number - 1, rows=[line.split(separator)]), True
+        elif tag == "***End_of_Header***" and file_header is None:
+            file_header, header = header, {}
+        elif tag == TIMES:
+            if segment:
+                yield segment
+            mark = (file_header or header).get("Decimal_Separator", ["", ""])[1:2] or [""]
+            names = [name.strip() for name in line.split(separator)]
+            mark_said = mark[0].strip() or _mark(lines[number : number + 1], separator)
+            segment, reading = _Segment(number, header, names, mark_said), True
+        elif not tag.startswith("*"):
+            header[tag] = line.split(separator)
+    if segment:
+        yield segment
+
+
+def _mark(rows: Sequence[str], separator: str) -> str:
+    """Return the decimal mark of a file that does not say it: the first versions did not."""
+    return "," if separator != "," and any("," in row and "." not in row for row in rows) else "."
+
+
+def _channels(file: str, segment: _Segment) -> Iterator[Channel]:
+    """Yield the channels of a segment, in blocks where its times start again."""
+    places = [i for i, name in enumerate(segment.names) if name not in (TIMES, COMMENT, "")]
+    labels = _labels(segment, places)
+    samplings: dict[int, _Sampling] = {}
+    for place, label in zip(places, labels, strict=True):
+        before = max(i for i, name in enumerate(segment.names[: place + 1]) if name == TIMES)
+        if before not in samplings:
+            samplings[before] = _sampling(file, segment, before, label)
+        sampling = samplings[before]
+        values = _numbers(segment.column(place))[: sampling.ends[-1]]
+        written = np.flatnonzero(~np.isnan(values))
+        if len(sampling.ends) == 1 and len(written):
+            values = values[: written[-1] + 1]  # blank cells below a channel of fewer samples
+        blocks = np.split(values, sampling.ends[:-1])
+        if len({len(block) for block in blocks}) > 1:
+            lengths = " and ".join(str(n) for n in sorted({len(block) for block in blocks})[:3])
+            got = f"records of {lengths} samples, each from where {TIMES} starts again"
+            remedy = "put them into files of their own"
+            raise InputError(Problem(f"{file}:{segment.line}", got, "records of one length", remedy, TIMES))
+        step, start = sampling.step, sampling.start
+        if label != sampling.label:  # the times are those of another channel
+            later = segment.number("X0", label) - segment.number("X0", sampling.label)
+            start += later if np.isfinite(later) else 0.0
+        if segment.label("Delta_X", label) != segment.label("Delta_X", sampling.label):
+            step = segment.number("Delta_X", label)
+        quantity = segment.label("X_Dimension", label).lower()
+        flaw = "" if quantity in ("", "time") else f"values over {one_line(quantity)}"
+        yield Channel(
+            segment.names[place],
+            np.array(blocks),
+            segment.label("Y_Unit_Label", label),
+            step if step > 0 else None,
+            start + _later(segment, label, labels[0]),
+            flaw=flaw,
+            remedy="export the samples over time" if flaw else "",
+        )
+
+
+def _labels(segment: _Segment, places: Sequence[int]) -> Sequence[int]:
+    """Return where the header speaks of each channel: in its own column, or else in the order of its filled cells."""
+    for key in ("Samples", "Delta_X", "X0"):
+        filled = [i for i, cell in enumerate(segment.header.get(key, ())) if i and cell.strip()]
+        if len(filled) == len(places):
+            return filled
+    return places
+
+
+def _later(segment: _Segment, label: int, other: int) -> float:
+    """Return how much later [s] than another one the zero of a channel's times is, by date and time of day."""
+    one, two = (_clock(segment.label("Date", i), segment.label("Time", i)) for i in (label, other))
+    return one - two if one is not None and two is not None else 0.0
+
+
+def _clock(day: str, time: str) -> float | None:
+    """Return date and time of day in seconds from 2010 on; None where there is none."""
+    found, clock = _DATE.fullmatch(day), _CLOCK.fullmatch(time)
+    if not found or not clock or int(found[1]) < EPOCH:
+        return None
     try:
-        content = lvm_read.read_str(text)
-        segments = [content[i] for i in range(content["Segments"])]
-        return tuple(_channels(path, segments)), (), {}
-    except InputError:
-        raise
-    except Exception as error:  # lvm_read lets ValueError, KeyError, IndexError and SyntaxError through
-        damaged(path, KIND, error)
+        days = (date(*map(int, found.groups())) - date(2010, 1, 1)).days
+    except ValueError:
+        return None
+    return 86400.0 * days + 3600 * int(clock[1]) + 60 * int(clock[2]) + float(clock[3].replace(",", "."))
 
 
-def _channels(path: Path, segments: list[dict[str, Any]]) -> list[Channel]:
+@dataclass(frozen=True)
+class _Sampling:
+    """When the samples of a column of times were taken.
+
+    Attributes:
+        label: column of the header that speaks of its first channel.
+        step: [s] nan where nothing says it.
+        start: [s] of the first sample.
+        ends: number of rows at the end of each block.
+    """
+
+    label: int
+    step: float
+    start: float
+    ends: tuple[int, ...]
+
+
+def _sampling(file: str, segment: _Segment, column: int, label: int) -> _Sampling:
+    """Return the sampling by Delta_X and X0, to which a column of times must agree within its last printed digit.
+
+    Raises:
+        InputError: it does not.
+    """
+    cells, step, start = segment.column(column), segment.number("Delta_X", label), segment.number("X0", label)
+    start = start if np.isfinite(start) else 0.0
+    while cells and not cells[-1]:
+        cells.pop()
+    if not cells:
+        return _Sampling(label, step, start, (len(segment.rows),))
+    times, digit = _numbers(cells), _digit(*cells[:: max(len(cells) // 100, 1)], cells[-1])
+    if not np.isfinite(times).all():
+        row = int(np.flatnonzero(~np.isfinite(times))[0])
+        got, remedy = "a time that is no number", "export it again with all times"
+        raise InputError(Problem(f"{file}:{segment.line + row + 1}", got, "times that increase", remedy, TIMES))
+    digit += 4 * float(np.spacing(abs(times).max()))
+    starts = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(times) < -digit)), len(times)]
+    said, fine = step if step > 0 else None, _digit(segment.label("Delta_X", label).replace(segment.mark, "."))
+    steps = []
+    for begin, end in pairwise(starts):
+        even = rounded_step(times[begin:end], digit, said, fine)
+        if even is None:
+            expected = said or float(np.diff(times[begin:end]).mean())
+            late = abs(times[begin:end] - times[begin] - expected * np.arange(end - begin)) > digit
+            row = begin + max(int(np.argmax(late)), 1)
+            got, source = f"a step of {times[row] - times[row - 1]:.6g} s", "by Delta_X" if said else "the mean step"
+            remedy = "export evenly sampled waveforms with their true Delta_X"
+            where = f"{file}:{segment.line + row + 1}"
+            raise InputError(Problem(where, got, f"{expected:.6g} s, {source}", remedy, TIMES))
+        steps.append((end - begin, even))
+    start = start if abs(start - times[0]) <= digit else float(times[0])
+    return _Sampling(label, max(steps)[1], start, tuple(starts[1:]))
+
+
+def _digit(*cells: str) -> float:
+    """Return what one more in the last digit of printed numbers is; some writers leave zeros at the end out."""
+    fixed, floating = [], [0.0]
+    for cell in cells:
+        found = _NUMBER.fullmatch(cell)
+        if found and found["power"] is None:
+            fixed.append(10.0 ** -len(found["digits"] or ""))
+        elif found and _as_number(cell):
+            floating.append(10.0 ** (int(found["power"]) - len(found["digits"] or "")))
+    return min(fixed) if fixed else max(floating)
+
+
+def _numbers(cells: Sequence[str]) -> np.ndarray:
+    """Return cells as numbers (T,), nan for what is none."""
+    try:
+        return np.array(cells, float)
+    except ValueError:
+        return np.array([_as_number(cell) for cell in cells])
+
+
+def _as_number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")
+
+
+def _joined(file: str, segments: list[list[Channel]]) -> Iterator[Channel]:
+    """Yield the channels of all segments, their blocks after each other.
+
+    Raises:
+        InputError: the segments differ in channels, lengths, sampling, or in how much later a channel starts.
+    """
     first = segments[0]
-    names, table = [each.strip() for each in first["Channel names"]], [each["data"] for each in segments]
-    if any(
-        each["Channel names"] != first["Channel names"] or each["data"].shape != table[0].shape for each in segments
-    ):
-        got, remedy = "segments that differ in channels or length", "put them into files of their own"
-        raise InputError(Problem(one_line(str(path)), got, "segments that are alike", remedy))
-    _check_rows(path, first, table[0])
-    blocks = np.stack(table).transpose(2, 0, 1)  # (columns, blocks, samples)
-    kept = [i for i, name in enumerate(names) if name not in ("X_Value", "Comment")]
-    steps, units = first["Delta_X"], first.get("Y_Unit_Label", [])
-    return [
-        Channel(names[i], blocks[i], units[k].strip() if k < len(units) else "", float(steps[k]))
-        for k, i in enumerate(kept)
-    ]
-
-
-def _check_rows(path: Path, segment: dict[str, Any], table: np.ndarray) -> None:
-    """Refuse fewer rows than the header promises."""
-    promised = int(np.nanmax(segment.get("Samples", [0])))
-    if len(table) < promised:
-        damaged(path, KIND, f"{len(table)} of {promised} samples")
+    for other in segments[1:]:
+        alike = [(each.name, each.unit, each.flaw, each.values.shape[1]) for each in first] == [
+            (each.name, each.unit, each.flaw, each.values.shape[1]) for each in other
+        ]
+        steps = [(a.step or 0.0, b.step or 0.0) for a, b in zip(first, other, strict=False)]
+        if not alike or not all(np.isclose(a, b, rtol=1e-3, atol=0) for a, b in steps):
+            got, remedy = "segments that differ in channels, length, unit or step", "put them into files of their own"
+            raise InputError(Problem(file, got, "segments that are alike", remedy))
+    for i, each in enumerate(first):
+        values = np.concatenate([segment[i].values for segment in segments])
+        start = tuple(float(segment[i].start) for segment in segments)
+        yield Channel(each.name, values, each.unit, each.step, start if len(start) > 1 else start[0], flaw=each.flaw)

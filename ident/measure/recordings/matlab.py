@@ -11,7 +11,7 @@ from typing import IO, Any
 import numpy as np
 
 from ident.measure.recordings import hdf5
-from ident.measure.recordings.recording import Contents, columns, damaged
+from ident.measure.recordings.recording import Contents, array_channels, damaged
 from ident.text import one_line
 
 Vectors = list[tuple[str, np.ndarray]]
@@ -22,14 +22,14 @@ ASIDE = "import sys; from ident.measure.recordings import matlab; matlab.pass_on
 
 
 def read(path: Path, data: bytes) -> Contents:
-    """Return the vectors, and the columns of matrices, of a MATLAB file; those in structures by `a.b`."""
+    """Return vectors, columns of matrices and frequency responses of a MATLAB file; those in structures by `a.b`."""
     if data[512:520] == hdf5.SIGNATURE or data.startswith(hdf5.SIGNATURE):
         return hdf5.read(path, data)
     try:
         found = vectors(data) if _has_checksums(data) else _aside(data)
     except ValueError as error:
         damaged(path, "a MATLAB file", str(error))
-    return tuple(channel for name, value in found for channel in columns(name, value)), (), {}
+    return tuple(array_channels((name, value, "") for name, value in found)), (), {}
 
 
 def vectors(data: bytes) -> Vectors:
@@ -90,5 +90,5 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _leaves(f"{name}.{key}", inner)
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufc":
         yield name, value

@@ -1,13 +1,15 @@
 """A recording as a value: channels over time, or finished frequency responses, in the units of their file."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from ident.errors import InputError, Problem
+from ident.measure.recordings.sampling import even_step
 from ident.text import one_line
 
 
@@ -24,6 +26,8 @@ class Channel:
         reference: channel of the force, of a frequency response; empty for samples over time.
         reference_unit: the force's unit, as the file says it.
         notes: (B,) what the file says of each of several blocks, for messages.
+        flaw: why its values cannot be used; empty where they can.
+        remedy: what to export instead.
     """
 
     name: str
@@ -34,6 +38,8 @@ class Channel:
     reference: str = ""
     reference_unit: str = ""
     notes: tuple[str, ...] = ()
+    flaw: str = ""
+    remedy: str = ""
 
 
 @dataclass(frozen=True)
@@ -104,6 +110,86 @@ def columns(name: str, values: Any, **more: Any) -> list[Channel]:
 
 class NoChannelError(InputError):
     """A sound file holds nothing that a test could take."""
+
+
+FORCE = "force"
+"""Name of the force of frequency responses in a file that names none; `force:2` for the second of several."""
+FREQUENCY = re.compile(r"(?:.*[./])?(?:f|f_?hz|hz|freqs?(?:_?hz)?|frequency(?:_?hz)?|frequencies)", re.IGNORECASE)
+"""Names of arrays of frequencies [Hz]."""
+TIMES = re.compile(r"(?:.*[./])?(?:t|times?|time_?s|seconds|sec)", re.IGNORECASE)
+"""Names of arrays of times."""
+REAL = "values over frequency without an imaginary part"
+EXPORT = "export the real and the imaginary part of the frequency response"
+
+
+def array_channels(arrays: Iterable[tuple[str, np.ndarray, str]]) -> Iterator[Channel]:
+    """Yield arrays of a file as channels, those of complex numbers as frequency responses.
+
+    Args:
+        arrays: name, values and unit of each. Complex ones are `(F,)`, `(F, O)` or `(F, O, I)`, of O responses to I
+            forces, in any order of the axes with F first of those of that length; a vector of F frequencies is called
+            `freq`, `frequency` or `f`, and increases.
+    """
+    every = list(arrays)
+    vectors = [(name, np.ravel(a).astype(float)) for name, a, _ in every if a.dtype.kind != "c" and a.size in a.shape]
+    axes = {name: v for name, v in vectors if FREQUENCY.fullmatch(name) and v.size > 1 and (np.diff(v) > 0).all()}
+    clocks = {v.size for name, v in vectors if TIMES.fullmatch(name) and v.size > 1}
+    used: set[str] = set()
+    made: list[tuple[str, list[Channel]]] = []
+    for name, values, unit in every:
+        near = sorted(axes, key=lambda axis: _group(axis) != _group(name))
+        if values.dtype.kind == "c":
+            axis = next((axis for axis in near if axes[axis].size in values.shape), None)
+            made.append((name, list(_responses(name, values, unit, None if axis is None else axes[axis]))))
+        else:
+            found = columns(name, values, unit=unit)
+            lines = found[0].values.shape[1] if found and name not in axes and values.ndim < 3 else 0
+            axis = next((axis for axis in near if axes[axis].size == lines and lines not in clocks), None)
+            made.append((name, [replace(each, flaw=REAL, remedy=EXPORT) for each in found] if axis else found))
+        used |= {axis} if axis else set()
+    for name, channels in made:
+        yield from channels if name not in used else ()
+
+
+def _group(name: str) -> str:
+    """Return the structure or group that an array lies in."""
+    return re.sub(r"[^./]*$", "", name)
+
+
+def _responses(name: str, values: np.ndarray, unit: str, frequency: np.ndarray | None) -> Iterator[Channel]:
+    """Yield frequency responses, or one channel that says what they lack."""
+    if frequency is None:
+        if values.size > 1:
+            remedy = "save their frequencies in Hz beside them, as a vector freq of the same length"
+            yield Channel(name, values.reshape(1, -1), unit, flaw="complex values without frequencies", remedy=remedy)
+        return
+    try:
+        step = even_step(frequency, name)
+    except InputError:
+        got, remedy = "a frequency response at uneven frequencies", "export it at even steps"
+        yield Channel(name, values.reshape(1, -1), unit, flaw=got, remedy=remedy)
+        return
+    table = np.moveaxis(values, values.shape.index(frequency.size), -1)
+    table = table.reshape([size for size in table.shape[:-1] if size > 1] + [frequency.size])
+    if table.ndim > 3:
+        got, remedy = f"an array of {values.ndim} dimensions", "save it as lines, responses, forces"
+        yield Channel(name, values.reshape(1, -1), unit, flaw=got, remedy=remedy)
+        return
+    numerator, below = quotient(unit)
+    for place in np.ndindex(table.shape[:-1]):
+        own = f"{name}:{place[0] + 1}" if place else name
+        force = f"{FORCE}:{place[1] + 1}" if len(place) > 1 else FORCE
+        yield Channel(own, table[place][None], numerator, step, float(frequency[0]), force, below)
+
+
+def quotient(unit: str) -> tuple[str, str]:
+    """Return the unit of a frequency response as that of the response and that of the force, where it names one."""
+    above, _, below = (part.strip(" ()") for part in unit.rpartition("/"))
+    return (
+        (above, below)
+        if above and below.lower().rstrip("s") in ("n", "kn", "mn", "lbf", "lb", "newton")
+        else (unit, "")
+    )
 
 
 def lacking(path: Path, package: str) -> NoReturn:

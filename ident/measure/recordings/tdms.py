@@ -22,9 +22,10 @@ def read(path: Path, data: bytes) -> Contents:
     """Return the channels of a TDMS file, by `group/channel`."""
     try:
         from nptdms import TdmsFile
+        from nptdms.log import log_manager
     except ImportError:
         lacking(path, "npTDMS")
-    logging.getLogger("nptdms").setLevel(logging.ERROR)  # it prints warnings of what is refused here
+    log_manager.set_level(logging.ERROR)  # it prints warnings of what is refused here
     if len(data) < LEAD_IN:
         damaged(path, KIND, f"{len(data)} bytes")
     try:

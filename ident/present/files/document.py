@@ -15,8 +15,8 @@ import numpy as np
 
 from ident.errors import InputError, Problem
 from ident.files import replace_file
+from ident.text import LARGEST_BINARY, one_line, quoted, read_bytes
 from ident.text import decode as decode_text
-from ident.text import one_line, quoted, read_bytes
 
 LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "diffrax", "ruckig", "xarray", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
@@ -61,7 +61,7 @@ def read_document(path: str | Path, expected: str) -> dict[str, Any]:
     """Return what a result file says."""
     where = one_line(str(path))
     try:
-        document = json.loads(decode_text(read_bytes(path, expected), where), object_pairs_hook=_once)
+        document = json.loads(decode_text(read_bytes(path, expected, LARGEST_BINARY), where), object_pairs_hook=_once)
         if not isinstance(document, dict) or not isinstance(document.get("format"), str):
             raise ValueError
     except (ValueError, RecursionError):

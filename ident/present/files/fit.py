@@ -11,7 +11,7 @@ from ident.identify.values import OTHER_ARM, Values, doubtful
 from ident.measure import Campaign
 from ident.present.files.document import check_format, read_document
 from ident.present.text.units import unit_of
-from ident.text import one_line, read_bytes
+from ident.text import LARGEST_BINARY, one_line, read_bytes
 
 EXPECTED = "a result file of ident fit (.fit.json)"
 
@@ -54,7 +54,7 @@ def read_fit(form: str, path: str | Path, arm: Arm, sha256: str = "") -> tuple[V
         soft_base = None if base is None else _number(base)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         raise InputError(Problem(where, "other contents", EXPECTED, "give the file that ident fit wrote")) from None
-    sha256_of_fit = hashlib.sha256(read_bytes(path, EXPECTED)).hexdigest()
+    sha256_of_fit = hashlib.sha256(read_bytes(path, EXPECTED, LARGEST_BINARY)).hexdigest()
     values = Values.of_arm(best, arm, where, sha256_of_fit, remark, scaled)
     return (values.remarked(OTHER_ARM) if sha256 and fitted and sha256 != fitted else values), soft_base
 

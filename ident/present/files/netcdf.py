@@ -11,8 +11,9 @@ import numpy as np
 
 from ident.errors import InputError, Problem
 from ident.files import replace_path
+from ident.measure.recordings.hdf5 import leads_away
 from ident.present.files.document import EXPECTED, RERUN
-from ident.text import one_line, read_bytes
+from ident.text import LARGEST_BINARY, one_line, read_bytes
 
 if TYPE_CHECKING:
     import xarray
@@ -53,7 +54,7 @@ def write_netcdf_result(
 
 def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
     """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it."""
-    file = BytesIO(read_bytes(path, EXPECTED))
+    file = BytesIO(read_bytes(path, EXPECTED, LARGEST_BINARY))
     with whole(path, "no result to load", EXPECTED, RERUN):
         data = read_group(file, GROUP, mask_and_scale=False)
         arrays = {str(name): part.values for name, part in data.data_vars.items()}
@@ -73,15 +74,17 @@ def read_group(file: "str | Path | BytesIO", group: str | None = None, **how: An
     """Return a group of a netCDF file with all its variables; a few bytes may claim more than there is memory for.
 
     Raises:
-        ValueError: its variables are larger than `MOST_BYTES`; besides, whatever the libraries raise.
+        ValueError: it leads to another file, or its variables are larger than `MOST_BYTES`; besides, whatever the
+            libraries raise.
     """
     import h5netcdf
     import h5py
     import xarray
 
     h5netcdf.File._writable = False  # of one that it fails to open, and asks for this when that is thrown away
-    with h5py.File(file, "r"):  # what is no such file at all ends here: in h5netcdf it would not end quietly
-        pass
+    with h5py.File(file, "r") as opened:  # what is no such file at all ends here: in h5netcdf it would not end quietly
+        if away := leads_away(opened):
+            raise ValueError(f"{away[0]}: {away[1]}")
     with xarray.open_dataset(file, group=group, engine="h5netcdf", **how) as data:
         if data.nbytes > MOST_BYTES:
             raise ValueError(f"{data.nbytes / 1e9:.3g} GB of numbers")

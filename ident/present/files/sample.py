@@ -17,7 +17,7 @@ from ident.present.files.document import check_format
 from ident.present.files.fit import rows
 from ident.present.files.netcdf import read_group, whole
 from ident.present.text.units import unit_of
-from ident.text import one_line, read_bytes
+from ident.text import LARGEST_BINARY, one_line, read_bytes
 
 if TYPE_CHECKING:
     import arviz
@@ -112,7 +112,7 @@ def read_posterior(form: str, path: str | Path) -> Draws:
         path: the file.
     """
     where = one_line(str(path))
-    data = read_bytes(path, EXPECTED)
+    data = read_bytes(path, EXPECTED, LARGEST_BINARY)
     with whole(path, "other contents", EXPECTED, "give the file that ident sample wrote"):
         root = read_group(path)
         own = str(json.loads(root.attrs.get("format", '""')))
