@@ -107,7 +107,7 @@ def test_a_quiet_response_has_as_many_states_as_its_rank(noise):
 def test_a_response_without_a_mode_is_refused(kind):
     time = np.arange(60000) / RATE
     values = np.sin(2 * np.pi * 5 * time) if kind == "sine" else (time == 1).astype(float)
-    with pytest.raises(InputError, match="without a (mode|pole) that lasts"):
+    with pytest.raises(InputError, match=r"without a (mode|pole) that lasts"):
         operational_modes(ambient_test(values[None]))
 
 

@@ -288,5 +288,6 @@ def _joined(file: str, segments: list[list[Channel]]) -> Iterator[Channel]:
             raise InputError(Problem(file, got, "segments that are alike", remedy))
     for i, each in enumerate(first):
         values = np.concatenate([segment[i].values for segment in segments])
-        start = tuple(float(segment[i].start) for segment in segments)
-        yield Channel(each.name, values, each.unit, each.step, start if len(start) > 1 else start[0], flaw=each.flaw)
+        starts = np.concatenate([np.full(len(segment[i].values), segment[i].start) for segment in segments])
+        start = each.start if len(segments) == 1 else tuple(starts.tolist())
+        yield Channel(each.name, values, each.unit, each.step, start, flaw=each.flaw, remedy=each.remedy)
