@@ -5,7 +5,7 @@ standard error.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -71,3 +71,9 @@ def speaking(*, as_json: bool, quiet: bool) -> Iterator[None]:
         typer.echo(json.dumps(document, allow_nan=False))
     if end:
         raise end
+
+
+def say_notes(notes: Iterable[str]) -> None:
+    """Say where an arm is not what its robot description says."""
+    for note in notes:
+        output().say(f"NOTE: {note}")

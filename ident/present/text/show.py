@@ -38,6 +38,7 @@ def _heading(view: ArmView) -> Iterator[str]:
     if origins:
         counted = ", ".join(f"{count} {origin}" for origin, count in origins.most_common())
         yield f"  {sum(origins.values())} numbers: {counted}"
+    yield from (f"  NOTE: {note}" for note in view.arm_file.notes)
 
 
 def _odd(view: ArmView) -> Iterator[str]:
