@@ -39,7 +39,7 @@ def refuse_xacro(data: bytes, root: Any, where: str) -> None:
     if root is None:
         there = re.search(rb"<xacro:\w+", data) is not None
     else:
-        there = any("xacro" in str(each.tag).partition("}")[0].partition(":")[0] for each in root.iter())
+        there = any(re.match(r"\{[^}]*xacro", str(each.tag)) for each in root.iter())
         there = there or any(re.search(r"\$[{(]", value) for each in root.iter() for value in each.attrib.values())
     if there:
         path = Path(where)
