@@ -5,6 +5,7 @@ standard error.
 """
 
 import json
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -14,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
+FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
 JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON; words go to standard error")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="print no words but errors")]
 
@@ -76,4 +78,4 @@ def speaking(*, as_json: bool, quiet: bool) -> Iterator[None]:
 def say_notes(notes: Iterable[str]) -> None:
     """Say where an arm is not what its robot description says."""
     for note in notes:
-        output().say(f"NOTE: {note}")
+        output().say(textwrap.fill(f"NOTE: {note}", 100, **FOLDED))

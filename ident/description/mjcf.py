@@ -125,11 +125,24 @@ def compiled(spec: Any, where: str) -> Any:
     Raises:
         InputError: MuJoCo refuses it.
     """
+    light = [body.name for body in spec.bodies if body.joints and not _is_heavy(body)]
     with _silent():
         try:
             return spec.compile()
         except ValueError as error:
+            if light and "mjMINVAL" in str(error):
+                got, expected = f"no mass, or no inertia, on {listed(light)}", "both on every moving body"
+                raise refusal(where, got, expected, "give each an <inertial> with mass and diaginertia") from None
             raise _unread(where, error) from None
+
+
+def _is_heavy(body: Any) -> bool:
+    """Tell whether a body has mass and inertia, or one that is fixed to it has."""
+    if body.explicitinertial:
+        own = body.mass > 0 and bool(np.nansum(np.abs([*body.inertia, *body.fullinertia])) > 0)
+    else:
+        own = bool(body.geoms)
+    return own or any(_is_heavy(each) for each in body.bodies if not each.joints)
 
 
 @contextmanager

@@ -224,6 +224,16 @@ def test_warnings_of_mujoco_reach_neither_terminal_nor_folder(load, tmp_path, mo
     assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.xml"]
 
 
+def test_all_bodies_without_mass_or_inertia_are_named_at_once(load):
+    bare = re.sub(r"<inertial[^>]*>|<geom [^>]*mesh[^>]*>", "", MJCF)
+    with pytest.raises(
+        InputError, match="got no mass, or no inertia, on a, c, expected both on every moving body; give each"
+    ):
+        load(bare)  # the capsule of the motor is on b
+    with pytest.raises(InputError, match="got no mass, or no inertia, on c, expected"):
+        load(MJCF.replace('diaginertia="0.01 0.02 0.02"', 'diaginertia="0 0 0"'))
+
+
 def test_an_included_file_is_looked_at_too(load, tmp_path):
     (tmp_path / "more.xml").write_text('<mujoco><worldbody><body name="x" pos="nan 0 0"/></worldbody></mujoco>')
     with pytest.raises(InputError, match='body x, body: got pos="nan 0 0", expected finite numbers'):
