@@ -175,9 +175,14 @@ class _Reader:
     def thing(self, plain: dict[str, Any]) -> Any:
         kind, written = _class(plain["class"]), plain.keys() - {"class", "as"}
         names = _field_names(kind)
-        if names is None or set(names) != written:
+        defaults = {name: getattr(kind, name, None) for name in names or ()}
+        later = {
+            name for name, each in defaults.items() if isinstance(each, tuple) and not each
+        }  # empty if not written
+        if names is None or not written <= set(names) <= written | later:
             raise CodecError(f"{plain['class']} of another version of ident")
         values = {name: self.value(plain[name]) for name in plain if name in written}
+        values |= dict.fromkeys(set(names) - written, ())
         value = kind(**values) if issubclass(kind, tuple) else _restored(kind, values)
         if "as" in plain:
             self.shared[plain["as"]] = value

@@ -14,6 +14,7 @@ from broken import NUMBERS, WORDS, broken_bytes, broken_documents, broken_texts,
 from commands import ARM, log, posterior
 from hammer_files import FOLDER
 from recording_files import files
+from three_joints import WITH_HAND, WITHOUT_MESHES
 
 import ident
 from ident.errors import InputError
@@ -74,6 +75,20 @@ def test_arm_files(tmp_path):
         ident.read_arm(tmp_path / "bad.toml")
 
     assert 0.5 < share_refused(broken_texts(np.random.default_rng(2), ARM.read_text(), 250), read) < 1
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "read"), [("bad.urdf", WITH_HAND, ident.read_urdf), ("bad.xml", WITHOUT_MESHES, ident.read_mjcf)]
+)
+def test_robot_descriptions(tmp_path, monkeypatch, name, text, read):
+    monkeypatch.chdir(tmp_path)
+
+    def read_file(data):
+        (tmp_path / name).write_bytes(data)
+        read(tmp_path / name, stiffness=(1e5, 1e5))
+
+    assert 0.4 < share_refused(broken_texts(np.random.default_rng(21), text, 100), read_file) < 1
+    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 def test_logs(tmp_path):

@@ -11,6 +11,7 @@ import pytest
 from arms import lcd_arm
 
 from ident.codec import CodecError, decode, encode
+from ident.description.file import ArmFile
 from ident.errors import Problem
 from ident.inference.constrained_fit import Point
 from ident.inference.parameters import Parameter, Parameters
@@ -201,6 +202,13 @@ def test_a_hostile_document_is_refused(case):
 def test_only_classes_of_values_that_are_ours_are_made(name):
     with pytest.raises(CodecError):
         decode({"class": name})
+
+
+def test_a_field_that_came_later_and_holds_nothing_may_be_missing():
+    document = encode(ArmFile(lcd_arm(), "arm.toml", "0", {}, notes=("held",)))
+    assert decode(document).notes == ("held",)
+    del document["notes"]
+    assert decode(document).notes == ()
 
 
 def test_other_fields_are_those_of_another_version():

@@ -37,8 +37,8 @@ def check_arm(arm: Arm) -> None:
         raise InputError(problems)
 
 
-def massless_joint(joints: Sequence[Joint]) -> tuple[int, str, str] | None:
-    """Return the last joint whose equation would be singular, why, and what it lacks; None if all is well.
+def massless_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, str, str]]:
+    """Yield the joints whose equation would be singular, the last one first: its place, why, and what it lacks.
 
     Turning a bushing moves the joint's own bodies and the bushing after it, for what that one carries may stay as it
     is, by turning back; turning the last one moves its own bodies alone.
@@ -53,9 +53,12 @@ def massless_joint(joints: Sequence[Joint]) -> tuple[int, str, str] | None:
         moments = np.linalg.eigvalsh(inertia)
         if mass and moments[0] > 1e-12 * moments[2]:
             continue
-        got = "a rotation that moves no mass" if mass else f"no mass {'beyond' if last else 'on'} the bushing"
-        return place, got, "mass beyond every bushing" if last else "inertia on every bushing"
-    return None
+        if mass:
+            yield place, "a rotation that moves no mass", "inertia about every axis"
+        elif last:
+            yield place, "no mass beyond the bushing", "mass beyond every bushing"
+        else:
+            yield place, "no mass on the bushing", "inertia on every bushing"
 
 
 def _of_mass(mass: float, at: np.ndarray) -> np.ndarray:
@@ -74,8 +77,7 @@ def _problems(arm: Arm) -> Iterator[Problem]:
         yield from _raised(partial(check_inertia, body.name, body.mass, body.inertia))
     yield from _raised(partial(check_drives, arm))
     yield from _raised(partial(check_springs, arm))
-    if massless := massless_joint(arm.joints):
-        place, got, expected = massless
+    for place, got, expected in massless_joints(arm.joints):
         remedy = "give its shaft or link a positive mass, with inertia"
         yield Problem(arm.joints[place].name, got, expected, remedy)
 

@@ -15,6 +15,7 @@ from ident.arm.arm import Arm
 from ident.arm.belt_condition import belt_mismatches
 from ident.arm.fields import STIFFNESS
 from ident.arm.oddity_geometry import Carried, Link, carried, links, reach_of, to_box, to_segment
+from ident.arm.parts import Body
 
 LONGEST, SHORTEST = 20.0, 0.05
 """Reach [m] beyond which metres and millimetres were probably mixed up."""
@@ -30,6 +31,14 @@ MOST_SAG = 0.02
 """Static deflection of the end point as a share of the reach."""
 MOST_DAMPED = 0.3
 """Damping ratio of one of the first modes."""
+LONG = 0.2
+"""Share of the reach from which a link is a long one: the links before and after the elbow, no turret and no wrist."""
+ALIKE, LEAST_ALIKE = 0.6, 3
+"""Share and number of bodies of one inertia that are odd, if their links are not alike."""
+UNLIKE = 3.0
+"""Factor between lengths, or masses, of links that are not alike."""
+FLATTEST, LARGEST_BOX = 0.1, 3.0
+"""Edge of the box of a link's mass and inertia, over the link's length: 0.12 to 2.5 on the long links of 15 arms."""
 FARTHEST_TURN, LEAST_TURN = 25.0, 0.12
 """Range of a pin [rad]: four turns; seven degrees."""
 
@@ -60,7 +69,8 @@ def oddities(arm: Arm, extents: Mapping[str, Float[np.ndarray, "2 3"]] | None = 
         extents: lowest and highest corner of bodies whose shape is known, (2, 3) [m] in their joint's axes, by name.
     """
     reach, extents = reach_of(arm), extents or {}
-    found = list(_lengths(arm, reach)) or list(_bodies(links(arm), reach, extents))
+    every = links(arm)
+    found = list(_lengths(arm, reach)) or [*_bodies(every, reach, extents), *_placeholders(every, reach, extents)]
     found += [] if found else [*_giving(arm), *_proportion(arm)]  # of wrong lengths and masses, all stiffnesses are odd
     first: dict[str, Oddity] = {}
     for each in (*found, *_limits(arm), *_drives(arm)):
@@ -174,6 +184,66 @@ def _gyration(
         got = f"{largest:.3g} kg m^2 of {mass:.3g} kg, a radius of gyration of {radius:.3g} m"
         expected = f"about {0.3 * size:.2g} m on a link of {size:.2g} m, some {mass * (0.3 * size) ** 2:.1g} kg m^2"
         yield Oddity(path, got, f'{expected}; unit = "kg*mm^2", or about the mass centre?')
+
+
+def _placeholders(every: Sequence[Link], reach: float, extents: Mapping[str, np.ndarray]) -> Iterator[Oddity]:
+    """Yield what is odd about all bodies together, as in a description whose masses nobody has filled in."""
+    if same := _alike([(link, body) for link in every for body in link.bodies if body.name not in extents], reach):
+        yield same
+    long = [link for link in every if link.bodies and float(np.linalg.norm(link.end)) > LONG * reach]
+    if len(long) < 2:
+        return
+    lengths = np.array([np.linalg.norm(link.end) for link in long])
+    shown = ", ".join(body.name for link in long for body in link.bodies)
+    whole = [_together(link.bodies) for link in long]
+    if all(
+        mass > 0 and np.linalg.norm(com) < 0.005 * each for (mass, com, _), each in zip(whole, lengths, strict=True)
+    ):
+        got = f"the mass centres of all long links ({shown}) are at their joints"
+        yield Oddity("bodies.com", got, f"near the middle of links of {lengths.min():.2g} to {lengths.max():.2g} m")
+    if same or any(body.name in extents for link in long for body in link.bodies):
+        return
+    edges = np.array([_longest_edge(mass, inertia) for mass, _, inertia in whole])
+    if (edges > 0).all() and ((edges < FLATTEST * lengths).all() or (edges > LARGEST_BOX * lengths).all()):
+        got = f"boxes of the inertias of all long links ({shown}) are {edges.min():.2g} to {edges.max():.2g} m long"
+        yield Oddity("bodies.inertia", got, f"{lengths.min():.2g} to {lengths.max():.2g} m, as the links are")
+
+
+def _alike(bodies: Sequence[tuple[Link, Body]], reach: float) -> Oddity | None:
+    """Return that most bodies have one inertia, though their links or masses are not alike."""
+    tensors = [np.asarray(body.inertia) for _, body in bodies]
+    groups = ([np.allclose(other, one, rtol=1e-6, atol=0) for other in tensors] for one in tensors if one.any())
+    most = max(groups, key=sum, default=[])
+    if sum(most) < max(LEAST_ALIKE, ALIKE * len(bodies)):
+        return None
+    group = [pair for pair, is_same in zip(bodies, most, strict=True) if is_same]
+    length = np.array([np.linalg.norm(link.end) for link, _ in group])
+    mass = np.array([float(body.mass) for _, body in group])
+    if length.max() < UNLIKE * max(length.min(), 0.02 * reach) and mass.max() < UNLIKE * mass.min():
+        return None
+    moments = ", ".join(f"{x:.3g}" for x in np.linalg.eigvalsh(np.asarray(group[0][1].inertia)))
+    masses = f"{mass.min():.3g}" + f" to {mass.max():.3g}" * bool(mass.max() > mass.min())
+    got = f"{len(group)} bodies of {masses} kg have one inertia, {moments} kg m^2, on links up to {length.max():.2g} m"
+    n = int(length.argmax())
+    expected = f"the inertia of each: a box of {mass[n]:.3g} kg and {length[n]:.2g} m has"
+    return Oddity("bodies.inertia", got, f"{expected} {mass[n] * length[n] ** 2 / 12:.2g} kg m^2 across; placeholders?")
+
+
+def _together(bodies: Sequence[Body]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return mass, mass centre and inertia about it of bodies together."""
+    mass = sum(float(body.mass) for body in bodies)
+    com = np.asarray(sum(float(body.mass) * np.asarray(body.com) for body in bodies)) / (mass or 1.0)
+    inertia = np.zeros((3, 3))
+    for body in bodies:
+        way = np.asarray(body.com) - com
+        inertia += np.asarray(body.inertia) + float(body.mass) * (way @ way * np.eye(3) - np.outer(way, way))
+    return mass, com, inertia
+
+
+def _longest_edge(mass: float, inertia: np.ndarray) -> float:
+    """Return the longest edge [m] of the solid box of a mass and inertia."""
+    moments = np.linalg.eigvalsh(inertia)
+    return float(np.sqrt(max(6 * (moments[2] + moments[1] - moments[0]) / mass, 0.0))) if mass > 0 else 0.0
 
 
 def _giving(arm: Arm) -> Iterator[Oddity]:

@@ -11,7 +11,7 @@ import typer
 from ident.cli import running
 from ident.cli.app import app
 from ident.cli.defaults import with_defaults
-from ident.cli.output import JsonOption, QuietOption, output, speaking
+from ident.cli.output import JsonOption, QuietOption, output, say_notes, speaking
 from ident.cli.times import TIMES
 from ident.errors import InputError
 from ident.studies.aside import set_aside
@@ -150,6 +150,7 @@ def offer(
         if files:
             finish(result, out, no_figure)
         else:
+            say_notes(result.notes)
             output().say(result.report(), nl=False)
             output().document = result.document
         then(result)
@@ -173,6 +174,7 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
     spoken = output()
     with TIMES.on("writing"):
+        say_notes(result.notes)
         spoken.say(result.report())
         spoken.document = result.document
         keep_others(result, out)

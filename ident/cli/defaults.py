@@ -17,7 +17,7 @@ from typing import Any, get_args, get_origin
 
 import typer
 
-from ident.cli.output import output
+from ident.cli.output import FOLDED, output
 from ident.errors import InputError, Problem
 from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
 
@@ -32,7 +32,6 @@ TYPES: dict[type, tuple[Any, str]] = {
     Path: (str, "a path in quotes"),
 }
 """What a flag of each type takes from the file, and how that is said."""
-FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
 NO_DEFAULTS = ("help", "json", "quiet", "restart")
 """Flags that a file can't set: they are said once."""
 

@@ -8,7 +8,7 @@ import typer
 
 from ident.cli import running
 from ident.cli.command import NoFigureOption, OutOption, plain
-from ident.cli.output import output
+from ident.cli.output import output, say_notes
 from ident.cli.times import TIMES
 from ident.errors import InputError, Problem
 from ident.studies.new import KINDS
@@ -87,6 +87,7 @@ def _show_result(file: Path) -> None:
     from ident.studies.load import load
 
     result = load(file)
+    say_notes(result.notes)
     output().say(result.report())
     output().document = result.document
 
@@ -114,6 +115,10 @@ def new(
     robot: Annotated[
         Path | None, typer.Option("--robot", "--urdf", help="robot description (URDF or MJCF) to take the arm from")
     ] = None,
+    tip: Annotated[
+        str | None,
+        typer.Option("--tip", help="link, body or site of it that the arm ends with; default: the end of the chain"),
+    ] = None,
 ) -> None:
     """Write an arm and a campaign with example numbers into a new folder, ready to run and to be filled in.
 
@@ -127,6 +132,8 @@ def new(
     elif robot is not None:
         remedy = "as ident new my_robot --robot robot.urdf"
         raise InputError(Problem("", "a kind and --robot", "one of them", remedy))
+    if tip is not None and robot is None:
+        raise InputError(Problem("--tip", "a tip without --robot", "a robot description that has it", "leave it out"))
     if folder is None:
         raise InputError(Problem("", "no folder", "the folder to make", f"as ident new {KINDS[0]} my_robot"))
     running.check_folder(folder)
@@ -134,7 +141,9 @@ def new(
         made = study.new(kind, folder)
     else:
         running.start()
-        made = study.new_from_robot(robot, folder)
+        made = study.new_from_robot(robot, folder, tip)
+    say_notes(made.notes)
+    output().document = lambda: {"notes": list(made.notes)} if made.notes else {}
     for path in made.paths:
         output().wrote(path)
     output().say(NEXT.format(arm=made.paths[0], campaign=made.paths[1]))

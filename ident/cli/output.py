@@ -5,7 +5,8 @@ standard error.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
+FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
 JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON; words go to standard error")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="print no words but errors")]
 
@@ -71,3 +73,9 @@ def speaking(*, as_json: bool, quiet: bool) -> Iterator[None]:
         typer.echo(json.dumps(document, allow_nan=False))
     if end:
         raise end
+
+
+def say_notes(notes: Iterable[str]) -> None:
+    """Say where an arm is not what its robot description says."""
+    for note in notes:
+        output().say(textwrap.fill(f"NOTE: {note}", 100, **FOLDED))

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from ident.arm.arm import Arm
 from ident.arm.base import on_soft_base
 from ident.arm.belt_condition import belt_mismatches
-from ident.arm.checks import check_size, massless_joint
+from ident.arm.checks import check_size, massless_joints
 from ident.description.explanations import Source
 from ident.description.joints_file import JointsFile
 from ident.description.quantities import Origin
@@ -40,6 +40,7 @@ class ArmFile:
         extents: lowest and highest corner of each body that has a shape, (2, 3) [m] in its joint's axes, by name.
         uncertain: numbers that are not exactly known, by path, with their standard deviation as `5%` or `2mm`.
         bushings: the file of its bushings, where it is described by URDF or MJCF; None for TOML.
+        notes: where the arm is not what its URDF or MJCF says: joints that are held, limits that are none, other names.
     """
 
     arm: Arm
@@ -49,6 +50,7 @@ class ArmFile:
     extents: Mapping[str, Float[np.ndarray, "2 3"]] = field(default_factory=dict)
     uncertain: Mapping[str, str] = field(default_factory=dict)
     bushings: JointsFile | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -71,8 +73,8 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
     digest = hashlib.sha256(data).hexdigest()
     if is_robot(text):
-        arm, bushings, origins = robot_arm(path)
-        return ArmFile(arm, str(path), digest, origins, bushings=bushings)
+        arm, bushings, origins, notes = robot_arm(path)
+        return ArmFile(arm, str(path), digest, origins, bushings=bushings, notes=notes)
     document = parse_document(text, where)
     parts = document.arm(), str(path), digest, document.origins(), document.extents()
     return ArmFile(*parts, uncertain_numbers(document))
@@ -94,12 +96,11 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
     except ValidationError as error:
         problems = [*source.explain(error), *problems]
     else:
-        if massless := massless_joint([joint.joint() for joint in document.joint]):
-            place, got, expected = massless
+        for place, got, expected in massless_joints([joint.joint() for joint in document.joint]):
             which = "last " * (place == len(document.joint) - 1)
             remedy = f"give the {which}joint a shaft or link of positive mass, with inertia or shape"
             problems.append(source.problem(("joint", place), got, expected, remedy))
-        elif not problems:
+        if not problems:
             problems += _unfit(document, source)
     if problems:
         raise InputError(sorted(problems, key=lambda problem: int(problem.where.rpartition(":")[2])))

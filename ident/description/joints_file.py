@@ -76,17 +76,13 @@ def beside(path: str) -> Path:
     return Path(path).with_suffix(SUFFIX)
 
 
-def read_joints(path: Path, robot: Robot) -> tuple[JointsFile, JointsDocument]:
-    """Return the bushings of a robot's joints.
+def read_joints(path: Path) -> tuple[JointsFile, JointsDocument, Source]:
+    """Return the bushings of a robot's joints, and the text that they stand in.
 
     Raises:
-        InputError: no such file, or it is wrong, or its joints are not the robot's; every problem is listed.
+        InputError: the file can't be read, or it is wrong; every problem is listed.
     """
     where = one_line(str(path))
-    if not path.exists():
-        got, expected = "no stiffness of its joints", f"{one_line(path.name)} beside it"
-        remedy = "write that file, or let `ident new my_robot --robot FILE` guess an arm"
-        raise InputError(Problem(robot.where, got, expected, remedy))
     data = read_bytes(path, "the bushings of a robot (TOML)")
     text = decode(data, where)
     source = Source(where, text, load_toml(text, where), TABLES | {"": JointsDocument, "joint": BushingTable})
@@ -94,12 +90,27 @@ def read_joints(path: Path, robot: Robot) -> tuple[JointsFile, JointsDocument]:
     try:
         document = JointsDocument.model_validate(source.raw)
     except ValidationError as error:
-        problems = [*source.explain(error), *problems]
-    else:
-        problems += _strangers(document, robot, source)
+        raise InputError([*source.explain(error), *problems]) from None
     if problems:
         raise InputError(problems)
-    return JointsFile(str(path), hashlib.sha256(data).hexdigest()), document
+    return JointsFile(str(path), hashlib.sha256(data).hexdigest()), document, source
+
+
+def check_joints(document: JointsDocument, robot: Robot, source: Source) -> None:
+    """Refuse bushings that are not those of a robot's joints.
+
+    Raises:
+        InputError: a joint too many or too few; every problem is listed.
+    """
+    if problems := _strangers(document, robot, source):
+        raise InputError(problems)
+
+
+def no_joints(path: Path, robot: Robot) -> InputError:
+    """Return the refusal of a robot description without a file of bushings."""
+    got, expected = "no stiffness of its joints", f"{one_line(path.name)} beside it"
+    remedy = "write that file, or let `ident new my_robot --robot FILE` guess an arm"
+    return InputError(Problem(robot.where, got, expected, remedy))
 
 
 def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) -> str:

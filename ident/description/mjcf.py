@@ -4,22 +4,45 @@ All is taken at zero posture, every hinge at 0 as MuJoCo counts its angle, from 
 """
 
 import re
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import repeat
 from os import PathLike
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from ident.arm.arm import Arm
 from ident.arm.checks import check_size
-from ident.arm.parts import Body
-from ident.description.robot import Pair, Pin, Robot, refusal
+from ident.arm.parts import Body, Point
+from ident.description.robot import (
+    TIP,
+    Pair,
+    Pin,
+    Robot,
+    body_names,
+    held_note,
+    is_sane,
+    limits_note,
+    listed,
+    refusal,
+    renamed_note,
+    serial_chain,
+    unclear_branch,
+)
 from ident.errors import InputError, Problem
-from ident.text import NAME, NAME_RULE, one_line, read_bytes
+from ident.text import NAME, NAME_RULE, did_you_mean, one_line, read_bytes
 
 ENDS = ("tors", "bend_1", "bend_2")
 """How the hinges of a bushing are called, after the joint: about its axis, and about two directions across it."""
+PLACED = {"body", "inertial", "joint", "frame", "site", "geom", "option", "compiler", "mesh", "replicate"}
+NUMBERS = {"pos", "quat", "axis", "axisangle", "xyaxes", "zaxis", "euler", "fromto", "size", "mass", "density", "ref"}
+NUMBERS |= {"diaginertia", "fullinertia", "gravity", "scale", "offset", "boundmass", "boundinertia", "settotalmass"}
+"""Elements and attributes that say where masses are, and how much."""
 
 
 def read_mjcf(
@@ -32,47 +55,50 @@ def read_mjcf(
     """Return a serial arm from an MJCF file.
 
     Hinges become driven joints with an empty shaft, but for those of bushings that `ident export` has written, of which
-    three without a driven one are an undriven joint; bodies
-    welded to one another are one link. MuJoCo's world frame is the base frame; what is fixed to it is left out. The
-    stiffness, damping, friction and armature of a hinge are its motor's, which holds the joint, and are passed over.
-    Geoms are read only where a body's inertia follows from them.
+    three without a driven one are an undriven joint; bodies welded to one another are one link. Joints that are not on
+    the way to the tip, as those of a gripper, are held at zero, and what they carry belongs to the link before them;
+    `ident.read_arm` says which. MuJoCo's world frame is the base frame; what is fixed to it is left out. The stiffness,
+    damping, friction and armature of a hinge are its motor's, which holds the joint, and are passed over. Geoms are
+    read only where a body's inertia follows from them.
 
     Args:
         path: the MJCF file.
         stiffness: (k_bend, k_tors) [N m/rad] of every joint by name, or one pair for all.
         damping: (tau_bend, tau_tors) [s] of every joint by name, or one pair for all.
-        tip: body or site whose origin becomes the point `tip`; by default the only site of the last link, else the
-            origin of its body.
+        tip: body or site that the arm ends with, whose origin becomes the point `tip`; by default the only site of the
+            last link, else the origin of its body. Of several arms it names one.
 
     Raises:
         InputError: the file is no MJCF, the robot no serial arm of hinges, or a joint lacks a value.
     """
     read_bytes(path, "a robot description (MJCF)")
-    robot = mjcf_robot(str(path))
-    return robot.arm(robot.bushings(stiffness, damping), tip)
+    robot = mjcf_robot(str(path), tip)
+    return robot.arm(robot.bushings(stiffness, damping))
 
 
-def mjcf_robot(path: str) -> Robot:
+def mjcf_robot(path: str, tip: str | None = None) -> Robot:
     """Return the robot that an MJCF file describes.
+
+    Args:
+        path: the file.
+        tip: the body or site that the arm ends with; None for the end of the chain.
 
     Raises:
         InputError: MuJoCo is not installed or can't read the file, or the robot is no serial arm of hinges.
     """
     where = one_line(path)
-    model, data = placed(path, where)
-    links = _links(model, where)
-    check_size(sum(map(len, links)), where)
-    pins, place = [], np.zeros(3)
-    for link in links:
+    model, data, ties = placed(path, where)
+    tree = _Tree.of(model, ties, tip, where)
+    check_size(len(tree.joints), where)
+    names = body_names(names_of_bodies(model), map(tree.name, tree.joints), "body")
+    pins, place, notes = [], np.zeros(3), list(tree.notes(names))
+    for link in tree.links:
         for joint in link:
-            last = joint == link[-1]
-            bodies = tuple(_bodies(model, data, joint, where)) if last else ()
-            pins.append(_pin(model, data, joint, bodies, place))
+            bodies = tuple(_bodies(tree, data, joint, names)) if joint == link[-1] else ()
+            pins.append(_pin(tree, data, joint, bodies, place))
             place = data.xanchor[joint]
     name = one_line(mujoco_name(model)) or "arm"
-    frames = dict(_frames(model, data, links))
-    end = _end(model, links[-1][-1])
-    return Robot(name, where, tuple(pins), frames, end, "body or site", "an <inertial>", model.opt.gravity.copy())
+    return Robot(name, where, tuple(pins), tree.point(data, tip), model.opt.gravity.copy(), tuple(notes))
 
 
 def load_spec(path: str, where: str) -> Any:
@@ -86,10 +112,11 @@ def load_spec(path: str, where: str) -> Any:
     except ImportError:
         got, remedy = "an MJCF file without the package mujoco", "pip install 'ident[mjcf]'"
         raise refusal(where, got, "mujoco to read it", remedy) from None
-    try:
-        return mujoco.MjSpec.from_file(path)
-    except ValueError as error:
-        raise _unread(where, error) from None
+    with _silent():
+        try:
+            return mujoco.MjSpec.from_file(path)
+        except ValueError as error:
+            raise _unread(where, error) from None
 
 
 def compiled(spec: Any, where: str) -> Any:
@@ -98,10 +125,39 @@ def compiled(spec: Any, where: str) -> Any:
     Raises:
         InputError: MuJoCo refuses it.
     """
+    light = [body.name for body in spec.bodies if body.joints and not _is_heavy(body)]
+    with _silent():
+        try:
+            return spec.compile()
+        except ValueError as error:
+            if light and "mjMINVAL" in str(error):
+                got, expected = f"no mass, or no inertia, on {listed(light)}", "both on every moving body"
+                raise refusal(where, got, expected, "give each an <inertial> with mass and diaginertia") from None
+            raise _unread(where, error) from None
+
+
+def _is_heavy(body: Any) -> bool:
+    """Tell whether a body has mass and inertia, or one that is fixed to it has."""
+    if body.explicitinertial:
+        own = body.mass > 0 and bool(np.nansum(np.abs([*body.inertia, *body.fullinertia])) > 0)
+    else:
+        own = bool(body.geoms)
+    return own or any(_is_heavy(each) for each in body.bodies if not each.joints)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep MuJoCo's warnings off the terminal, and its log file out of the user's folder."""
+    import mujoco
+
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
     try:
-        return spec.compile()
-    except ValueError as error:
-        raise _unread(where, error) from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def mujoco_name(model: Any) -> str:
@@ -114,35 +170,79 @@ def _unread(where: str, error: ValueError) -> InputError:
     return refusal(where, f"a model that MuJoCo can't read ({said})", "a valid MJCF", "correct it")
 
 
-def placed(path: str, where: str) -> tuple[Any, Any]:
-    """Return the model, and its data at zero posture; shapes are dropped where inertias are given.
+def placed(path: str, where: str) -> tuple[Any, Any, "Ties"]:
+    """Return the model, its data at zero posture, and its equality constraints; shapes are dropped where they can be.
 
     Raises:
-        InputError: MuJoCo is not installed or can't read the file, or what it says is no serial arm of hinges.
+        InputError: MuJoCo is not installed or can't read the file, or a number in it is none that a robot can have.
     """
     spec = load_spec(path, where)
     import mujoco
 
-    _check_numbers(spec, where)
+    _check_numbers(spec, Path(path), where)
+    ties = Ties.of(spec)
     if spec.compiler.inertiafromgeom != mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
         _drop_shapes(spec)
     model = compiled(spec, where)
-    if model.neq:
-        remedy = "remove it, and what it ties to the arm"
-        raise refusal(where, "an equality constraint", "a serial arm whose hinges turn on their own", remedy)
-    for joint in range(model.njnt):
-        if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
-            kind = mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
-            place = f"{where}, joint {_joint_name(model, joint)}"
-            raise refusal(place, f"type {kind}", "a hinge", "fix this joint, or leave out what hangs on it")
     data = mujoco.MjData(model)
-    data.qpos[:] = 0
-    mujoco.mj_kinematics(model, data)
-    return model, data
+    scalar = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+    data.qpos[model.jnt_qposadr[scalar]] = 0
+    with _silent():
+        mujoco.mj_kinematics(model, data)
+    for body in range(1, model.nbody):
+        numbers = (model.body_mass[body], *model.body_inertia[body], *data.xpos[body], *data.ximat[body])
+        if not np.isfinite([*numbers, *data.xipos[body]]).all():
+            got, place = "a place or inertia that is not finite", f"{where}, body {_body_name(model, body)}"
+            raise refusal(place, got, "finite numbers", "correct it")
+    return model, data, ties
 
 
-def _check_numbers(spec: Any, where: str) -> None:
+@dataclass(frozen=True)
+class Ties:
+    """The equality constraints of a file, and ranges that leave a joint no room.
+
+    Attributes:
+        joints: joints that follow another one, by name, with the one that they follow; empty where that is constant.
+        bodies: pairs of bodies or sites that are tied to one another, by name, and whether they are sites.
+        others: the joints that a constraint of another kind ties; None where that is not known.
+        ranges: equal limits of joints, by name.
+    """
+
+    joints: Mapping[str, str]
+    bodies: Sequence[tuple[str, str, bool]]
+    others: Sequence[frozenset[str] | None]
+    ranges: Mapping[str, str]
+
+    @classmethod
+    def of(cls, spec: Any) -> "Ties":
+        """Return the constraints of a specification, and take them and equal limits out of it."""
+        import mujoco
+
+        kinds, joints, bodies, others = mujoco.mjtEq, dict[str, str](), [], []
+        for each in list(spec.equalities):
+            if each.type == kinds.mjEQ_JOINT:
+                joints[each.name1] = each.name2
+            elif each.type in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
+                bodies.append((each.name1, each.name2, each.objtype == mujoco.mjtObj.mjOBJ_SITE))
+            elif each.type == kinds.mjEQ_TENDON:
+                wraps = [wrap for t in spec.tendons if t.name in (each.name1, each.name2) for wrap in t.path]
+                fixed = all(wrap.type == mujoco.mjtWrap.mjWRAP_JOINT for wrap in wraps)
+                others.append(frozenset(wrap.target.name for wrap in wraps) if fixed else None)
+            else:
+                others.append(None)
+            spec.delete(each)
+        ranges = {}
+        for joint in spec.joints:
+            low, high = joint.range
+            if low == high and (low != 0 or joint.limited == mujoco.mjtLimited.mjLIMITED_TRUE):
+                ranges[joint.name], joint.limited = f"range {low:g}, {high:g}", mujoco.mjtLimited.mjLIMITED_FALSE
+        return cls(joints, bodies, others, ranges)
+
+
+def _check_numbers(spec: Any, path: Path, where: str) -> None:
     """Refuse what MuJoCo would pass over in silence."""
+    if wild := list(_not_sane(path, where)):
+        raise InputError(wild)
     problems = [
         Problem(f"{where}, body {body.name}", f"mass {body.mass:g}", "a mass >= 0 kg", "correct it")
         for body in spec.bodies
@@ -160,6 +260,25 @@ def _check_numbers(spec: Any, where: str) -> None:
     ]
     if problems:
         raise InputError(problems)
+
+
+def _not_sane(path: Path, where: str) -> Iterator[Problem]:
+    """Yield numbers that are not finite, or absurdly large, as the text has them: MuJoCo takes nan for left out."""
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except (OSError, ValueError, LookupError, ElementTree.ParseError):
+        return  # MuJoCo could read it
+    stack = [(root, "")]
+    while stack:
+        element, body = stack.pop()
+        if element.tag == "include" and (file := element.get("file")):
+            yield from _not_sane(path.parent / file, where)
+        body = element.get("name", body) if element.tag == "body" else body
+        for key in sorted(NUMBERS & element.attrib.keys()) if element.tag in PLACED else ():
+            if not all(map(is_sane, element.attrib[key].split())):
+                place = f"{where}, body {body}" if body else where
+                yield Problem(place, f'{key}="{element.attrib[key]}"', "finite numbers", "correct it", element.tag)
+        stack += [(child, body) for child in reversed(element)]
 
 
 def _drop_shapes(spec: Any) -> None:
@@ -182,28 +301,192 @@ def _drop_shapes(spec: Any) -> None:
         spec.delete(unused)
 
 
-def _links(model: Any, where: str) -> list[list[int]]:
-    """Return the joints of each moving link, from the base outwards.
+@dataclass(frozen=True)
+class _Tree:
+    """The bodies of a model, and which joints the arm has.
+
+    Attributes:
+        model: MuJoCo's model.
+        where: names the file in errors.
+        links: the joints of each moving link, from the base outwards.
+        owner: the link's body that each body moves with, by number; 0 for the base.
+        held: the joints that the arm does not have.
+        ties: equality constraints.
+    """
+
+    model: Any
+    where: str
+    links: list[list[int]]
+    owner: list[int]
+    held: list[int]
+    ties: Ties
+
+    @classmethod
+    def of(cls, model: Any, ties: Ties, tip: str | None, where: str) -> "_Tree":
+        """Return the arm that a model has.
+
+        Raises:
+            InputError: no arm or several, no such tip, a joint of the arm that does not turn on its own, or a bad name.
+        """
+        import mujoco
+
+        bushings = _passed_over(model)
+        joints: dict[int, list[int]] = {}
+        for n in range(model.njnt):
+            if model.joint(n).name not in bushings:
+                joints.setdefault(int(model.jnt_bodyid[n]), []).append(n)
+        mover, after = [0], {0: list[int](), **{body: [] for body in joints}}
+        for body in range(1, model.nbody):
+            before = mover[model.body_parentid[body]]
+            mover.append(body if body in joints else before)
+            if body in joints:
+                after[before].append(body)
+
+        def turns(body: int) -> bool:
+            hinges = (model.jnt_type[n] == mujoco.mjtJoint.mjJNT_HINGE for n in joints[body])
+            return all(hinges) and not any(model.joint(n).name in ties.joints for n in joints[body])
+
+        def is_followed(body: int) -> bool:
+            return any(model.joint(n).name in ties.joints.values() for n in joints[body])
+
+        end = None if tip is None else _carrier(model, tip, mover, where)
+        kept, unclear = serial_chain(after, 0, end, turns, is_followed)
+        if unclear:
+            first = (_joint_name(model, joints[body][0]) for body, _ in unclear)
+            raise unclear_branch(where, first, (_body_name(model, body) for _, body in unclear))
+        owner = [0]
+        for body in range(1, model.nbody):
+            owner.append(body if body in kept else owner[model.body_parentid[body]])
+        held = [n for body in joints if body not in kept for n in joints[body]]
+        tree = cls(model, where, [joints[body] for body in kept], owner, held, ties)
+        tree._check_types()
+        tree._check_names()
+        return tree
+
+    @property
+    def joints(self) -> list[int]:
+        """The joints of the arm, from the base outwards."""
+        return [joint for link in self.links for joint in link]
+
+    def name(self, joint: int) -> str:
+        """Return the name of a joint."""
+        return _joint_name(self.model, joint)
+
+    def carried(self, body: int) -> list[int]:
+        """Return a link's body and those that move with it."""
+        return [n for n in range(1, self.model.nbody) if self.owner[n] == body]
+
+    def point(self, data: Any, tip: str | None) -> Point:
+        """Return the end point: the named one, or the only site of the last link, or its body."""
+        model, last = self.model, int(self.model.jnt_bodyid[self.links[-1][-1]])
+        sites = [
+            n for n in range(model.nsite) if model.body_weldid[model.site_bodyid[n]] == last and model.site(n).name
+        ]
+        if tip is not None:
+            body, place = _frame(model, data, tip)
+        elif len(sites) == 1:
+            body, place = last, data.site_xpos[sites[0]]
+        else:
+            body, place = last, data.xpos[last]
+        joint = next(link[-1] for link in self.links if model.jnt_bodyid[link[-1]] == self.owner[body])
+        return Point(TIP, self.name(joint), place - data.xanchor[joint])
+
+    def notes(self, names: Mapping[str, str]) -> Iterator[str]:
+        """Yield where the arm is not what the file says."""
+        model = self.model
+        for body in (0, *(int(model.jnt_bodyid[link[-1]]) for link in self.links)):
+            held = [n for n in self.held if self.owner[model.jnt_bodyid[n]] == body]
+            if held:
+                others = [n for n in self.carried(body) if model.body_weldid[n] != body] if body else []
+                mass = float(sum(model.body_mass[n] for n in others))
+                last = next((link[-1] for link in self.links if model.jnt_bodyid[link[-1]] == body), None)
+                yield held_note(self.where, list(map(self._told, held)), mass, "" if last is None else self.name(last))
+        for n in range(1, model.nbody):
+            name = _body_name(model, n)
+            if names[name] != name and model.body_mass[n] > 0 and self.owner[n]:
+                yield renamed_note(self.where, "body", name, names[name])
+        for name in map(self.name, self.joints):
+            if name in self.ties.ranges:
+                yield limits_note(self.where, name, self.ties.ranges[name])
+
+    def _told(self, joint: int) -> str:
+        """Return the name of a joint, its type and the joint that it follows."""
+        name = self.name(joint)
+        leader = self.ties.joints.get(name)
+        shown = name or f"of body {_body_name(self.model, int(self.model.jnt_bodyid[joint]))}"
+        return f"{shown} ({_type(self.model, joint)}{f', follows {leader}' if leader else ''})"
+
+    def _check_types(self) -> None:
+        """Refuse an arm without joints, joints that ident has no equation for, and constraints of the arm."""
+        import mujoco
+
+        model, where, ties = self.model, self.where, self.ties
+        if not self.links:
+            others = listed(map(self._told, self.held))
+            got = f"no hinge that turns on its own, but {others}" if others else "no moving joint"
+            raise refusal(where, got, "a hinge", "check the joints of the bodies")
+        own = {str(model.joint(n).name) for n in self.joints}
+        tied = bool(ties.joints.keys() & own) or any(each is None or each & own for each in ties.others)
+        for one, other, are_sites in ties.bodies:
+            bodies = [self._body(name, is_site=are_sites) for name in (one, other)]
+            tied = tied or self.owner[bodies[0]] != self.owner[bodies[1]]
+        if tied:
+            remedy = "remove it, and what it ties to the arm"
+            raise refusal(where, "an equality constraint", "a serial arm whose hinges turn on their own", remedy)
+        for joint in self.joints:
+            if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
+                got, remedy = f"type {_type(model, joint)}", "fix this joint, or let the arm end before it (tip)"
+                raise refusal(f"{where}, joint {self.name(joint)}", got, "a hinge", remedy)
+
+    def _body(self, name: str, *, is_site: bool) -> int:
+        if not name:
+            return 0
+        return int(self.model.site_bodyid[self.model.site(name).id] if is_site else self.model.body(name).id)
+
+    def _check_names(self) -> None:
+        model = self.model
+        parts = [("joint", self.name(n), int(model.jnt_bodyid[n])) for n in self.joints]
+        heavy = [n for n in range(1, model.nbody) if model.body_mass[n] > 0 and self.owner[n] > 0]
+        parts += [("body", _body_name(model, n), int(model.body_parentid[n])) for n in heavy]
+        problems = [
+            Problem(
+                f"{self.where}, body {_body_name(model, holder)}", f"the {kind} name {name!r}", NAME_RULE, "rename it"
+            )
+            for kind, name, holder in parts
+            if not re.fullmatch(NAME, name)
+        ]
+        if problems:
+            raise InputError(problems)
+
+
+def _type(model: Any, joint: int) -> str:
+    import mujoco
+
+    return str(mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower())
+
+
+def _carrier(model: Any, tip: str, mover: Sequence[int], where: str) -> int:
+    """Return the moving body that carries a body or site.
 
     Raises:
-        InputError: nothing moves, the arm branches, or a joint's name is none.
+        InputError: none does.
     """
-    links: list[list[int]] = []
-    last, bushings = 0, _passed_over(model)
-    for body in range(1, model.nbody):
-        if not model.body_jntnum[body]:
-            continue
-        joints = [int(model.body_jntadr[body]) + n for n in range(model.body_jntnum[body])]
-        joints = [joint for joint in joints if model.joint(joint).name not in bushings]
-        if model.body_weldid[model.body_parentid[body]] != last:
-            names = " and ".join(_joint_name(model, joint) for joint in (*links[-1][:1], joints[0]))
-            raise refusal(where, f"a branch into {names}", "a serial arm", "remove the other arms and fingers")
-        links.append(joints)
-        last = body
-    if not links:
-        raise refusal(where, "no moving joint", "a hinge", "check the joints of the bodies")
-    _check_names(model, where)
-    return links
+    frames = {str(model.site(n).name): int(model.site_bodyid[n]) for n in range(model.nsite) if model.site(n).name}
+    frames |= {_body_name(model, n): n for n in range(1, model.nbody)}
+    moving = {name: mover[body] for name, body in frames.items() if mover[body]}
+    if moving and tip not in moving:
+        remedy = did_you_mean(tip, moving, f"one of {listed(moving)}")
+        raise refusal(where, f"the tip {tip!r}", "a moving body or site of this robot", remedy)
+    return moving.get(tip, 0)
+
+
+def _frame(model: Any, data: Any, tip: str) -> tuple[int, Any]:
+    """Return a body, or the one that carries a site, and the place of the frame."""
+    names = names_of_bodies(model)
+    if tip in names:
+        return names.index(tip) + 1, data.xpos[names.index(tip) + 1]
+    site = model.site(tip).id
+    return int(model.site_bodyid[site]), data.site_xpos[site]
 
 
 def _passed_over(model: Any) -> set[str]:
@@ -220,66 +503,35 @@ def _undriven(name: str, names: set[str]) -> str:
     return stem if whole else ""
 
 
-def _check_names(model: Any, where: str) -> None:
-    parts = [("joint", _joint_name(model, n), int(model.jnt_bodyid[n])) for n in range(model.njnt)]
-    heavy = [n for n in range(1, model.nbody) if model.body_mass[n] > 0 and model.body_weldid[n] > 0]
-    parts += [("body", _body_name(model, n), int(model.body_parentid[n])) for n in heavy]
-    problems = [
-        Problem(f"{where}, body {_body_name(model, holder)}", f"the {kind} name {name!r}", NAME_RULE, "rename it")
-        for kind, name, holder in parts
-        if not re.fullmatch(NAME, name)
-    ]
-    if problems:
-        raise InputError(problems)
-
-
-def _pin(model: Any, data: Any, joint: int, bodies: tuple[Body, ...], place: Any) -> Pin:
+def _pin(tree: _Tree, data: Any, joint: int, bodies: tuple[Body, ...], place: Any) -> Pin:
+    model = tree.model
     lower, upper = model.jnt_range[joint] if model.jnt_limited[joint] else (-np.inf, np.inf)
-    axis, anchor, name = data.xaxis[joint].copy(), data.xanchor[joint], _joint_name(model, joint)
+    axis, anchor, name = data.xaxis[joint].copy(), data.xanchor[joint], tree.name(joint)
     driven = name == model.joint(joint).name
     limits = (float(lower), float(upper)) if driven else (-np.inf, np.inf)
-    return Pin(name, axis, anchor - place, bodies, limits, driven)
+    carrier = f"body {_body_name(model, int(model.jnt_bodyid[joint]))}"
+    return Pin(name, axis, anchor - place, bodies, limits, driven, carrier)
 
 
-def _bodies(model: Any, data: Any, joint: int, where: str) -> Iterator[Body]:
+def _bodies(tree: _Tree, data: Any, joint: int, names: Mapping[str, str]) -> Iterator[Body]:
     """Yield the bodies that turn with a joint, in axes parallel to the base's."""
-    for body in _welded(model, joint):
+    model = tree.model
+    for body in tree.carried(int(model.jnt_bodyid[joint])):
         if model.body_mass[body] == 0:
             continue
         turn = data.ximat[body].reshape(3, 3)
         inertia = turn @ np.diag(model.body_inertia[body]) @ turn.T
         com, name = data.xipos[body] - data.xanchor[joint], _body_name(model, body)
         try:
-            yield Body(name, model.body_mass[body], com, (inertia + inertia.T) / 2)
+            yield Body(names[name], model.body_mass[body], com, (inertia + inertia.T) / 2)
         except InputError as error:
             problem = error.problems[0]
-            raise refusal(f"{where}, body {name}", problem.got, problem.expected, problem.remedy) from None
+            raise refusal(f"{tree.where}, body {name}", problem.got, problem.expected, problem.remedy) from None
 
 
-def _welded(model: Any, joint: int) -> list[int]:
-    """Return the body of a joint and those that are fixed to it."""
-    return [n for n in range(1, model.nbody) if model.body_weldid[n] == model.jnt_bodyid[joint]]
-
-
-def _frames(model: Any, data: Any, links: list[list[int]]) -> Iterator[tuple[str, tuple[str, Any]]]:
-    """Yield bodies and sites by name with the joint that carries them, and their place from it."""
-    for joint in (link[-1] for link in links):
-        name, anchor = _joint_name(model, joint), data.xanchor[joint]
-        bodies = _welded(model, joint)
-        for site in _sites(model, bodies):
-            yield model.site(site).name, (name, data.site_xpos[site] - anchor)
-        for body in bodies:
-            yield _body_name(model, body), (name, data.xpos[body] - anchor)
-
-
-def _end(model: Any, joint: int) -> str:
-    """Return the only site of the last link, or its body."""
-    sites = _sites(model, _welded(model, joint))
-    return str(model.site(sites[0]).name) if len(sites) == 1 else _body_name(model, int(model.jnt_bodyid[joint]))
-
-
-def _sites(model: Any, bodies: list[int]) -> list[int]:
-    return [n for n in range(model.nsite) if model.site_bodyid[n] in bodies and model.site(n).name]
+def names_of_bodies(model: Any) -> list[str]:
+    """Return the names of all bodies but the world, in their order."""
+    return [_body_name(model, n) for n in range(1, model.nbody)]
 
 
 def _joint_name(model: Any, joint: int) -> str:

@@ -97,7 +97,7 @@ def tree_of(path: str, where: str) -> Tree:
     Raises:
         InputError: MuJoCo is not installed, or can't read the file.
     """
-    model, data = placed(path, where)
+    model, data, _ = placed(path, where)
     return Tree(_elements(Path(path)), model, data, where)
 
 

@@ -17,11 +17,11 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.arm.base import on_soft_base
 from ident.arm.parts import Body, Joint
-from ident.description.mjcf import ENDS
+from ident.description.mjcf import ENDS, names_of_bodies
 from ident.description.mjcf_tangents import Tangent, tendons
 from ident.description.mjcf_tree import Tree, moved, numbers, own_masses, tree_of, wrapped
 from ident.description.rewriting import changed_bodies, changed_numbers
-from ident.description.robot import refusal
+from ident.description.robot import body_names, refusal
 from ident.description.xml_text import comment, root_start
 from ident.text import one_line, read_bytes
 
@@ -68,10 +68,14 @@ def mjcf_with_bushings(
         turns = {arm.base.name: _put_base(tree, arm, straight=posture is None)} | turns
     if posture is not None:
         tree.root.append(tendons([Tangent(name, turn) for name, turn in turns.items()], arm, posture))
+    own = {joint.name for joint in before.joints}
     for key in tree.root.iter("key"):
-        for name in {"qpos", "qvel"} & key.attrib.keys():
-            each = " ".join(f"0 0 0 {number}" for number in key.attrib[name].split())
-            key.set(name, each if arm.base is None else f"0 0 0 {each}")
+        for name, starts in (("qpos", tree.model.jnt_qposadr), ("qvel", tree.model.jnt_dofadr)):
+            if name in key.attrib:
+                driven = {int(start) for n, start in enumerate(starts) if tree.model.joint(n).name in own}
+                words = enumerate(key.attrib[name].split())
+                each = " ".join(f"0 0 0 {word}" if place in driven else word for place, word in words)
+                key.set(name, each if arm.base is None else f"0 0 0 {each}")
     return data[: root_start(data)] + comment(lines) + ElementTree.tostring(tree.root, encoding="utf-8") + b"\n"
 
 
@@ -122,10 +126,12 @@ def _put_bodies(tree: Tree, path: str, before: Arm, arm: Arm) -> None:
     changed &= {body.name for body in changed_bodies(before, arm)}
     if changed:
         own_masses(path, tree.where)
+    joints = [joint.name for joint in before.joints]
+    written = {new: old for old, new in body_names(names_of_bodies(tree.model), joints, "body").items()}
     for joint in before.joints:
         own = {body.name: body for each in arm.joints if each.name == joint.name for body in each.link}
         for name in (body.name for body in joint.link if body.name in changed):
-            element, number = tree.path("body", name)[-1], tree.model.body(name).id
+            element, number = tree.path("body", written[name])[-1], tree.model.body(written[name]).id
             anchor = np.array(tree.data.xanchor[tree.model.joint(joint.name).id])
             for old in element.findall("inertial"):
                 element.remove(old)

@@ -195,7 +195,9 @@ class Profile(Sourced):
     value: Literal["s-curve", "trapezoid", "cycloid"]
 
 
-class Postures(Quantity[Annotated[str, _checked_unit("rad", "deg")], list[list[Number]]]):
+class Postures(
+    Quantity[Annotated[str, _checked_unit("rad", "deg")], Annotated[list[list[Number]], Field(min_length=1)]]
+):
     """Joint angles of several postures."""
 
     @property

@@ -1,25 +1,155 @@
 """What a robot description says, URDF or MJCF: an arm but for its bushings, and the arm with them."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import GRAVITY, Arm
-from ident.arm.checks import massless_joint
+from ident.arm.checks import massless_joints
+from ident.arm.fields import LARGEST
 from ident.arm.parts import Body, Joint, Payload, Point
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, one_line
 from ident.text import did_you_mean
 
 Pair = tuple[float, ...]
 """Two numbers, across the axis and about it; their number is checked when the file is read."""
+TIP = "tip"
+"""Name of the end point."""
+MOST_NAMED = 8
+"""Names of a list that a line repeats."""
+Node = TypeVar("Node", bound=Hashable)
 
 
 def refusal(where: str, got: str, expected: str, remedy: str) -> InputError:
     """Return the error of one problem."""
     return InputError(Problem(where, got, expected, remedy))
+
+
+def refuse_xacro(data: bytes, root: Any, where: str) -> None:
+    """Refuse a robot description whose macros are not expanded; `root` is None where it is no XML.
+
+    Raises:
+        InputError: it has an element of xacro, or an attribute with `${...}` or `$(...)`.
+    """
+    if root is None:
+        there = re.search(rb"<xacro:\w+", data) is not None
+    else:
+        there = any(re.match(r"\{[^}]*xacro", str(each.tag)) for each in root.iter())
+        there = there or any(re.search(r"\$[{(]", value) for each in root.iter() for value in each.attrib.values())
+    if there:
+        path = Path(where)
+        made = f"{path.stem if path.suffix == '.xacro' else 'robot'}".removesuffix(".urdf") + ".urdf"
+        made = "expanded.urdf" if made == path.name else made
+        raise refusal(where, "a xacro file", "a URDF file", f"expand it: xacro {where} > {made}")
+
+
+def is_sane(word: str, *, bounded: bool = True) -> bool:
+    """Tell whether a word is no number, or one that a robot may have: none that is not finite or absurdly large."""
+    try:
+        number = float(word)
+    except ValueError:
+        return True  # the reader of the format says that this is no number
+    return abs(number) < LARGEST if bounded else number == number
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names in a row, of a long list the first ones."""
+    every = list(names)
+    more = [f"{len(every) - MOST_NAMED} more"] if len(every) > MOST_NAMED else []
+    return ", ".join([*map(one_line, every[:MOST_NAMED]), *more])
+
+
+def serial_chain(
+    after: Mapping[Node, Sequence[Node]],
+    root: Node,
+    tip: Node | None,
+    turns: Callable[[Node], bool],
+    is_followed: Callable[[Node], bool],
+) -> tuple[list[Node], list[tuple[Node, Node]]]:
+    """Return the moving parts that make the arm, from the base outwards, and between which the choice is unclear.
+
+    Of each of those there is the first part, and the last one before it branches itself.
+
+    The arm goes to the part that carries the tip. Where no tip is named, or beyond it, it goes on with the only part
+    that leads to a turning joint. Several such parts are a hand, at which the arm ends, where each has less than half
+    as many turning joints as the arm before; so is a single one that others follow, the drive of a gripper.
+
+    Args:
+        after: which parts move next on each part, in a tree.
+        root: what does not move.
+        tip: the part that carries the named end point; None where none is named.
+        turns: whether an arm can have the joint of a part: one that turns, on its own.
+        is_followed: whether other joints follow that of a part, as in a gripper.
+    """
+    order, before = [root], dict[Node, Node]()
+    for node in order:
+        order += after[node]
+        before.update(dict.fromkeys(after[node], node))
+    depth, plain = dict[Node, int](), dict[Node, bool]()  # turning joints of the longest way outwards
+    for node in reversed(order):
+        depth[node] = max((depth[each] for each in after[node]), default=0) + (node != root and turns(node))
+        plain[node] = len(after[node]) < 2 and all(plain[each] and turns(each) for each in after[node])
+    chain = [root] if tip is None else [tip]
+    while chain[0] != root:
+        chain.insert(0, before[chain[0]])
+    while plain[root] or chain[-1] != tip:
+        arms = [node for node in after[chain[-1]] if depth[node]]
+        is_hand = all(2 * depth[node] < len(chain) - 1 for node in arms)
+        if is_hand and (len(arms) != 1 or is_followed(arms[0])):
+            break
+        if len(arms) > 1:
+            return chain[1:], [(node, _end(node, after, depth)) for node in arms]
+        chain += arms
+    return chain[1:], []
+
+
+def _end(node: Node, after: Mapping[Node, Sequence[Node]], depth: Mapping[Node, int]) -> Node:
+    """Return the last part of a chain, before it branches or ends."""
+    while len(further := [each for each in after[node] if depth[each]]) == 1:
+        node = further[0]
+    return node
+
+
+def unclear_branch(where: str, joints: Iterable[str], ends: Iterable[str]) -> InputError:
+    """Return the refusal of a robot of several arms, of which none is named; `ends` are what `tip` may name."""
+    beside = one_line(Path(where).with_suffix(".joints.toml").name)
+    remedy = f'name what the arm ends with ({listed(ends)}): tip = "..." in {beside}, or ident new --tip'
+    return refusal(where, f"a branch into {listed(joints)}", "a serial arm", remedy)
+
+
+def body_names(names: Sequence[str], joints: Iterable[str], kind: str) -> dict[str, str]:
+    """Return what each link or body is called in the arm: as in its file, unless a joint has that name."""
+    taken, own = {*joints, TIP}, {}
+    for name in names:
+        new = name
+        while new in taken or (new != name and new in names):
+            new += f"_{kind}"
+        own[name] = new
+    return own
+
+
+def renamed_note(where: str, kind: str, old: str, new: str) -> str:
+    """Return the note on a body that has another name in the arm than in its file."""
+    why = "the end point has that name" if old == TIP else "a joint has that name"
+    return f"{where}, {kind} {one_line(old)}: called {new} here, as {why}"
+
+
+def held_note(where: str, held: Sequence[str], mass: float, joint: str) -> str:
+    """Return the note on joints that the arm does not have, on the link of `joint`, or on the base if it is empty."""
+    one = len(held) == 1
+    verb, with_them = ("is", "it") if one else ("are", "them")
+    what = f"{mass:.4g} kg on {with_them} move with {joint}" if joint else f"what is on {with_them} is left out"
+    return f"{where}, joint{'s' * (not one)} {listed(held)}: {verb} held at zero; {what}"
+
+
+def limits_note(where: str, joint: str, limits: str) -> str:
+    """Return the note on limits that leave a joint no room."""
+    return f"{where}, joint {joint}: {limits}, so that it turns freely here"
 
 
 @dataclass(frozen=True)
@@ -32,6 +162,8 @@ class Pin:
     link: tuple[Body, ...]
     limits: tuple[float, float]
     driven: bool = True
+    carrier: str = ""
+    """What turns with it, as its file calls that: the link or body that could have mass."""
 
 
 @dataclass(frozen=True)
@@ -42,21 +174,17 @@ class Robot:
         name: what it is called.
         where: names the file in errors.
         pins: from the base outwards.
-        frames: the joint that carries each frame that may be the end point, and its place [m] in that joint's frame.
-        end: which of them is the end point, if no other is named.
-        kind: what such a frame is called there: a link, a body or site.
+        tip: the end point.
         gravity: (3,) [m/s^2] in the base frame.
-        remedy: how a link gets mass in that format.
+        notes: where the arm is not what the file says: joints that are held, limits that are none, other names.
     """
 
     name: str
     where: str
     pins: tuple[Pin, ...]
-    frames: Mapping[str, tuple[str, Float[np.ndarray, "3"]]]
-    end: str
-    kind: str
-    remedy: str
+    tip: Point
     gravity: Any = GRAVITY
+    notes: tuple[str, ...] = ()
 
     @property
     def joints(self) -> list[str]:
@@ -66,7 +194,6 @@ class Robot:
     def arm(
         self,
         bushings: Mapping[str, Mapping[str, Any]],
-        tip: str | None = None,
         points: tuple[Point, ...] = (),
         payloads: tuple[Payload, ...] = (),
     ) -> Arm:
@@ -74,12 +201,11 @@ class Robot:
 
         Args:
             bushings: what `Joint` takes of stiffness and damping, by joint.
-            tip: the frame whose origin is the point `tip`, by default the end.
             points: further points.
             payloads: bodies that a load case may add.
 
         Raises:
-            InputError: a joint that nothing beyond it loads, no such frame, or a name that occurs twice.
+            InputError: joints whose bushings carry nothing, or a name that occurs twice.
         """
         joints = [
             Joint(
@@ -93,21 +219,29 @@ class Robot:
             )
             for pin in self.pins
         ]
-        if massless := massless_joint(joints):
-            last, got, expected = massless
-            remedy = f"give the {'last ' * (last == len(joints) - 1)}link {self.remedy}"
-            raise refusal(f"{self.where}, joint {joints[last].name}", got, expected, remedy)
+        if problems := list(self._massless(joints)):
+            raise InputError(problems)
         try:
-            return Arm(self.name, tuple(joints), (*points, self._tip(tip)), payloads, self.gravity)
+            return Arm(self.name, tuple(joints), (*points, self.tip), payloads, self.gravity)
         except InputError as error:
             raise InputError(Problem(self.where, p.got, p.expected, p.remedy) for p in error.problems) from None
 
-    def _tip(self, tip: str | None) -> Point:
-        tip = self.end if tip is None else tip
-        if tip in self.frames:
-            return Point("tip", *self.frames[tip])
-        remedy = did_you_mean(tip, self.frames, f"one of {', '.join(self.frames)}")
-        raise refusal(self.where, f"the tip {tip!r}", f"a moving {self.kind} of this robot", remedy)
+    def _massless(self, joints: Sequence[Joint]) -> Iterator[Problem]:
+        """Yield joints that turn no mass, all in one line, and those whose rotation moves none of theirs."""
+        found = {place: (got, expected) for place, got, expected in massless_joints(joints)}
+        empty = sorted(place for place in found if not any(float(body.mass) for body in joints[place].link))
+        if empty:
+            got, expected = found[empty[-1]]
+            names, carriers = ([getattr(self.pins[place], key) for place in empty] for key in ("name", "carrier"))
+            one = len(empty) == 1
+            where = f"{self.where}, joint{'s' * (not one)} {listed(names)}"
+            got = got if one else "no mass on the bushings"
+            yield Problem(where, got, expected, f"give {listed(carriers)} an <inertial> with <mass> and <inertia>")
+        for place, (got, expected) in sorted(found.items()):
+            if place not in empty:
+                heavy = listed(body.name for body in joints[place].link if float(body.mass))
+                remedy = f"give {heavy} an inertia that is not zero about any axis"
+                yield Problem(f"{self.where}, joint {joints[place].name}", got, expected, remedy)
 
     def bushings(
         self, stiffness: Mapping[str, Pair] | Pair, damping: Mapping[str, Pair] | Pair

@@ -6,8 +6,16 @@ from xml.etree import ElementTree
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Payload, Point
-from ident.description.joints_file import BUSHING, JointsDocument, JointsFile, beside, read_joints
-from ident.description.robot import Robot, refusal
+from ident.description.joints_file import (
+    BUSHING,
+    JointsDocument,
+    JointsFile,
+    beside,
+    check_joints,
+    no_joints,
+    read_joints,
+)
+from ident.description.robot import Robot, refusal, refuse_xacro
 from ident.text import one_line, read_bytes
 
 REMEDY = "give a URDF or MJCF file, not xacro or SDF"
@@ -27,16 +35,18 @@ def robot_kind(data: bytes, where: str) -> str:
     try:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, LookupError, ValueError) as error:
+        refuse_xacro(data, None, where)
         line, column = getattr(error, "position", (1, 0))
         got, expected = f"no XML ({one_line(str(error))})", "a robot description (URDF or MJCF)"
         raise refusal(f"{where}:{line}, column {column}", got, expected, "correct it") from None
+    refuse_xacro(data, root, where)
     if root.tag not in ("robot", "mujoco"):
         raise refusal(f"{where}:1", f"<{one_line(root.tag)}>", "<robot> or <mujoco>", REMEDY)
     return str(root.tag)
 
 
-def read_robot(path: str | PathLike[str]) -> Robot:
-    """Return the robot of a file.
+def read_robot(path: str | PathLike[str], tip: str | None = None) -> Robot:
+    """Return the robot of a file, up to the link, body or site that the arm ends with, if one is named.
 
     Raises:
         InputError: it is no robot description of a serial arm, or the package that reads it is missing.
@@ -45,27 +55,33 @@ def read_robot(path: str | PathLike[str]) -> Robot:
     if robot_kind(data, one_line(str(path))) == "robot":
         from ident.description.urdf import urdf_robot
 
-        return urdf_robot(data, str(path))
+        return urdf_robot(data, str(path), tip)
     from ident.description.mjcf import mjcf_robot
 
-    return mjcf_robot(str(path))
+    return mjcf_robot(str(path), tip)
 
 
-def robot_arm(path: str | PathLike[str]) -> tuple[Arm, JointsFile, dict[str, str]]:
-    """Return the arm of a robot description, where its bushings come from, and the origin of every number.
+def robot_arm(
+    path: str | PathLike[str],
+) -> tuple[Arm, JointsFile, dict[str, str], tuple[str, ...]]:
+    """Return the arm of a robot description, where its bushings come from, the origin of every number, and notes.
 
-    What the description says has the origin `derived`.
+    What the description says has the origin `derived`. The notes say where the arm is not what the description says.
 
     Raises:
         InputError: the description or the file of bushings is wrong.
     """
-    robot = read_robot(path)
-    source, document = read_joints(beside(str(path)), robot)
+    file = beside(str(path))
+    if not file.exists():
+        raise no_joints(file, read_robot(path))
+    source, document, text = read_joints(file)
+    robot = read_robot(path, document.tip)
+    check_joints(document, robot, text)
     bushings = {table.name: table.bushing() for table in document.joint}
     points = tuple(Point(each.name, each.joint, each.position.number) for each in document.point)
     payloads = tuple(Payload(each.joint, each.body()) for each in document.payload)
-    arm = robot.arm(bushings, document.tip, points, payloads)
-    return arm, source, _origins(arm, document)
+    arm = robot.arm(bushings, points, payloads)
+    return arm, source, _origins(arm, document), robot.notes
 
 
 def _origins(arm: Arm, document: JointsDocument) -> dict[str, str]:

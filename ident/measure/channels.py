@@ -200,6 +200,10 @@ class _Header:
                 findings.append(Problem(where, "no such column", f"a column {name}", "add the column", name))
         for name in sorted({name for name in names if names.count(name) > 1}):
             findings.append(Problem(where, "the column twice", "it once", "remove or rename one", name))
+        angles = [int(name[1:]) for name in names if _ANGLE.fullmatch(name)]
+        for joint in sorted(set(range(2, max(angles, default=1))) - set(angles)):
+            expected, remedy = "joint angles numbered q1, q2, ... without a gap", "add or renumber the column"
+            findings.append(Problem(where, "no such column", expected, remedy, f"q{joint}"))
         return cls(names, factors)
 
 

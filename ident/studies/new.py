@@ -1,7 +1,7 @@
 """A first arm and campaign: files with example numbers, ready to run and to be filled in."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,10 +35,12 @@ class New:
     Attributes:
         folder: where.
         paths: the arm's file and the campaign's.
+        notes: where the arm is not what its robot description says.
     """
 
     folder: Path
     paths: tuple[Path, Path]
+    notes: tuple[str, ...] = ()
 
 
 def new(kind: str, folder: str | Path) -> New:
@@ -59,8 +61,13 @@ def new(kind: str, folder: str | Path) -> New:
     return _write(Path(folder), texts[0], texts[1])
 
 
-def new_from_robot(robot: str | Path, folder: str | Path) -> New:
+def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None) -> New:
     """Write the arm of a URDF or MJCF file with guessed stiffnesses, and a simulated campaign on it, into a new folder.
+
+    Args:
+        robot: the file.
+        folder: a folder that is new or empty.
+        tip: the link, body or site that the arm ends with; by default the end of the chain.
 
     Raises:
         InputError: a robot description of no serial arm, or a folder that has files already or can't be written.
@@ -72,15 +79,21 @@ def new_from_robot(robot: str | Path, folder: str | Path) -> New:
     from ident.measure.writing import campaign_text
 
     check_new(Path(folder))
-    described = read_robot(robot)
+    described = read_robot(robot, tip)
     unit = described.arm(described.bushings((1.0, 1.0), (0.0, 0.0)))
     arm = described.arm(described.bushings(guessed_stiffness(unit), (0.0002, 0.0002)))
     name = one_line(Path(robot).name)
-    head = HEAD.format(robot=name, frequency=FREQUENCY)
+    head = HEAD.format(robot=name, frequency=FREQUENCY) + "\n".join(["\n" * bool(described.notes), *described.notes])
     guessed = ("k_bend", "k_tors", "tau_bend", "tau_tors")
     text = arm_text(arm, origin="derived", guessed=guessed, note=f"from {name}", head=head)
-    made = example(parse_arm(text, ARM))
-    return _write(Path(folder), text, campaign_text(made.campaign, header_comments=made.comments))
+    try:
+        written = parse_arm(text, described.where)
+    except InputError as error:  # the lines are those of a file that is not written
+        where = described.where
+        raise InputError(replace(p, where=where) for p in error.problems) from None
+    made = example(written)
+    made_files = _write(Path(folder), text, campaign_text(made.campaign, header_comments=made.comments))
+    return replace(made_files, notes=described.notes)
 
 
 def guessed_stiffness(arm: "Arm") -> Mapping[str, tuple[float, float]]:

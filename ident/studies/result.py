@@ -127,7 +127,8 @@ class Result:
 
     def document(self) -> dict[str, Any]:
         """Return for programs from what it was made, with what and how, its summary and its table."""
-        return {**self.head, **self._main()}
+        notes = {"notes": list(self.notes)} if self.notes else {}
+        return {**self.head, **notes, **self._main()}
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, each whole or not at all, and return their paths.
@@ -176,6 +177,11 @@ class Result:
         own = self._inputs()
         beside = {f"{name}'s {word}": getattr(source, word, None) for name, source in own.items() for word in BESIDE}
         return {**own, **{name: source for name, source in beside.items() if source is not None}}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where an arm is not what its URDF or MJCF says: joints that are held, limits that are none, other names."""
+        return tuple(dict.fromkeys(note for source in self._inputs().values() for note in getattr(source, "notes", ())))
 
     def standard_errors(self) -> list[dict[str, float]]:
         """Return the Monte Carlo standard errors [SI] of the table's numbers that were sampled, by row, or none."""

@@ -68,6 +68,7 @@ class ArmPicture:
             else [],
             "failure": self.view.failure,
             "oddities": [asdict(each) for each in self.view.oddities],
+            **({"notes": list(self.view.arm_file.notes)} if self.view.arm_file.notes else {}),
         }
 
     def figures(self) -> "dict[str, Figure]":

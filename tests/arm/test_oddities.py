@@ -105,6 +105,72 @@ def test_sound_arms_are_seldom_warned_of():
     assert warned <= 2  # 2 of 300 in tests/benchmarks/oddities.py
 
 
+def six_links(bodies, lengths=(0.4, 1.1, 0.2, 1.2, 0.15, 0.2)):
+    """An upright arm of the links of a big robot, with these bodies."""
+    joints = [
+        Joint(
+            f"j{n}",
+            axis=(0.0, float(n % 2), float(not n % 2)),
+            offset=(0.0, 0.0, length),
+            k_bend=1e7,
+            k_tors=1e7,
+            link=(body,),
+        )
+        for n, (length, body) in enumerate(zip((0.5, *lengths), bodies, strict=False))
+    ]
+    return Arm("six", tuple(joints), (Point("tool", "j5", (0.0, 0.0, lengths[-1])),))
+
+
+def filled(masses, lengths=(0.4, 1.1, 0.2, 1.2, 0.15, 0.2), share=0.5, at=0.5):
+    """Bodies as boxes of a share of their links' length, their mass centres at a share of it."""
+    for n, (mass, length) in enumerate(zip(masses, lengths, strict=True)):
+        across = mass / 12 * ((share * length) ** 2 + 0.15**2)
+        yield Body(f"b{n}", mass, (0.0, 0.0, at * length), np.diag([across, across, mass / 6 * 0.15**2]))
+
+
+MASSES = (40.0, 60.0, 30.0, 25.0, 8.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("bodies", "paths"),
+    [
+        ([Body(f"b{n}", 2.0, (0.0,) * 3, 0.01 * np.eye(3)) for n in range(6)], {"bodies.inertia", "bodies.com"}),
+        ([Body(f"b{n}", m, (0.0, 0.0, 0.1), np.eye(3)) for n, m in enumerate(MASSES)], {"bodies.inertia"}),
+        (list(filled(MASSES, at=0.0)), {"bodies.com"}),
+        ([Body(f"b{n}", m, (0, 0, 0.1), 2e-4 * m * np.eye(3)) for n, m in enumerate(MASSES)], {"bodies.inertia"}),
+        (list(filled(MASSES)), set()),
+        ([*list(filled(MASSES))[:4], *[Body(f"w{n}", 5.0, (0.0,) * 3, 0.02 * np.eye(3)) for n in range(2)]], set()),
+    ],
+    ids=["placeholders", "one inertia", "mass centres at the joints", "specks", "filled in", "spherical wrist"],
+)
+def test_bodies_that_nobody_has_filled_in_are_named_together(bodies, paths):
+    assert {each.path for each in oddities(six_links(bodies)) if each.path.startswith("bodies")} == paths
+    if not paths:
+        assert oddities(six_links(bodies)) == ()
+
+
+def test_equal_modules_and_a_turret_about_its_joint_are_sound():
+    equal = [Body(f"b{n}", 3.0, (0.0, 0.0, 0.15), np.diag([0.025, 0.025, 0.005])) for n in range(6)]
+    assert oddities(six_links(equal, (0.3,) * 6)) == ()
+    turret = [Body("b0", 40.0, (0.0,) * 3, np.diag([1.0, 1.0, 1.0])), *list(filled(MASSES))[1:]]
+    assert oddities(six_links(turret)) == ()
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "lcd_arm/arm.toml",
+        "six_axis/arm.xml",
+        "ur10/arm.urdf",
+        "../ident/description/templates/scara.toml",
+        "../ident/description/templates/six-axis.toml",
+    ],
+)
+def test_shipped_arms_are_sound(path):
+    arm_file = read_arm(DATA / path)
+    assert oddities(arm_file.arm, arm_file.extents) == ()
+
+
 def rod(mass, length, k, axis=(0.0, 1.0, 0.0)):
     """A rod on one bushing, its mass at its end."""
     tip = Body("tip_mass", mass, (length, 0, 0), 1e-3 * mass * length**2 * np.eye(3))

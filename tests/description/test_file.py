@@ -479,6 +479,7 @@ def test_a_workspace_is_read_in_si(tmp_path):
     [
         ("[30, -60]]", "[30, -95]]", "workspace.postures: got joint2 at -95 deg, expected -90 to 90 deg"),
         ("[30, -60]]", "[30]]", "workspace.postures: got 1 numbers, expected 2"),
+        ("[[0, 0], [30, -60]]", "[]", "workspace.postures.value: got \\[\\], expected at least 1 entries"),
         ("postures", "line", "workspace.line"),
         ('"mm"', '"kg"', "workspace.lowest"),
     ],

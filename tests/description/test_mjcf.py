@@ -1,6 +1,7 @@
 """MJCF as an arm, beside MuJoCo's own kinematics of the same file."""
 
 import builtins
+import re
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ from three_joints import JOINTS, MJCF, WITHOUT_MESHES
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import mass_matrix, straight_positions
 from ident.description.file import read_arm
-from ident.description.mjcf import read_mjcf
+from ident.description.mjcf import NUMBERS, read_mjcf
 from ident.errors import InputError
 
 jax.config.update("jax_enable_x64", True)
@@ -79,7 +80,6 @@ BAD = [
     ('<joint name="j2" limited="false"/>', '<joint name="j2" type="ball"/>', ("joint j2", "type ball")),
     ('<joint name="j2" limited="false"/>', "<joint/>", ("body b", "the joint name ''", "rename it")),
     ('body name="a"', 'body name="robot/a"', ("the body name 'robot/a'", "rename it")),
-    ('body name="a"', 'body name="j1"', ("arm.xml: got j1 twice", "unique names")),
     ("</worldbody>", '</worldbody><equality><joint joint1="j1" joint2="j2"/></equality>', ("an equality constraint",)),
     ('mass="5"', 'mass="-5"', ("body b", "mass -5")),
     ('mass="5"', 'mass="heavy"', ("arm.xml", "MuJoCo can't read", "inertial")),
@@ -102,8 +102,142 @@ def test_a_model_that_is_no_serial_arm_is_refused_in_one_line(load, old, new, wo
 
 def test_two_arms_in_one_file_are_refused(load):
     other = '<body><joint name="k1"/><geom size="0.1 0.1"/></body></worldbody>'
-    with pytest.raises(InputError, match="a branch into j3 and k1"):
+    with pytest.raises(InputError, match="a branch into j1, k1, expected a serial arm; name what the arm ends with"):
         load(MJCF.replace("</worldbody>", other))
+
+
+FINGERS = """<body name="flange" pos="0.25 0 0"><site name="tool" pos="0 0 0.1"/>
+  <body name="left" pos="0 0.02 0.1" euler="10 0 0"><joint name="left" type="slide" axis="0 1 0" range="0 0.04"/>
+    <inertial mass="0.11" pos="0 0.01 0.02" diaginertia="1e-4 2e-4 2e-4"/>
+    <body name="pad" pos="0 0 0.05"><geom size="0.01 0.01"/></body></body>
+  <body pos="0 -0.02 0.1"><joint name="right" type="slide" axis="0 -1 0" range="0 0.04"/>
+    <inertial mass="0.12" pos="0 -0.01 0.02" diaginertia="1e-4 2e-4 2e-4"/></body>
+  <body name="ball" pos="0 0 0.3"><joint type="ball"/><geom size="0.02 0.02"/></body></body>"""
+FLANGE = '<body name="flange" pos="0.25 0 0"><site name="tool" pos="0 0 0.1"/></body>'
+CUBE = '<body name="cube"><freejoint name="loose"/><geom size="0.1 0.1"/></body></worldbody>'
+TIES = """</worldbody><tendon><fixed name="both"><joint joint="left" coef="1"/><joint joint="right" coef="1"/></fixed>
+  </tendon><equality><joint joint1="right" joint2="left"/><connect body1="pad" body2="flange" anchor="0 0 0"/>
+  <weld body1="cube" body2="world"/><tendon tendon1="both"/></equality>"""
+
+
+def with_fingers(text):
+    assert FLANGE in text
+    return text.replace(FLANGE, FINGERS).replace("</worldbody>", CUBE).replace("</worldbody>", TIES)
+
+
+@pytest.mark.parametrize("tip", [None, "tool", "flange", "b"])
+def test_what_is_not_on_the_way_to_the_tip_is_held_with_its_mass(load, tip):
+    arm, count = load(with_fingers(MJCF).replace('<key qpos="1 2 3"/>', ""), tip=tip), 2 if tip == "b" else 3
+    assert [joint.name for joint in arm.joints] == ["j1", "j2", "j3"][:count]
+    model = mujoco.MjModel.from_xml_string(with_fingers(WITHOUT_MESHES).replace('<key qpos="1 2 3"/>', ""))
+    data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    own = [int(model.joint(name).dofadr[0]) for name in ("j1", "j2", "j3")[:count]]
+    postures = np.random.default_rng(0).uniform(-2, 2, (20, 3)) * (np.arange(3) < count)
+    chain = at_posture(arm, jnp.asarray(postures[:, :count].T))
+    points, mass = straight_positions(chain), mass_matrix(chain, jnp.zeros((3, count, 20)))
+    for n, posture in enumerate(postures):
+        for name, angle in zip(("j1", "j2", "j3"), posture, strict=True):
+            data.joint(name).qpos = angle
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, M)
+        end = data.body(tip).xpos if tip in ("flange", "b") else data.site("tool").xpos
+        np.testing.assert_allclose(points[:, -1, n], end, atol=1e-12)
+        turned = block_diag(*data.xaxis[[model.joint(f"j{i + 1}").id for i in range(count)]])
+        expected = (M - np.diag(model.dof_armature))[np.ix_(own, own)]
+        np.testing.assert_allclose(turned @ mass[..., n] @ turned.T, expected, atol=1e-12)
+
+
+def test_what_is_held_is_said_with_its_mass(robot):
+    robot.write_text(with_fingers(MJCF).replace('<key qpos="1 2 3"/>', ""))
+    pad, ball = (1000 * np.pi * r**2 * (2 * r + 4 / 3 * r) for r in (0.01, 0.02))
+    assert [note.removeprefix(f"{robot}, ") for note in read_arm(robot).notes] == [
+        "joint loose (free): is held at zero; what is on it is left out",
+        f"joints left (slide), right (slide, follows left), of body ball (ball): are held at zero; "
+        f"{0.23 + pad + ball:.4g} kg on them move with j3",
+    ]
+
+
+@pytest.mark.parametrize(
+    "tie",
+    [
+        '<joint joint1="j2" joint2="left"/>',
+        '<connect body1="pad" body2="a" anchor="0 0 0"/>',
+        '<weld site1="tool" site2="elbow"/>',
+        '<tendon tendon1="with_arm"/>',
+    ],
+)
+def test_a_constraint_that_ties_the_arm_is_refused(load, tie):
+    text = with_fingers(MJCF).replace('<key qpos="1 2 3"/>', "").replace("<equality>", f"<equality>{tie}")
+    tendon = '<tendon><fixed name="with_arm"><joint joint="left" coef="1"/><joint joint="j1" coef="1"/></fixed>'
+    text = text.replace("<tendon>", tendon, 1).replace('<body name="motor"', '<site name="elbow"/><body name="motor"')
+    with pytest.raises(InputError, match="an equality constraint"):
+        load(text)
+
+
+def test_a_body_with_the_name_of_a_joint_or_of_the_end_is_renamed(robot):
+    plain = read_arm(robot)
+    robot.write_text(MJCF.replace('body name="a"', 'body name="j1"').replace('body name="c"', 'body name="tip"'))
+    read = read_arm(robot)
+    assert [[body.name for body in joint.link] for joint in read.arm.joints] == [
+        ["j1_body"],
+        ["b", "motor"],
+        ["tip_body"],
+    ]
+    values = [[float(each.arm.get(path)) for path in each.arm.paths()] for each in (read, plain)]
+    assert values[0] == values[1]
+    assert [note.partition(", body ")[2].partition(":")[0] for note in read.notes] == ["j1", "tip"]
+
+
+@pytest.mark.parametrize("given", ['range="30 30"', 'range="0 0" limited="true"'])
+def test_equal_limits_are_none_with_a_line_that_says_so(robot, given):
+    robot.write_text(MJCF.replace('range="-60 120"', given))
+    read = read_arm(robot)
+    assert read.arm.joints[0].limits == (-np.inf, np.inf)
+    numbers = given.partition('"')[2].partition('"')[0].replace(" ", ", ")
+    assert read.notes == (f"{robot}, joint j1: range {numbers}, so that it turns freely here",)
+
+
+PLACES = [match for match in re.finditer(r'(\w+)="(-?[\d.][\d. e-]*)"', MJCF) if match[1] in NUMBERS]
+
+
+@pytest.mark.parametrize("bad", ["nan", "inf", "-inf", "1e300"])
+@pytest.mark.parametrize("match", PLACES, ids=lambda match: match[0])
+def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(load, tmp_path, monkeypatch, capfd, match, bad):
+    monkeypatch.chdir(tmp_path)
+    words = [bad, *match[2].split()[1:]]
+    with pytest.raises(InputError) as caught:
+        load(MJCF[: match.start(2)] + " ".join(words) + MJCF[match.end(2) :])
+    for problem in caught.value.problems:
+        assert problem.expected == "finite numbers" or "MuJoCo can't read" in problem.got
+        assert len(str(problem).splitlines()) == 1
+    assert capfd.readouterr() == ("", "")
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
+def test_warnings_of_mujoco_reach_neither_terminal_nor_folder(load, tmp_path, monkeypatch, capfd, recwarn):
+    """An armature of no meaning is a motor's, and passed over; MuJoCo warns of it."""
+    monkeypatch.chdir(tmp_path)
+    for armature in ("nan", "-inf"):
+        assert len(load(MJCF.replace('armature="0.1"', f'armature="{armature}"')).joints) == 3
+    assert capfd.readouterr() == ("", "")
+    assert not recwarn.list
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.xml"]
+
+
+def test_all_bodies_without_mass_or_inertia_are_named_at_once(load):
+    bare = re.sub(r"<inertial[^>]*>|<geom [^>]*mesh[^>]*>", "", MJCF)
+    with pytest.raises(
+        InputError, match="got no mass, or no inertia, on a, c, expected both on every moving body; give each"
+    ):
+        load(bare)  # the capsule of the motor is on b
+    with pytest.raises(InputError, match="got no mass, or no inertia, on c, expected"):
+        load(MJCF.replace('diaginertia="0.01 0.02 0.02"', 'diaginertia="0 0 0"'))
+
+
+def test_an_included_file_is_looked_at_too(load, tmp_path):
+    (tmp_path / "more.xml").write_text('<mujoco><worldbody><body name="x" pos="nan 0 0"/></worldbody></mujoco>')
+    with pytest.raises(InputError, match='body x, body: got pos="nan 0 0", expected finite numbers'):
+        load(MJCF.replace("<worldbody>", '<include file="more.xml"/><worldbody>', 1))
 
 
 def test_a_model_that_does_not_move_is_refused(load):

@@ -172,6 +172,27 @@ def test_hinges_have_stiffness_and_damping_and_nothing_of_the_defaults(robot):
     np.testing.assert_array_equal(model.key_qpos[0], [0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3])
 
 
+def test_held_fingers_and_renamed_bodies_are_written_where_they_were(robot):
+    """A body that is called as a joint gets its mass, keyframes keep the fingers' numbers, what is read is the arm."""
+    hand = '<body name="grip"><joint name="grip" type="slide"/><geom size="0.02 0.02"/></body><body name="flange"'
+    text = WITHOUT_MESHES.replace('body name="a"', 'body name="j1"').replace('<body name="flange"', hand)
+    robot.write_text(text.replace('qpos="1 2 3"', 'qpos="1 2 3 0.04" qvel="4 5 6 7"'))
+    arm = read_arm(robot).arm.replace({"j1_body.mass": 7.7, "j3.k_bend": 6e4})
+    model = written(robot, arm)
+    assert model.body("j1").mass[0] == 7.7
+    own = [int(model.joint(name).qposadr[0]) for name in ("j1", "j2", "j3", "grip")]
+    assert model.key_qpos[0][own].tolist() == [1, 2, 3, 0.04]
+    assert model.key_qvel[0][own].tolist() == [4, 5, 6, 7]
+    assert np.count_nonzero(model.key_qpos) == 4
+    fitted = robot.parent / "fitted.xml"
+    fitted.with_suffix(".joints.toml").write_text(JOINTS)
+    again = read_arm(fitted)
+    assert again.arm.joints[0].link[0].name == "j1_body"
+    assert len(again.notes) == 2
+    np.testing.assert_allclose(again.arm.get("j1_body.mass"), 7.7)
+    np.testing.assert_allclose(again.arm.get("grip.mass"), arm.get("grip.mass"))
+
+
 def test_the_comment_stands_before_the_model_and_dashes_do_not_end_it(robot):
     written(robot, read_arm(robot).arm, ("a -- b --- c", "-->"))
     text = (robot.parent / "fitted.xml").read_text()

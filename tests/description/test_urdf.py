@@ -1,10 +1,18 @@
 import builtins
+import re
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import pinocchio as pin
 import pytest
-from three_joints import URDF
+from scipy.linalg import block_diag
+from three_joints import JOINTS, URDF, WITH_HAND
 
+from ident.arm.chain import at_posture
+from ident.arm.mechanics import mass_matrix, straight_positions
+from ident.description.file import read_arm
+from ident.description.robot_file import read_robot
 from ident.description.urdf import read_urdf
 from ident.errors import InputError
 
@@ -139,7 +147,15 @@ BAD = [
     ('<link name="tool0"/>', '<link name="tool0">', ("arm.urdf:31, column 3", "XML")),
     ('<link name="tool0"/>', '<link name="tool0"/><link name="c"/>', ("two links c", "unique names")),
     ('joint name="j2"', 'joint name="j.2"', ("the joint name 'j.2'", "letters, digits, _ and - only")),
-    ('<mass value="1.5"/>', '<mass value="0"/>', ("joint j3", "no mass beyond the bushing")),
+    (
+        '<mass value="1.5"/>',
+        '<mass value="0"/>',
+        ("joint j3", "no mass beyond the bushing", "give link c an <inertial>"),
+    ),
+    ('lower="-1" upper="2"', 'lower="-1" upper="nan"', ("joint j1, limit", "upper='nan'", "finite numbers")),
+    ('effort="1" velocity="1"', 'effort="nan" velocity="1"', ("joint j1, limit", "effort='nan'")),
+    ('ixx="0.2" iyy="0.1"', 'ixx="0.2" iyy="inf"', ("link b, inertia", "iyy='inf'")),
+    ('<link name="tool0"/>', "<link name=''/>", ("a link without a name", "name it")),
 ]
 
 
@@ -150,6 +166,188 @@ def test_a_urdf_that_is_no_serial_arm_is_refused(load, old, new, words):
         load(URDF.replace(old, new, 1))
     for word in words:
         assert word in str(caught.value)
+
+
+def by_pinocchio(text, joints, end, postures):
+    """End point, axes of the joints and their mass matrix at postures in which all other joints are held at zero."""
+    model = pin.buildModelFromXML(text)
+    data, ids = model.createData(), [model.getJointId(name) for name in joints]
+    for posture in postures:
+        q = pin.neutral(model)
+        for joint, angle in zip(ids, posture, strict=True):
+            turn = [np.cos(angle), np.sin(angle)] if model.joints[joint].nq == 2 else [angle]
+            q[model.joints[joint].idx_q : model.joints[joint].idx_q + len(turn)] = turn
+        M = pin.crba(model, data, q)
+        M = np.triu(M) + np.triu(M, 1).T
+        pin.framesForwardKinematics(model, data, q)
+        pin.computeJointJacobians(model, data, q)
+        places = [model.joints[joint].idx_v for joint in ids]
+        axes = [
+            pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)[3:, place]
+            for joint, place in zip(ids, places, strict=True)
+        ]
+        yield data.oMf[model.getFrameId(end)].translation.copy(), axes, M[np.ix_(places, places)]
+
+
+@pytest.mark.parametrize(
+    ("text", "tip", "end"),
+    [
+        (WITH_HAND, None, "hand"),
+        (WITH_HAND, "hand", "hand"),
+        (WITH_HAND, "tool0", "tool0"),
+        (WITH_HAND.replace('type="prismatic"', 'type="continuous"'), None, "hand"),
+        (WITH_HAND.replace('type="floating"', 'type="continuous"'), "tool0", "tool0"),
+    ],
+    ids=["sliding fingers", "named hand", "named flange", "turning fingers", "turning side branch"],
+)
+def test_what_is_not_on_the_way_to_the_tip_is_held_with_its_mass(load, text, tip, end):
+    postures = np.random.default_rng(1).uniform(-2, 2, (20, 3))
+    arm = load(text, tip=tip)
+    assert [joint.name for joint in arm.joints] == ["j1", "j2", "j3"]
+    chain = at_posture(arm, jnp.asarray(postures.T))
+    points, mass = straight_positions(chain), mass_matrix(chain, jnp.zeros((3, 3, 20)))
+    for n, (place, axes, M) in enumerate(by_pinocchio(text, ["j1", "j2", "j3"], end, postures)):
+        np.testing.assert_allclose(points[:, -1, n], place, atol=1e-12)
+        turned = block_diag(*axes)
+        np.testing.assert_allclose(turned @ mass[..., n] @ turned.T, M, atol=1e-12)
+
+
+def test_what_is_held_is_said_with_its_mass(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(WITH_HAND)
+    notes = [note.removeprefix(f"{path}, ") for note in read_robot(path).notes]
+    assert notes == [
+        "joint table (planar): is held at zero; what is on it is left out",
+        "joint cable (floating): is held at zero; 0.4 kg on it move with j2",
+        "joints slide_l (prismatic), slide_r (prismatic, follows slide_l): are held at zero; "
+        "0.25 kg on them move with j3",
+    ]
+    path.with_suffix(".joints.toml").write_text(JOINTS)
+    assert read_arm(path).notes == read_robot(path).notes
+    path.write_text(URDF)
+    assert read_arm(path).notes == ()
+
+
+def test_of_two_arms_one_is_named_or_none_is_read(tmp_path):
+    """The second arm hangs on the base, and has a joint for each of the first."""
+    body, _, end = URDF.partition('<joint name="j1"')
+    second = end.replace('name="', 'name="r_').replace('link="', 'link="r_').replace('link="r_stand"', 'link="stand"')
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'{body}<joint name="j1"{end.replace("</robot>", "")}<joint name="r_j1"{second}')
+    with pytest.raises(
+        InputError, match=r"a branch into j1, r_j1, expected a serial arm; name .* \(c, r_c\): tip = "
+    ) as caught:
+        read_robot(path)
+    assert "--tip" in str(caught.value)
+    path.with_suffix(".joints.toml").write_text(JOINTS.replace("[[joint]]", 'tip = "tool0"\n[[joint]]', 1))
+    assert [joint.name for joint in read_arm(path).arm.joints] == ["j1", "j2", "j3"]
+    assert read_robot(path, "r_b").joints == ["r_j1", "r_j2"]
+    assert read_robot(path, "r_tool0").joints == ["r_j1", "r_j2", "r_j3"]
+
+
+DRIVE = """<joint name="drive" type="revolute"><parent link="tool0"/><child link="knuckle"/><axis xyz="0 1 0"/>
+  <limit lower="0" upper="1" effort="1" velocity="1"/></joint><link name="knuckle"/>
+  <joint name="second" type="revolute"><parent link="tool0"/><child link="other"/><mimic joint="drive"/></joint>
+  <link name="other"/></robot>"""
+
+
+def test_a_gripper_whose_joints_follow_one_drive_is_no_further_joint_of_the_arm(load):
+    assert [joint.name for joint in load(URDF.replace("</robot>", DRIVE)).joints] == ["j1", "j2", "j3"]
+
+
+def test_a_link_with_the_name_of_a_joint_or_of_the_end_is_renamed(load, tmp_path):
+    text = URDF.replace('name="a"', 'name="j2"').replace('link="a"', 'link="j2"')
+    text = text.replace('name="c"', 'name="tip"').replace('link="c"', 'link="tip"')
+    plain, arm = load(), load(text)
+    assert [[body.name for body in joint.link] for joint in arm.joints] == [["j2_link"], ["b", "motor"], ["tip_link"]]
+    assert [float(arm.get(path)) for path in arm.paths()] == [float(plain.get(path)) for path in plain.paths()]
+    notes = read_robot(tmp_path / "arm.urdf").notes
+    assert [note.partition(", link ")[2] for note in notes] == [
+        "j2: called j2_link here, as a joint has that name",
+        "tip: called tip_link here, as the end point has that name",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ('<limit lower="0" upper="0" effort="1" velocity="1"/>', "limits 0, 0"),
+        ('<limit lower="1.5" upper="1.5" effort="1" velocity="1"/>', "limits 1.5, 1.5"),
+        ('<limit effort="1" velocity="1"/>', "no limits"),
+        ("", "no limits"),
+    ],
+)
+def test_equal_limits_are_none_with_a_line_that_says_so(load, tmp_path, limit, words):
+    given = '<limit lower="-1" upper="2" effort="1" velocity="1"/>'
+    assert given in URDF
+    assert load(URDF.replace(given, limit)).joints[0].limits == (-np.inf, np.inf)
+    path = tmp_path / "arm.urdf"
+    assert read_robot(path).notes == (f"{path}, joint j1: {words}, so that it turns freely here",)
+
+
+def test_limits_beyond_all_angles_are_none(load):
+    arm = load(URDF.replace('lower="-1" upper="2"', 'lower="-1e16" upper="1e16"'))
+    assert arm.joints[0].limits == (-np.inf, np.inf)
+
+
+def without_inertials(text):
+    return re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.DOTALL)
+
+
+def test_all_links_without_mass_are_named_at_once(load):
+    with pytest.raises(InputError) as caught:
+        load(without_inertials(URDF))
+    (problem,) = caught.value.problems
+    assert problem.where.endswith("arm.urdf, joints j1, j2, j3")
+    assert problem.got == "no mass on the bushings"
+    assert problem.remedy == "give link a, link b, link c an <inertial> with <mass> and <inertia>"
+
+
+def test_all_incomplete_inertials_are_named_at_once(load):
+    with pytest.raises(InputError) as caught:
+        load(re.sub(r"<mass[^>]*>", "", URDF))
+    assert [problem.where.rpartition(", ")[2] for problem in caught.value.problems] == [
+        "link a",
+        "link b",
+        "link motor",
+        "link c",
+    ]
+
+
+def test_an_inertia_of_zero_is_told_as_such(load):
+    text = re.sub(r'<origin xyz="0.1 0 0" rpy="0 0 1"/><mass', "<mass", URDF)
+    with pytest.raises(InputError) as caught:
+        load(text.replace('ixx="0.01" iyy="0.02" izz="0.02"', 'ixx="0" iyy="0" izz="0"'))
+    (problem,) = caught.value.problems
+    assert problem.got == "a rotation that moves no mass"
+    assert problem.remedy == "give c an inertia that is not zero about any axis"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r"><xacro:include filename="x"/></robot>',
+        '<robot name="r"><xacro:arm/></robot>',
+        URDF.replace('value="5"', 'value="${mass}"'),
+        URDF.replace("package://nowhere", "$(find nowhere)"),
+    ],
+)
+@pytest.mark.parametrize("name", ["arm.urdf.xacro", "arm.xacro", "robot.urdf"])
+def test_macros_are_to_be_expanded(tmp_path, text, name):
+    (tmp_path / name).write_text(text)
+    made = {"robot.urdf": "expanded.urdf"}.get(name, "arm.urdf")
+    for read in (read_arm, lambda path: read_urdf(path, stiffness=(1, 1))):
+        with pytest.raises(InputError) as caught:
+            read(tmp_path / name)
+        (problem,) = caught.value.problems
+        assert (problem.got, problem.remedy) == ("a xacro file", f"expand it: xacro {tmp_path / name} > {made}")
+
+
+def test_an_expanded_file_may_keep_the_name_space_and_infinite_efforts(load):
+    text = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ').replace(
+        'effort="1"', 'effort="inf"'
+    )
+    assert len(load(text).joints) == 3
 
 
 def test_another_format_is_refused(load):

@@ -102,6 +102,14 @@ def test_a_header_that_is_wrong(tmp_path):
     assert others[1].startswith("channels.csv:1, channel: got no such column")
 
 
+@pytest.mark.parametrize(("angles", "missing"), [("q1,q2,q4", ["q3"]), ("q1,q5,q3", ["q2", "q4"]), ("q2", ["q1"])])
+def test_a_joint_angle_that_is_left_out_is_named(tmp_path, angles, missing):
+    angles = ",".join(f"{name} [deg]" for name in angles.split(","))
+    found = lines(tmp_path, "x", head=f"file,channel,role,point,direction,unit,{angles}")
+    assert [line.partition(":1, ")[2].partition(":")[0] for line in found] == missing
+    assert all("got no such column" in line for line in found)
+
+
 def test_the_shipped_table_names_every_channel_of_every_file():
     rows = read_channels(FOLDER / "channels.csv").rows
     assert sum(row.role == "force" for row in rows) == 8

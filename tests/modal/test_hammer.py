@@ -215,7 +215,7 @@ def test_channels_of_different_lengths_are_refused():
     assert line.startswith("channels.csv:2, channel: got channels of different lengths in 'a.uff': 7993 samples of")
     short = recording(force, answer, None, more=(Channel("t", np.arange(COUNT - 1)[None] * STEP),))
     line = refused(table(row("t", "time", unit="s")), short)
-    assert "got 7999 times for 8000 samples of 'z', expected a time for each sample" in line
+    assert "got 7999 times for 8000 samples of 'f', expected a time for each sample" in line
 
 
 @pytest.mark.parametrize("step", [1e30, -1e-3, 1e-30, np.inf])

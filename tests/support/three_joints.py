@@ -89,3 +89,26 @@ URDF = """\
 </robot>
 """
 """Another robot of three joints, with fixed ones between them, as URDF."""
+
+INERTIAL = """<inertial><origin xyz="{at}" rpy="0.3 0 0.1"/><mass value="{mass}"/>
+    <inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>"""
+HAND = f"""
+  <joint name="wrist" type="fixed"><parent link="tool0"/><child link="hand"/>
+    <origin xyz="0 0 0.1" rpy="0 0.4 0"/></joint>
+  <link name="hand">{INERTIAL.format(at="0.01 0 0.05", mass=0.7, i=0.001)}</link>
+  <joint name="slide_l" type="prismatic"><parent link="hand"/><child link="finger_l"/>
+    <origin xyz="0 0.02 0.1" rpy="0.2 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04" effort="1" velocity="1"/></joint>
+  <link name="finger_l">{INERTIAL.format(at="0 0.01 0.02", mass=0.11, i=1e-4)}</link>
+  <joint name="glue" type="fixed"><parent link="finger_l"/><child link="pad"/><origin xyz="0 0 0.05"/></joint>
+  <link name="pad">{INERTIAL.format(at="0 0 0", mass=0.02, i=1e-5)}</link>
+  <joint name="slide_r" type="prismatic"><parent link="hand"/><child link="finger_r"/><origin xyz="0 -0.02 0.1"/>
+    <axis xyz="0 -1 0"/><mimic joint="slide_l"/><limit lower="0" upper="0.04" effort="1" velocity="1"/></joint>
+  <link name="finger_r">{INERTIAL.format(at="0 -0.01 0.02", mass=0.12, i=1e-4)}</link>
+  <joint name="cable" type="floating"><parent link="b"/><child link="hose"/><origin xyz="0 0.1 0"/></joint>
+  <link name="hose">{INERTIAL.format(at="0 0 0.2", mass=0.4, i=0.01)}</link>
+  <joint name="table" type="planar"><parent link="base"/><child link="box"/><axis xyz="0 0 1"/></joint>
+  <link name="box">{INERTIAL.format(at="0 0 0", mass=30, i=2)}</link>
+</robot>"""
+WITH_HAND = URDF.replace("</robot>", HAND)
+"""The same robot with a hand of two sliding fingers, a hose and a table."""

@@ -1,6 +1,7 @@
 """An arm described in words: what looks odd, masses and reach, first modes, and every number with its origin."""
 
 import math
+import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
@@ -38,6 +39,8 @@ def _heading(view: ArmView) -> Iterator[str]:
     if origins:
         counted = ", ".join(f"{count} {origin}" for origin, count in origins.most_common())
         yield f"  {sum(origins.values())} numbers: {counted}"
+    for note in view.arm_file.notes:
+        yield textwrap.fill(f"  NOTE: {note}", 100, subsequent_indent="    ", break_long_words=False)
 
 
 def _odd(view: ArmView) -> Iterator[str]:
