@@ -1,7 +1,7 @@
 """A command made of a study: its flags follow from the study's inputs and options, its complaints name them."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import Field
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -14,6 +14,7 @@ from ident.cli.defaults import with_defaults
 from ident.cli.output import JsonOption, QuietOption, output, speaking
 from ident.cli.times import TIMES
 from ident.errors import InputError
+from ident.files import together
 from ident.studies.aside import set_aside
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result
@@ -171,23 +172,31 @@ def offer(
 
 def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
-    spoken = output()
     with TIMES.on("writing"):
-        spoken.say(result.report())
-        spoken.document = result.document
-        keep_others(result, out)
-        for path in result.save(out):
-            spoken.wrote(path)
-    if not no_figure:
+        output().say(result.report())
+    output().document = result.document
+    write(result, out, [] if no_figure else [result.save_figures])
+
+
+def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path, ...]]] = ()) -> None:
+    """Write a result's files into a folder, all or none, and say which.
+
+    Files of other inputs or options that the folder holds under the same name are kept under another one.
+
+    Args:
+        result: what was computed.
+        out: the folder.
+        more: what else is written there.
+    """
+    with together():
+        with TIMES.on("writing"):
+            kept, paths = set_aside(result, out), result.save(out)
         with TIMES.on("drawing"):
-            for path in result.save_figures(out):
-                spoken.wrote(path)
-
-
-def keep_others(result: Result, out: Path) -> None:
-    """Keep the files of other inputs or options that the folder holds under the same name, and say so."""
-    if kept := set_aside(result, out):
+            paths = (*paths, *(path for each in more for path in each(out)))
+    if kept:
         typer.echo(kept, err=True)
+    for path in paths:
+        output().wrote(path)
 
 
 def leave(result: Result, *, strict: bool) -> None:

@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError
+from ident.files import move_file, together
 from ident.studies.result import Result
 
 
 def set_aside(result: Result, folder: Path) -> str:
-    """Move files away that a folder holds under a result's name, where they are not of the same; say so in a line.
+    """Rename files that a folder holds under a result's name, where they are not of the same; say so in a line.
 
     The same are results of the same options and inputs; an input is the same by its path, so that a file may be
     edited and tried again, or by its contents.
@@ -31,10 +32,11 @@ def set_aside(result: Result, folder: Path) -> str:
         return ""
     files = [path for path in folder.iterdir() if path.is_file() and _is_of(path.name, result.name)]
     number = next(n for n in range(1, 10**9) if not any(_is_of(path.name, f"{result.name}.{n}") for path in files))
-    for path in files:
-        end = path.name.removeprefix(result.name)
-        if not end.split(".")[1].isdigit():
-            path.rename(path.with_name(f"{result.name}.{number}{end}"))
+    with together():
+        for path in files:
+            end = path.name.removeprefix(result.name)
+            if not end.split(".")[1].isdigit():
+                move_file(path, path.with_name(f"{result.name}.{number}{end}"))
     what = f"of other {' and '.join(differing)}"
     return f"kept the {result.name} that was there, {what}, as {result.name}.{number}"
 

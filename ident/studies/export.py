@@ -204,8 +204,9 @@ def _check_other(path: Path, sources: tuple[str, ...]) -> None:
 
 
 def _write(files: Mapping[Path, bytes]) -> tuple[Path, ...]:
-    from ident.files import replace_file
+    from ident.files import replace_file, together
 
-    for path, data in files.items():
-        replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
+    with together():
+        for path, data in files.items():
+            replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
     return tuple(files)

@@ -129,15 +129,17 @@ class FleetResult(Result):
         Raises:
             InputError: the folder or a file can't be written.
         """
+        from ident.files import together
         from ident.present.html.fleet import file_name, robot_page
         from ident.present.html.page import write_page
 
         page, pages = Path(folder) / f"{self.name}.html", Path(folder) / f"{self.name}.pages"
-        for i, robot in enumerate(self.fleet.robots):
-            own = robot_page(self.fleet, i, self.label, self.head, f"../{quote(page.name)}")
-            write_page(own, pages / file_name(robot))
-        write_page(self._page(), page)
-        return (*super().save_figures(folder), page)
+        with together():
+            for i, robot in enumerate(self.fleet.robots):
+                own = robot_page(self.fleet, i, self.label, self.head, f"../{quote(page.name)}")
+                write_page(own, pages / file_name(robot))
+            write_page(self._page(), page)
+            return (*super().save_figures(folder), page)
 
     def _page(self) -> "Page":
         from ident.present.html.fleet import fleet_page

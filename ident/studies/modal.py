@@ -175,10 +175,10 @@ class ModalResult(Result):
         return figures | diagrams | planes
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.modal import write_campaign_file, write_netcdf
+        from ident.present.files.modal import modal_groups, write_campaign_file
 
         document = self._beside(path, ".json")
-        encoded = self._write_netcdf(path, lambda part: write_netcdf(self.tests, head, part))
+        encoded = self._write_netcdf(path, modal_groups(self.tests, head))
         self._write_json(document, head, encoded)
         tables = self._beside(path, ".csv"), self._beside(path, ".covariance.csv")
         if not self.campaign:

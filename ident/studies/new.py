@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
-from ident.files import replace_file
+from ident.files import replace_file, together
 from ident.text import did_you_mean, one_line, quoted
 
 if TYPE_CHECKING:
@@ -112,7 +112,8 @@ def check_new(folder: Path) -> None:
 def _write(folder: Path, arm: str, campaign: str) -> New:
     check_new(folder)
     paths = (folder / ARM, folder / CAMPAIGN)
-    for path, text in zip(paths, (arm, campaign), strict=True):
-        data = text.encode("utf-8")
-        replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
+    with together():
+        for path, text in zip(paths, (arm, campaign), strict=True):
+            data = text.encode("utf-8")
+            replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
     return New(folder, paths)
