@@ -141,6 +141,7 @@ class _Keys(_Writer):
 
     def array(self, value: Any) -> Any:
         array = np.asarray(value)
+        array = array.astype(array.dtype.newbyteorder("="), copy=False)
         contents = _nested(array) if array.dtype.kind == "U" else hashlib.sha256(array.tobytes()).hexdigest()
         return [_array_kind(value), array.dtype.str, array.shape, contents]
 

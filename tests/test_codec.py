@@ -139,8 +139,10 @@ def test_a_document_does_not_depend_on_which_objects_were_one():
 
 @pytest.mark.parametrize(
     ("one", "other"),
-    [(0.0, -0.0), (1, 1.0), (True, 1), ((1,), [1]), (np.arange(2), np.arange(2.0)), (np.zeros(1), jnp.zeros(1))]
-    + [(np.zeros((0, 2)), np.zeros((2, 0))), (np.float64(1), 1.0), (np.array(["a"]), np.array(["b"]))],
+    [
+        *((0.0, -0.0), (1, 1.0), (True, 1), ((1,), [1]), (np.float64(1), 1.0), (np.arange(2), np.arange(2.0))),
+        *((np.zeros(1), jnp.zeros(1)), (np.zeros((0, 2)), np.zeros((2, 0))), (np.array(["a"]), np.array(["b"]))),
+    ],
 )
 def test_what_differs_is_not_taken_for_the_same(one, other):
     first, second = through_json([Point(one, 0.0, True, None), Point(other, 0.0, True, None)])
