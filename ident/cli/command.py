@@ -63,7 +63,7 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
     def hang(function: Callable[..., None]) -> Callable[..., None]:
         given = inspect.signature(function).parameters
         own = [p for name, p in given.items() if name != "options"]
-        flags = [_parameter(each, spec) for each, spec in specs(kind)]
+        flags = [_parameter(each, spec, hidden=each.name in kind.refuses) for each, spec in specs(kind)]
         first = [p for p in own if p.default is inspect.Parameter.empty]
         after = [p for p in own if p.default is not inspect.Parameter.empty]
 
@@ -210,13 +210,13 @@ def leave(result: Result, *, strict: bool) -> None:
         raise typer.Exit(SHORT)
 
 
-def _parameter(each: Field[Any], spec: Spec) -> inspect.Parameter:
-    """Return the flag of an option as typer wants it."""
+def _parameter(each: Field[Any], spec: Spec, *, hidden: bool) -> inspect.Parameter:
+    """Return the flag of an option as typer wants it; help does not offer one that is hidden."""
     names = [flag_of(each), *([spec.short] if spec.short else [])]
     kind, default = each.type, each.default
     if spec.read:
         kind, default = (list[str] if spec.repeated else str) | None, spec.text or None
-    flag = typer.Option(*names, help=spec.help, show_default=bool(spec.text) or not spec.read)
+    flag = typer.Option(*names, help=spec.help, show_default=bool(spec.text) or not spec.read, hidden=hidden)
     return inspect.Parameter(
         each.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, flag]
     )

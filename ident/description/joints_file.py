@@ -4,6 +4,7 @@ Each number is written as in `arm.toml`, with unit and origin.
 """
 
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,7 +84,7 @@ def read_joints(path: Path, robot: Robot) -> tuple[JointsFile, JointsDocument]:
         InputError: no such file, or it is wrong, or its joints are not the robot's; every problem is listed.
     """
     where = one_line(str(path))
-    if not path.exists():
+    if not os.path.exists(path):
         got, expected = "no stiffness of its joints", f"{one_line(path.name)} beside it"
         remedy = "write that file, or let `ident new my_robot --robot FILE` guess an arm"
         raise InputError(Problem(robot.where, got, expected, remedy))

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,7 +29,7 @@ def recordings_of(folder: Path) -> dict[str, Recording]:
     Raises:
         InputError: it is no folder, holds none, or some can't be read; each with a line.
     """
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError(Problem(one_line(str(folder)), "no such folder", "a folder of recordings", "correct the path"))
     found: dict[str, Recording] = {}
     problems: list[Problem] = []
@@ -66,7 +67,7 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
     Raises:
         InputError: see `recordings_of`; or there is such a file, which is not overwritten.
     """
-    if path.exists():
+    if os.path.exists(path):
         remedy = "move it away, or name another by --channels"
         raise InputError(Problem(one_line(str(path)), "a file that is there", "none", remedy))
     rows = [row for name, recording in recordings_of(folder).items() for row in _rows(name, recording)]

@@ -1,6 +1,7 @@
 """Files of another result that would be overwritten: they are kept under another name."""
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -52,9 +53,9 @@ def _head(result: Result, folder: Path) -> Mapping[str, Any] | None:
 
     document, main = (folder / f"{result.name}{end}" for end in (".json", result.suffix))
     try:
-        if document.exists():
+        if os.path.exists(document):
             return read_document(document, EXPECTED)
-        return load(main).head if main.exists() else None
+        return load(main).head if os.path.exists(main) else None
     except InputError:
         return None
 

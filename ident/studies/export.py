@@ -198,7 +198,7 @@ def _check_held(asked: Exported, is_lost: Callable[[str], bool], words: str) -> 
 
 
 def _check_other(path: Path, sources: tuple[str, ...]) -> None:
-    if any(source and path.exists() and os.path.samefile(path, source) for source in sources):
+    if any(source and os.path.exists(path) and os.path.samefile(path, source) for source in sources):
         got, remedy = "the file that was read", "choose another name"
         raise InputError(Problem(one_line(str(path)), got, "a file of its own", remedy))
 

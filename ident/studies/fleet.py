@@ -1,5 +1,6 @@
 """A fleet of robots of one design: each one's stiffnesses, their population, and who stands out."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -230,7 +231,7 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
         InputError: it is none, or holds none.
     """
     where, expected = one_line(str(folder)), "a folder with a CSV file, or a folder with one, for each robot"
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError(Problem(where, "no such folder", expected, "check the path"))
     shared = Path(arm) if arm is not None else folder / ARM
     found: list[Files] = [(path.stem, path, shared) for path in folder.glob("*.csv") if path.is_file()]

@@ -1,5 +1,6 @@
 """From the files of a hammer or ambient test to a campaign: modes with their covariance, labels."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -280,9 +281,9 @@ def new_channels(
 
     folder = Path(tests)
     beside = folder / ARM
-    source = arm or (beside if beside.exists() else None)
+    source = arm or (beside if os.path.exists(beside) else None)
     joints = len(as_file(source).arm.driven) if source else 1
     path = Path(channels) if channels else folder / CHANNELS
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(Problem(str(path), "a folder", "a file to write", "name the table"))
     return path, write_template(folder, path, joints)

@@ -1,5 +1,6 @@
 """A first arm and campaign: files with example numbers, ready to run and to be filled in."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -102,7 +103,7 @@ def check_new(folder: Path) -> None:
     Raises:
         InputError: it is a file, or not empty.
     """
-    if not folder.exists():
+    if not os.path.exists(folder):
         return
     got = "a folder that has files in it" if folder.is_dir() else "a file"
     if not folder.is_dir() or any(folder.iterdir()):

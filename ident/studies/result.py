@@ -1,5 +1,6 @@
 """What every study returns: a frozen result with its report, figures, table and files."""
 
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -145,7 +146,7 @@ class Result:
         if path.suffix == self.suffix:
             with together():
                 return self._write(path, self.head)
-        if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not path.is_dir():
+        if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not os.path.isdir(path):
             remedy = "name the file so, or a folder"
             raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
         with together():
@@ -208,9 +209,9 @@ class Result:
 
     def _write_json(self, path: Path, head: Mapping[str, Any], encoded: Any) -> None:
         """Write the head, the main numbers, and the result as `ident.codec` has encoded it."""
-        from ident.present.files.document import write_json
+        from ident.present.files.document import digest, write_json
 
-        write_json({**head, **self._main(), "result": encoded}, path)
+        write_json({**head, **self._main(), "result_sha256": digest(encoded), "result": encoded}, path)
 
     def _main(self) -> dict[str, Any]:
         """Return the main numbers as JSON knows them."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.errors import InputError, Problem
 from ident.files import replace_file
-from ident.present.files.document import EXPECTED, RERUN
+from ident.present.files.document import EXPECTED, RERUN, check_digest, digest
 from ident.text import one_line, read_bytes
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def write_netcdf_result(
     tree = json.dumps(encoded, allow_nan=False, ensure_ascii=False).encode("utf-8", "surrogatepass")
     parts = {**arrays, TREE: np.frombuffer(tree, np.uint8)}
     variables = {name: ([f"{name}_{i}" for i in range(part.ndim)], part) for name, part in parts.items()}
-    data = xarray.Dataset(variables, attrs={"format": form})
+    data = xarray.Dataset(variables, attrs={"format": form, "result_sha256": digest(encoded)})
     for name in parts:
         data[name].encoding = PACKED
     file = BytesIO()
@@ -61,6 +61,7 @@ def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndar
         data = read_group(file, GROUP, mask_and_scale=False)
         arrays = {str(name): part.values for name, part in data.data_vars.items()}
         tree = json.loads(arrays.pop(TREE).tobytes().decode("utf-8", "surrogatepass"))
+        check_digest(data.attrs.get("result_sha256"), tree, path)
         return str(data.attrs["format"]), tree, arrays
 
 
