@@ -34,6 +34,8 @@ TYPES: dict[type, tuple[Any, str]] = {
 }
 """What a flag of each type takes from the file, and how that is said."""
 FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
+LONGEST_SHOWN = 90
+"""Characters of a value that are repeated."""
 NO_DEFAULTS = ("help", "json", "quiet", "restart")
 """Flags that a file can't set: they are said once."""
 
@@ -71,9 +73,14 @@ def with_defaults(context: typer.Context, values: Mapping[str, Any], kinds: Mapp
     if problems:
         raise InputError(problems)
     if taken:
-        shown = ", ".join(f"{key.replace('_', '-')} = {json.dumps(value, default=str)}" for key, value in taken.items())
+        shown = ", ".join(f"{key.replace('_', '-')} = {_shown(value)}" for key, value in taken.items())
         output().say(textwrap.fill(f"defaults from {where}: {shown}", 100, **FOLDED))
     return {**given, **taken}
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= LONGEST_SHOWN else text[:LONGEST_SHOWN] + "…"
 
 
 def _main(context: typer.Context, values: Mapping[str, Any]) -> Path | None:

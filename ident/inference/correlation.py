@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float, Int
 from ident.errors import InputError, Problem
 from ident.inference.parameters import AnyArray, library
 
-
 OWN_MIN = 1e-4
 """Least part of its standard deviation that an error has to itself, whatever others of its group are."""
 

@@ -62,13 +62,14 @@ def _head(result: Result, folder: Path) -> Mapping[str, Any] | None:
 
 def _differing(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
     """Return the names of inputs that differ, and of options."""
-    old, new = (each.get("inputs") or {} for each in (there, here))
+    old, new = (own if isinstance(own := each.get("inputs"), Mapping) else {} for each in (there, here))
     wanted = json.loads(json.dumps(here.get("options")))
     names = [name for name in sorted({*old, *new}) if not _same(old.get(name), new.get(name))]
     return names + ["options"] * (there.get("options") != wanted)
 
 
-def _same(one: Mapping[str, Any] | None, other: Mapping[str, Any] | None) -> bool:
-    if not one or not other:
+def _same(one: Any, other: Any) -> bool:
+    """Tell whether two inputs are the same; what a file of other contents says is none."""
+    if not (isinstance(one, Mapping) and isinstance(other, Mapping) and one and other):
         return not one and not other
     return one.get("path") == other.get("path") or one.get("sha256") == other.get("sha256")
