@@ -1,7 +1,8 @@
 """Values as plain data and back: dataclasses, equinox modules, named tuples and arrays, to the last bit.
 
-An object is written where it is first met, {"class": its name, field: value, ...}; one that is met again is marked
-there by a number, "as", and referred to by {"same": that number}. An array is {"numpy": nested lists}, or "jax", with
+An object is written where it is first met, {"class": its name, field: value, ...}; where an equal one is met again, the
+first is marked by a number, "as", and referred to by {"same": that number}. So a document depends on values alone, not
+on which of them were one object in memory. An array is {"numpy": nested lists}, or "jax", with
 its dtype unless that is float64; floats are written so that the same come back. A tuple is a list; what JSON has no
 word for says what it is: {"map": ...}, {"list": ...}, {"set": ...}, {"path": ...}, {"float": "inf"}.
 
@@ -9,7 +10,9 @@ What comes back is built without running any code but that of the classes named,
 from elsewhere can make no others.
 """
 
+import hashlib
 import importlib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
@@ -45,7 +48,7 @@ def encode(value: Any, arrays: dict[str, np.ndarray] | None = None) -> Any:
     """
     writer = _Writer(arrays)
     plain = writer.plain(value)
-    for _, document in writer.written.values():
+    for document in writer.written.values():
         if document["as"] is None:
             del document["as"]
     return plain
@@ -67,8 +70,8 @@ def decode(document: Any, arrays: Mapping[str, np.ndarray] | None = None) -> Any
 
 class _Writer:
     def __init__(self, arrays: dict[str, np.ndarray] | None):
-        self.arrays, self.shared = arrays, 0
-        self.written: dict[int, tuple[Any, dict[str, Any]]] = {}  # with the objects: an identity is one while it lives
+        self.arrays, self.shared, self.keys = arrays, 0, _Keys()
+        self.written: dict[str, dict[str, Any]] = {}
 
     def plain(self, value: Any) -> Any:
         if value is None or type(value) in (bool, int, str):
@@ -80,7 +83,8 @@ class _Writer:
         if isinstance(value, list):
             return {"list": [self.plain(item) for item in value]}
         if type(value) is frozenset:
-            return {"set": [self.plain(item) for item in value]}
+            ordered = sorted(value, key=lambda item: json.dumps(self.keys.plain(item)))
+            return {"set": [self.plain(item) for item in ordered]}
         if isinstance(value, Mapping):
             return {"map": self.mapping(value)}
         if isinstance(value, PurePath):
@@ -99,10 +103,7 @@ class _Writer:
         return [[self.plain(key), self.plain(item)] for key, item in value.items()]
 
     def array(self, value: Any) -> dict[str, Any]:
-        array = np.asarray(value)
-        kind = "scalar" if isinstance(value, np.generic) else "numpy" if isinstance(value, np.ndarray) else "jax"
-        if array.dtype.kind not in KINDS:
-            raise CodecError(f"an array of {array.dtype}")
+        array, kind = np.asarray(value), _array_kind(value)
         if self.arrays is not None and array.size > KEPT_APART and array.dtype.kind in "fiubc":
             name, parts = f"a{len(self.arrays)}", array.dtype.kind == "c"
             self.arrays[name] = _in_parts(array) if parts else array
@@ -113,20 +114,42 @@ class _Writer:
         return document | ({} if array.size else {"shape": list(array.shape)})
 
     def thing(self, value: Any) -> dict[str, Any]:
-        """Write an object once, however often it is held."""
-        if id(value) in self.written:
-            document = self.written[id(value)][1]
+        """Write an object once, however often it or an equal one is held."""
+        key = self.keys.thing(value)
+        if document := self.written.get(key):
             if document["as"] is None:
                 self.shared += 1
                 document["as"] = self.shared
             return {"same": document["as"]}
+        self.written[key] = document = {"class": _name(type(value)), "as": None}
+        document |= self.fields(value)
+        return document
+
+    def fields(self, value: Any) -> dict[str, Any]:
         names = _field_names(type(value))
         if names is None or not type(value).__module__.startswith("ident."):
             raise CodecError(f"{value!r:.60} can't be kept in a file")
-        document = {"class": _name(type(value)), "as": None}
-        self.written[id(value)] = value, document
-        document |= {name: self.plain(getattr(value, name)) for name in names}
-        return document
+        return {name: self.plain(getattr(value, name)) for name in names}
+
+
+class _Keys(_Writer):
+    """Writes of an object, or an array, only a hash of its contents: the same for equal ones."""
+
+    def __init__(self) -> None:
+        self.keys = self
+        self.known: dict[int, tuple[Any, str]] = {}  # with the objects: an identity is one while it lives
+
+    def array(self, value: Any) -> Any:
+        array = np.asarray(value)
+        array = array.astype(array.dtype.newbyteorder("="), copy=False)
+        contents = _nested(array) if array.dtype.kind == "U" else hashlib.sha256(array.tobytes()).hexdigest()
+        return [_array_kind(value), array.dtype.str, array.shape, contents]
+
+    def thing(self, value: Any) -> Any:
+        if id(value) not in self.known:
+            text = json.dumps([_name(type(value)), self.fields(value)])
+            self.known[id(value)] = value, hashlib.sha256(text.encode()).hexdigest()
+        return self.known[id(value)][1]
 
 
 class _Reader:
@@ -187,6 +210,17 @@ class _Reader:
         if "as" in plain:
             self.shared[plain["as"]] = value
         return value
+
+
+def _array_kind(value: Any) -> str:
+    """Return the word for an array.
+
+    Raises:
+        CodecError: it holds what no file does.
+    """
+    if np.asarray(value).dtype.kind not in KINDS:
+        raise CodecError(f"an array of {value.dtype}")
+    return "scalar" if isinstance(value, np.generic) else "numpy" if isinstance(value, np.ndarray) else "jax"
 
 
 def _nested(array: np.ndarray) -> Any:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 LONGEST = 300
 """Characters of each part of a problem that its line shows."""
+LINES_MAX = 20
+"""Problems that a message lists: who mends these will mend what is left by the same change."""
 
 
 def one_line(text: str) -> str:
@@ -45,11 +47,14 @@ class IdentError(Exception):
 
 
 class InputError(IdentError):
-    """An input is wrong; every problem that was found is listed, one line each."""
+    """An input is wrong; `problems` has every problem that was found, the message a line for each of the first ones."""
 
     def __init__(self, problems: Problem | Iterable[Problem]):
         self.problems = (problems,) if isinstance(problems, Problem) else tuple(problems)
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        lines = [str(problem) for problem in self.problems[:LINES_MAX]]
+        if more := len(self.problems) - len(lines):
+            lines.append(f"and {more} more problem{'s' if more > 1 else ''}; correct those above first")
+        super().__init__("\n".join(lines))
 
 
 class ModelError(IdentError):

@@ -1,8 +1,10 @@
-"""Files that are written whole or not at all, and folders that one run at a time has to itself."""
+"""Files that are written whole or not at all, alone and in sets, and folders that one run at a time has to itself."""
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
@@ -14,43 +16,150 @@ CLAIM = "run.lock"
 """File in a folder that a run has to itself: it holds the number of its process."""
 
 
-def replace_path(path: Path, write: Callable[[Path], object], *, make_folders: bool = False) -> None:
-    """Write a file under another name and move it to its place when it is complete and on the disk.
+class _Set:
+    """The files of one set: they are written under other names, then all are moved to their places."""
+
+    def __init__(self) -> None:
+        self.moves: list[tuple[Path, Path]] = []
+        self.spare: list[Path] = []
+        self.folders: list[Path] = []
+        self.done: list[tuple[Path, Path, Path | None]] = []
+
+    def part(self, folder: Path) -> Path:
+        """Return a name for a file that is removed at the end, if it is still there."""
+        self.spare.append(folder / f".ident-{uuid4().hex}.part")
+        return self.spare[-1]
+
+    def make_folder(self, folder: Path) -> None:
+        self.folders += [each for each in (folder, *folder.parents) if not os.path.exists(each)]
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def put(self) -> None:
+        for source, target in self.moves:
+            try:
+                # one move happens or not; of several, what the first ones replace must be able to come back
+                old = self._kept(target) if len(self.moves) > 1 and os.path.lexists(target) else None
+                os.replace(source, target)
+            except OSError as error:
+                raise _not_written(target, error) from None
+            self.done.append((source, target, old))
+
+    def _kept(self, path: Path) -> Path:
+        old = self.part(path.parent)
+        try:
+            os.link(path, old, follow_symlinks=False)
+        except (OSError, NotImplementedError):  # a file system or an operating system without links
+            shutil.copy2(path, old, follow_symlinks=False)
+        return old
+
+    def undo(self) -> None:
+        for source, target, old in reversed(self.done):
+            with suppress(OSError):
+                os.replace(target, source)
+            if old is not None:
+                with suppress(OSError):
+                    os.replace(old, target)
+
+    def clean(self, folders: bool) -> None:
+        for path in self.spare:
+            with suppress(OSError):
+                path.unlink()
+        for folder in self.folders if folders else ():
+            with suppress(OSError):
+                folder.rmdir()
+
+
+_SET: ContextVar[_Set | None] = ContextVar("_SET", default=None)
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """Let all files that are written within appear at the end together, or none of them.
+
+    After an exception every file is as it was before, and folders that were made are removed. A set within a set
+    is a part of it.
+
+    Raises:
+        InputError: a file can't be moved to its place.
+    """
+    if _SET.get() is not None:
+        yield
+        return
+    files, whole = _Set(), False
+    token = _SET.set(files)
+    try:
+        yield
+        files.put()
+        whole = True
+    except BaseException:
+        files.undo()
+        raise
+    finally:
+        _SET.reset(token)
+        files.clean(folders=not whole)
+
+
+@contextmanager
+def _in_a_set() -> Iterator[_Set]:
+    """Return the set that is being written, or one of its own."""
+    with together():
+        files = _SET.get()
+        assert files is not None
+        yield files
+
+
+def replace_file(path: Path, write: Callable[[BinaryIO], object], *, make_folders: bool = False) -> None:
+    """Write a file under another name and move it to its place when it, and its set, is complete and on the disk.
 
     Args:
         path: where the file goes.
-        write: writes the file at the path it is given.
+        write: writes to the open file that it is given.
         make_folders: make the folders that are not there.
 
     Raises:
         InputError: the folder or the file can't be written; what was there before is untouched.
     """
-    part = path.parent / f".ident-{uuid4().hex}.part"
-    try:
-        if make_folders:
-            path.parent.mkdir(parents=True, exist_ok=True)
+    with _in_a_set() as files:
         try:
-            write(part)
-            with part.open("rb+") as file:
+            if make_folders:
+                files.make_folder(path.parent)
+            part = files.part(path.parent)
+            with part.open("xb") as file:
+                write(file)
+                file.flush()
                 os.fsync(file.fileno())
-            os.replace(part, path)
-        finally:
-            with suppress(OSError):
-                part.unlink()
-    except (OSError, ValueError) as error:
-        remedy = "choose a folder that can be written to (--out)"
-        reason = "a folder" if os.path.isdir(path) else (getattr(error, "strerror", None) or str(error)).lower()
-        raise InputError(Problem(one_line(str(path)), reason, "a file to write", remedy)) from None
+            if path.is_dir():
+                raise IsADirectoryError
+        except (OSError, ValueError) as error:
+            raise _not_written(path, error) from None
+        files.moves.append((part, path))
 
 
-def replace_file(path: Path, write: Callable[[BinaryIO], object], *, make_folders: bool = False) -> None:
-    """Do what `replace_path` does for what writes to an open binary file."""
+def move_file(path: Path, to: Path) -> None:
+    """Give a file another name, when its set is complete.
 
-    def write_to(part: Path) -> None:
-        with part.open("xb") as file:
-            write(file)
+    Raises:
+        InputError: it can't be moved.
+    """
+    with _in_a_set() as files:
+        files.moves.append((path, to))
 
-    replace_path(path, write_to, make_folders=make_folders)
+
+def remove_file(path: Path) -> None:
+    """Remove a file if it is there, when its set is complete.
+
+    Raises:
+        InputError: it can't be removed.
+    """
+    with _in_a_set() as files:
+        if os.path.lexists(path):
+            files.moves.append((path, files.part(path.parent)))
+
+
+def _not_written(path: Path, error: OSError | ValueError) -> InputError:
+    remedy = "choose a folder that can be written to (--out)"
+    reason = "a folder" if os.path.isdir(path) else (getattr(error, "strerror", None) or str(error)).lower()
+    return InputError(Problem(one_line(str(path)), reason, "a file to write", remedy))
 
 
 @contextmanager

@@ -21,6 +21,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from contextvars import Context
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -118,7 +119,8 @@ class Programs:
             return None
         if sources(Path(__file__).parent) == SOURCES:
             with suppress(IdentError):  # a full disk, say
-                replace_file(path, lambda file: file.write(_packed(key, exported, document)))
+                # in a context of its own: a program is kept whatever becomes of the set of files being written now
+                Context().run(replace_file, path, lambda file: file.write(_packed(key, exported, document)))
         return self._callable(exported, document) if exported else None
 
     def _traced(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> tuple[bytes, Any]:

@@ -99,7 +99,7 @@ class Store:
 def _read_identity(file: Path) -> dict[str, str]:
     try:
         return dict(json.loads(file.read_text("utf-8")))
-    except (OSError, ValueError, TypeError):
+    except (OSError, ValueError, TypeError, RecursionError):
         return {}
 
 

@@ -1,4 +1,4 @@
-"""Some 1500 broken inputs: each is read all the same, or refused in one line for each mistake; nothing else ends it.
+"""Some 3000 broken inputs: each is read all the same, or refused in one line for each mistake; nothing else ends it.
 
 They are drawn from a seed, so that a failure comes back. What is accepted stops before anything is computed of it.
 """
@@ -10,10 +10,20 @@ from functools import partial
 import numpy as np
 import pytest
 from arms import lcd_arm
-from broken import NUMBERS, WORDS, broken_bytes, broken_documents, broken_texts, pick
+from broken import (
+    NUMBERS,
+    WORDS,
+    broken_bytes,
+    broken_documents,
+    broken_mat,
+    broken_tdms,
+    broken_texts,
+    broken_wav,
+    pick,
+)
 from commands import ARM, log, posterior
 from hammer_files import FOLDER
-from recording_files import files
+from recording_files import ANSWER, FORCE, LVM, TIME, files, uff
 from three_joints import WITH_HAND, WITHOUT_MESHES
 
 import ident
@@ -23,13 +33,13 @@ from ident.identify.unknowns import stiffness_parameters
 from ident.measure import parse_campaign, parse_log, parse_trace
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording
+from ident.store import Store
+from ident.studies.aside import set_aside
 from ident.studies.motion import basis_of, drawn_values, fitted_values
 from ident.studies.options import flag_of, specs
 from ident.vibrate.response.simulate import sample_times
 
-pytestmark = pytest.mark.slow
-
-CAMPAIGN = ARM.with_name("campaign.csv")
+CAMPAIGN, TABLE = ARM.with_name("campaign.csv"), ARM.with_name("table1.csv")
 LONGEST = 1000
 """Characters of a line that says what is wrong."""
 
@@ -65,7 +75,7 @@ def share_refused(cases, read):
 
 def test_campaigns():
     arm = lcd_arm()
-    cases = broken_texts(np.random.default_rng(1), CAMPAIGN.read_text(), 300)
+    cases = broken_texts(np.random.default_rng(1), CAMPAIGN.read_text(), 200)
     assert 0.5 < share_refused(cases, lambda data: build_problem(arm, parse_campaign(data, "bad.csv"))) < 1
 
 
@@ -111,7 +121,38 @@ def test_recordings(tmp_path, end):
         good.write_bytes(data)
         read_recording(good)
 
-    assert 0.4 < share_refused(broken_bytes(np.random.default_rng(12), good.read_bytes(), 60), read) <= 1
+    assert (
+        0.4
+        < share_refused(broken_bytes(np.random.default_rng(12), good.read_bytes(), 20 if end == "mat" else 60), read)
+        <= 1
+    )
+
+
+def good_uff(folder):
+    uff(folder / "good.uff", 0)
+    return (folder / "good.uff").read_text()
+
+
+RECORDINGS = {
+    "uff": lambda rng, folder: broken_texts(rng, good_uff(folder), 80),
+    "lvm": lambda rng, folder: broken_texts(rng, LVM, 80),
+    "mat": lambda rng, folder: broken_mat(rng, {"t": TIME, "f": FORCE, "y": ANSWER}, 80),
+    "wav": lambda rng, folder: broken_wav(rng, bytes(range(64)) * 2, 80),
+    "tdms": lambda rng, folder: broken_tdms(rng, 40),
+}
+"""Files that are whole, but hold what they should not."""
+
+
+@pytest.mark.parametrize("end", RECORDINGS)
+def test_recordings_of_other_contents(tmp_path, end):
+    path = tmp_path / f"bad.{end}"
+
+    def read(data):
+        path.write_bytes(data)
+        read_recording(path)
+
+    share = share_refused(RECORDINGS[end](np.random.default_rng(15), tmp_path), read)
+    assert (0 if end in ("tdms", "mat") else 0.1) <= share < 1
 
 
 def test_tables_of_samples(tmp_path):
@@ -139,8 +180,8 @@ def test_channel_tables(tmp_path):
 
 @pytest.fixture(scope="module")
 def fit_file(tmp_path_factory):
-    options = ident.FitOptions(starts=1)
-    return ident.fit(ARM, CAMPAIGN, options).save(tmp_path_factory.mktemp("fit"))[0]
+    options = ident.FitOptions(starts=1, no_explain=True)
+    return ident.fit(ARM, TABLE, options).save(tmp_path_factory.mktemp("fit"))[0]
 
 
 def test_fits(tmp_path, fit_file):
@@ -163,14 +204,112 @@ def test_fits(tmp_path, fit_file):
 
 
 def test_results(tmp_path, fit_file):
+    """What is loaded can be printed, and says to which inputs and options it belongs."""
     path = tmp_path / "bad.fit.json"
     whole = json.loads(fit_file.read_text())
+    result = ident.load(fit_file)
 
     def read(document):
         path.write_text(json.dumps(document))
-        ident.load(path)
+        ident.load(path).report()
 
     assert 0.1 < share_refused(broken_documents(np.random.default_rng(6), whole, 60), read) < 1
+    heads = broken_documents(np.random.default_rng(17), {key: whole[key] for key in ("options", "inputs")}, 60)
+    for head in heads:
+        (tmp_path / f"{result.name}.json").write_text(json.dumps({"format": result.form, **head}))
+        set_aside(result, tmp_path)
+
+
+@pytest.mark.parametrize("command", ["fit", "check", "predict", "show", "list", "spectrum", "rerun", "modal", "sample"])
+def test_an_empty_name(run, command):
+    code, out, err = run(command, "")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("ident: .: got ")
+
+
+def test_a_name_that_leaves_no_room_for_those_of_files_beside_it(run, tmp_path):
+    path = tmp_path / f"{'x' * 245}.csv"
+    path.write_bytes(TABLE.read_bytes())
+    assert len(ident.read_campaign(path)) == len(ident.read_campaign(TABLE))
+    code, out, err = run("sample", path, f"--arm={ARM}")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "got file name too long" in err
+
+
+def test_a_result_that_was_changed_is_refused(tmp_path, fit_file):
+    document = json.loads(fit_file.read_text())
+    path = tmp_path / "changed.fit.json"
+    ident.load(fit_file)
+    document["result"]["fit"]["problem"] = 5
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"changed\.fit\.json: got a result that was changed after ident wrote it"):
+        ident.load(path)
+
+
+def test_a_hundred_thousand_bad_rows_are_twenty_lines_and_a_count(tmp_path):
+    text = TABLE.read_text()
+    header = next(line for line in text.splitlines() if line.startswith("kind"))
+    (tmp_path / "many.csv").write_text(header + "\nfrequency\n" * 100_000)
+    with pytest.raises(InputError) as caught:
+        ident.read_campaign(tmp_path / "many.csv")
+    *lines, last = str(caught.value).splitlines()
+    assert len(lines) == 20
+    assert len(caught.value.problems) > 99_999
+    assert last == f"and {len(caught.value.problems) - 20} more problems; correct those above first"
+
+
+def test_identities_of_unfinished_runs(tmp_path):
+    good = {"arm file": "a" * 64, "campaign": "b" * 64, "number of starts": "16"}
+    rng = np.random.default_rng(18)
+    texts = [*broken_texts(rng, json.dumps(good, indent=1), 60), b"[" * 100_000, b'{"a":' * 100_000]
+    documents = [json.dumps(each).encode() for each in broken_documents(rng, good, 20)]
+
+    def read(data):
+        (tmp_path / "run.json").write_bytes(data)
+        Store(tmp_path, good)
+
+    assert 0.5 < share_refused([*texts, *documents], read) < 1
+
+
+DEFAULTS = """starts = 1
+no-figure = true
+out = "results"
+robust = "t"
+prior-sd = 0.5
+[fit]
+fix = ["joint1.k_bend"]
+seed = 3
+[predict]
+posture = "30,-60,30"
+"""
+VALUES_OF_FLAGS = (
+    *("5", "-5", "1.5", "true", "nan", "1e400", "9" * 400, "'x'", "''", "[]", "[1]", "[[1]]", "{}", "{a = 1}"),
+    *("1979-05-27", "07:32:00", '"\\u0000"', "'a=b'", "['a=b', 'a=c']", "[true]", "[{a = 1}]"),
+)
+
+
+def broken_defaults(rng, count):
+    """Yield files of defaults: texts with mistakes, and good TOML with other values, tables and lists of tables."""
+    yield from broken_texts(rng, DEFAULTS, count // 2)
+    names = ("fit", "predict", "starts", "fix", "seed", "out", "arm", "tie", "robust", "no-figure", "help", "json")
+    for _ in range(count // 2):
+        table = pick(rng, ("", "", "[fit]", "[[fit]]", "[fit.fix]", "[predict]", "[a.b]"))
+        pairs = {pick(rng, names): pick(rng, VALUES_OF_FLAGS) for _ in range(rng.integers(1, 3))}
+        yield "\n".join([table, *(f"{name} = {value}" for name, value in pairs.items())]).encode()
+
+
+def test_defaults(run, tmp_path):
+    """With a campaign that is not there to stop at."""
+    refused_ones = 0
+    for text in broken_defaults(np.random.default_rng(19), 60):
+        (tmp_path / "ident.toml").write_bytes(text)
+        code, out, err = run("fit", tmp_path / "nowhere.csv")
+        assert code == 2, text
+        assert out == "" or out.startswith("defaults from"), text
+        assert all(line.startswith("ident: ") for line in err.splitlines()), text
+        refused_ones += "nowhere.csv" not in err
+    assert 20 < refused_ones < 60
+    assert [path.name for path in tmp_path.iterdir()] == ["ident.toml"]
 
 
 @pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")

@@ -7,10 +7,12 @@ import sys
 
 import numpy as np
 import pytest
+import xarray
 
 from ident.errors import InputError
-from ident.files import CLAIM, claimed, replace_file, replace_path
+from ident.files import CLAIM, claimed, move_file, remove_file, replace_file, together
 from ident.present.files.document import write_json
+from ident.present.files.netcdf import read_netcdf_result, write_netcdf_result
 
 
 @pytest.fixture
@@ -25,7 +27,7 @@ def full_disk(monkeypatch):
 
 WRITERS = {
     "bytes": lambda path: replace_file(path, lambda file: file.write(b"new")),
-    "path": lambda path: replace_path(path, lambda part: np.save(part.open("wb"), np.ones(3))),
+    "netCDF": lambda path: write_netcdf_result("ident-fit/0", [1], {"a": np.ones(3)}, path, {}),
     "json": lambda path: write_json({"new": 1}, path),
 }
 
@@ -49,6 +51,128 @@ def test_with_room_the_new_file_takes_its_place(tmp_path, kind):
     WRITERS[kind](path)
     assert path.read_bytes() != b"old"
     assert os.listdir(tmp_path) == ["result"]
+
+
+LIMITED = """
+import resource, signal, sys
+from pathlib import Path
+import numpy as np
+import xarray
+from ident.errors import InputError
+from ident.present.files.netcdf import write_netcdf_result
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+draws = np.random.default_rng(1).normal(size=100_000)
+try:
+    write_netcdf_result("ident-fit/0", [1], {"a": draws}, Path(sys.argv[1]), {"/": xarray.Dataset({"x": ("n", draws)})})
+except InputError as error:
+    print(error)
+"""
+
+
+def test_a_netcdf_file_that_has_no_room_is_one_line(tmp_path):
+    """HDF5 ends the process with a segmentation fault where the system refuses a write."""
+    path = tmp_path / "draws.nc"
+    done = subprocess.run([sys.executable, "-c", LIMITED, path], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"{path}: got file too large, expected a file to write; choose a folder")
+    assert done.stdout.count("\n") == 1
+    assert os.listdir(tmp_path) == []
+
+
+def test_groups_of_a_netcdf_file_come_back(tmp_path):
+    path, numbers = tmp_path / "draws.nc", np.arange(1000.0)
+    own = {"/": xarray.Dataset(attrs={"by": "us"}), "posterior": xarray.Dataset({"x": ("n", numbers)})}
+    write_netcdf_result("ident-fit/0", ["a", 1], {"a0": numbers}, path, own)
+    assert xarray.load_dataset(path, engine="h5netcdf").attrs["by"] == "us"
+    xarray.testing.assert_identical(xarray.load_dataset(path, group="posterior", engine="h5netcdf"), own["posterior"])
+    form, tree, arrays = read_netcdf_result(path)
+    assert (form, tree, list(arrays)) == ("ident-fit/0", ["a", 1], ["a0"])
+    np.testing.assert_array_equal(arrays["a0"], numbers)
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.read_text() for path in folder.rglob("*") if path.is_file()}
+
+
+def write(path, text="new"):
+    replace_file(path, lambda file: file.write(text.encode()), make_folders=True)
+
+
+def a_set(folder):
+    """Write files over others, into a new folder and beside one that gets another name and one that goes."""
+    with together():
+        move_file(folder / "a", folder / "a.1")
+        write(folder / "a")
+        write(folder / "b")
+        remove_file(folder / "c")
+        remove_file(folder / "none")
+        assert contents(folder)["a"] == "old a", "nothing has happened yet"
+        with together():
+            write(folder / "new" / "deep" / "d")
+        assert not (folder / "new" / "deep" / "d").exists()
+        write(folder / "e")
+
+
+def no_links(*_, **__):
+    raise NotImplementedError
+
+
+BEFORE = {"a": "old a", "b": "old b", "c": "old c"}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name, text in BEFORE.items():
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def test_the_files_of_a_set_appear_together(folder):
+    a_set(folder)
+    assert contents(folder) == {"a": "new", "a.1": "old a", "b": "new", "new/deep/d": "new", "e": "new"}
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_where_a_file_of_a_set_can_not_be_moved_all_are_as_before(folder, monkeypatch, number):
+    """Whichever of the six it is; with links and where the file system has none."""
+    move, moved = os.replace, []
+
+    def failing(source, target):
+        moved.append(target)
+        if len(moved) == number + 1:
+            raise OSError(errno.EACCES, os.strerror(errno.EACCES))
+        move(source, target)
+
+    monkeypatch.setattr(os, "replace", failing)
+    if number % 2:
+        monkeypatch.setattr(os, "link", no_links)
+    with pytest.raises(InputError, match="got permission denied, expected a file to write"):
+        a_set(folder)
+    assert len(moved) > number
+    assert contents(folder) == BEFORE
+    assert sorted(os.listdir(folder)) == sorted(BEFORE)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_where_a_set_is_not_completed_all_is_as_before(folder, error):
+    def stopped():
+        with together():
+            a_set(folder)
+            raise error
+
+    with pytest.raises(error):
+        stopped()
+    assert contents(folder) == BEFORE
+    assert sorted(os.listdir(folder)) == sorted(BEFORE)
+
+
+def test_a_folder_in_the_place_of_one_file_stops_the_set(folder):
+    (folder / "e").mkdir()
+    with pytest.raises(InputError, match="e: got a folder, expected a file to write"):
+        a_set(folder)
+    assert contents(folder) == BEFORE
 
 
 HOLD = """

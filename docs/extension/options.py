@@ -38,6 +38,7 @@ class OptionsTable(Directive):
         rows = [
             [f"`{each.name}`", f"`{flag_of(each)}`", default_of(each), range_of(spec), spec.help]
             for each, spec in specs(kind)
+            if each.name not in kind.refuses
         ]
         return [table(["in Python", "flag", "default", "allowed", "meaning"], rows)] if rows else []
 

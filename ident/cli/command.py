@@ -1,7 +1,7 @@
 """A command made of a study: its flags follow from the study's inputs and options, its complaints name them."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import Field
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -14,6 +14,7 @@ from ident.cli.defaults import with_defaults
 from ident.cli.output import JsonOption, QuietOption, output, say_notes, speaking
 from ident.cli.times import TIMES
 from ident.errors import InputError
+from ident.files import together
 from ident.studies.aside import set_aside
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result
@@ -62,7 +63,7 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
     def hang(function: Callable[..., None]) -> Callable[..., None]:
         given = inspect.signature(function).parameters
         own = [p for name, p in given.items() if name != "options"]
-        flags = [_parameter(each, spec) for each, spec in specs(kind)]
+        flags = [_parameter(each, spec, hidden=each.name in kind.refuses) for each, spec in specs(kind)]
         first = [p for p in own if p.default is inspect.Parameter.empty]
         after = [p for p in own if p.default is not inspect.Parameter.empty]
 
@@ -172,24 +173,32 @@ def offer(
 
 def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
-    spoken = output()
     with TIMES.on("writing"):
         say_notes(result.notes)
-        spoken.say(result.report())
-        spoken.document = result.document
-        keep_others(result, out)
-        for path in result.save(out):
-            spoken.wrote(path)
-    if not no_figure:
+        output().say(result.report())
+    output().document = result.document
+    write(result, out, [] if no_figure else [result.save_figures])
+
+
+def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path, ...]]] = ()) -> None:
+    """Write a result's files into a folder, all or none, and say which.
+
+    Files of other inputs or options that the folder holds under the same name are kept under another one.
+
+    Args:
+        result: what was computed.
+        out: the folder.
+        more: what else is written there.
+    """
+    with together():
+        with TIMES.on("writing"):
+            kept, paths = set_aside(result, out), result.save(out)
         with TIMES.on("drawing"):
-            for path in result.save_figures(out):
-                spoken.wrote(path)
-
-
-def keep_others(result: Result, out: Path) -> None:
-    """Keep the files of other inputs or options that the folder holds under the same name, and say so."""
-    if kept := set_aside(result, out):
+            paths = (*paths, *(path for each in more for path in each(out)))
+    if kept:
         typer.echo(kept, err=True)
+    for path in paths:
+        output().wrote(path)
 
 
 def leave(result: Result, *, strict: bool) -> None:
@@ -203,13 +212,13 @@ def leave(result: Result, *, strict: bool) -> None:
         raise typer.Exit(SHORT)
 
 
-def _parameter(each: Field[Any], spec: Spec) -> inspect.Parameter:
-    """Return the flag of an option as typer wants it."""
+def _parameter(each: Field[Any], spec: Spec, *, hidden: bool) -> inspect.Parameter:
+    """Return the flag of an option as typer wants it; help does not offer one that is hidden."""
     names = [flag_of(each), *([spec.short] if spec.short else [])]
     kind, default = each.type, each.default
     if spec.read:
         kind, default = (list[str] if spec.repeated else str) | None, spec.text or None
-    flag = typer.Option(*names, help=spec.help, show_default=bool(spec.text) or not spec.read)
+    flag = typer.Option(*names, help=spec.help, show_default=bool(spec.text) or not spec.read, hidden=hidden)
     return inspect.Parameter(
         each.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, flag]
     )

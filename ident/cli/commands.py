@@ -16,10 +16,10 @@ from ident.cli.command import (
     command,
     finish,
     flag,
-    keep_others,
     leave,
     offer,
     plain,
+    write,
 )
 from ident.cli.output import output
 from ident.errors import InputError, Problem
@@ -232,9 +232,7 @@ def rerun(
     output().say(repeated.report())
     output().document = repeated.document
     if out is not None:
-        keep_others(repeated.now, out)
-    for path in repeated.now.save(out) if out is not None else ():
-        output().wrote(path)
+        write(repeated.now, out)
     running.discard_unless_taken(folder, discard)
     if not repeated.same:
         raise typer.Exit(SHORT)

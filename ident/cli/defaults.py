@@ -8,6 +8,7 @@ fix = ["joint1.k_bend", "joint2.k_bend"]
 """
 
 import json
+import os
 import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -32,6 +33,8 @@ TYPES: dict[type, tuple[Any, str]] = {
     Path: (str, "a path in quotes"),
 }
 """What a flag of each type takes from the file, and how that is said."""
+LONGEST_SHOWN = 90
+"""Characters of a value that are repeated."""
 NO_DEFAULTS = ("help", "json", "quiet", "restart")
 """Flags that a file can't set: they are said once."""
 
@@ -50,25 +53,33 @@ def with_defaults(context: typer.Context, values: Mapping[str, Any], kinds: Mapp
     given = dict(values)
     name, own = str(context.info_name), _flags(context.command)
     path = _main(context, given)
-    if name in WITHOUT or path is None or not (file := path.parent / FILE).is_file():
+    if name in WITHOUT or path is None or not os.path.isfile(file := path.parent / FILE):
         return given
     where, document = one_line(str(file)), _read(file)
     problems = [*_unknown(context, document, where)]
     taken: dict[str, Any] = {}
-    for key, value in {**document, **document.get(name, {})}.items():
+    of_all = {key: value for key, value in document.items() if not isinstance(value, dict)}
+    of_this = document.get(name)
+    for key, value in {**of_all, **(of_this if isinstance(of_this, dict) else {})}.items():
         parameter = own.get(_plain(key))
-        if parameter is None or isinstance(value, dict) or _said(context, parameter.name):
+        if parameter is None or _said(context, parameter.name):
             continue
         try:
             taken[parameter.name] = _cast(kinds[parameter.name], value, file.parent)
-        except ValueError as error:
-            problems.append(Problem(where, quoted(str(value)), str(error), f"see ident {name} --help", key))
+        except (ValueError, OverflowError) as error:
+            expected = str(error) if isinstance(error, ValueError) else "a number that is not beyond all others"
+            problems.append(Problem(where, quoted(str(value)), expected, f"see ident {name} --help", key))
     if problems:
         raise InputError(problems)
     if taken:
-        shown = ", ".join(f"{key.replace('_', '-')} = {json.dumps(value, default=str)}" for key, value in taken.items())
+        shown = ", ".join(f"{key.replace('_', '-')} = {_shown(value)}" for key, value in taken.items())
         output().say(textwrap.fill(f"defaults from {where}: {shown}", 100, **FOLDED))
     return {**given, **taken}
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= LONGEST_SHOWN else text[:LONGEST_SHOWN] + "…"
 
 
 def _main(context: typer.Context, values: Mapping[str, Any]) -> Path | None:
@@ -80,7 +91,7 @@ def _main(context: typer.Context, values: Mapping[str, Any]) -> Path | None:
 
 def _flags(command: Any) -> dict[str, Any]:
     """Return the parameters of a command by their longest flag, without dashes."""
-    options = [each for each in command.params if each.param_type_name == "option"]
+    options = [each for each in command.params if each.param_type_name == "option" and not each.hidden]
     named = {_plain(max(each.opts, key=len)): each for each in options}
     return {name: each for name, each in named.items() if name not in NO_DEFAULTS}
 
@@ -112,6 +123,9 @@ def _unknown(context: typer.Context, document: Mapping[str, Any], where: str) ->
             for inner in value:
                 if _plain(inner) not in flags[key]:
                     yield _no_such(where, f"{key}.{inner}", inner, sorted(flags[key]))
+        elif key in flags and not isinstance(value, str):  # `fit` is a flag of other commands, too
+            got, expected = quoted(str(value)), "a table of the command's flags, or as a flag a path in quotes"
+            yield Problem(where, got, expected, f"write [{key}] above the flags", key)
         elif isinstance(value, dict) or _plain(key) not in every:
             yield _no_such(where, key, key, [*sorted(flags), *every] if isinstance(value, dict) else every)
 

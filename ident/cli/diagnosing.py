@@ -13,8 +13,8 @@ from ident.cli.command import (
     PathOption,
     StrictOption,
     command,
-    keep_others,
     leave,
+    write,
 )
 from ident.cli.memory import let_go
 from ident.cli.output import output
@@ -45,14 +45,19 @@ def diagnose_command(
     """
     if pdf:
         check_browser()
-    result = run_diagnose(campaign, options, arm, path, restart, out)
-    if pdf:
-        output().wrote(result.save_pdf(out))
+    result = run_diagnose(campaign, options, arm, path, restart, out, pdf=pdf)
     leave(result, strict=strict)
 
 
 def run_diagnose(
-    campaign: Path, options: DiagnoseOptions, arm: Path | None, path: Path | None, restart: bool, out: Path
+    campaign: Path,
+    options: DiagnoseOptions,
+    arm: Path | None,
+    path: Path | None,
+    restart: bool,
+    out: Path,
+    *,
+    pdf: bool = False,
 ) -> DiagnoseResult:
     """Diagnose an arm, print each stage when it is finished, and write the result into a folder."""
     measured, arm_file = running.read(campaign, arm)
@@ -78,8 +83,6 @@ def run_diagnose(
         raise typer.Exit(130) from None
     output().say(result.closing)
     output().document = result.document
-    keep_others(result, out)
-    for written in result.save(out):
-        output().wrote(written)
+    write(result, out, [lambda folder: (result.save_pdf(folder),)] if pdf else [])
     running.discard_unless_taken(folder, discard)
     return result

@@ -1,5 +1,6 @@
 """An arm of a robot description, URDF or MJCF, and the file of bushings beside it."""
 
+import os
 from os import PathLike
 from typing import Any
 from xml.etree import ElementTree
@@ -72,7 +73,7 @@ def robot_arm(
         InputError: the description or the file of bushings is wrong.
     """
     file = beside(str(path))
-    if not file.exists():
+    if not os.path.exists(file):
         raise no_joints(file, read_robot(path))
     source, document, text = read_joints(file)
     robot = read_robot(path, document.tip)

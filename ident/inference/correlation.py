@@ -14,6 +14,9 @@ from jaxtyping import Bool, Float, Int
 from ident.errors import InputError, Problem
 from ident.inference.parameters import AnyArray, library
 
+OWN_MIN = 1e-4
+"""Least part of its standard deviation that an error has to itself, whatever others of its group are."""
+
 
 class Block(eqx.Module):
     """Groups of one size.
@@ -128,5 +131,10 @@ def _block(rows: np.ndarray, R: np.ndarray, counts: np.ndarray) -> Block:
         raise InputError(
             Problem("", "errors that can't be so correlated", expected, "correct the covariance")
         ) from None
-    log_det = np.log(np.diagonal(L, axis1=1, axis2=2)).sum(1)
+    own = np.diagonal(L, axis1=1, axis2=2)
+    if (least := own.min(initial=1.0)) < OWN_MIN:
+        got = f"an error that the others of its group fix to {least:.2g} of its standard deviation"
+        remedy = "leave out the value that the others repeat, or correct the covariance"
+        raise InputError(Problem("", got, f"at least {OWN_MIN:g}", remedy))
+    log_det = np.log(own).sum(1)
     return Block(rows, R, np.where(both, np.linalg.inv(L), 0.0), log_det)

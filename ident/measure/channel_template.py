@@ -2,6 +2,7 @@
 
 import csv
 import io
+import os
 import re
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
@@ -68,7 +69,7 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
 
 def check_folder(folder: Path) -> None:
     """Refuse what is no folder."""
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError(Problem(one_line(str(folder)), "no such folder", "a folder of recordings", "correct the path"))
 
 
@@ -97,7 +98,7 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
     Raises:
         InputError: see `recordings_of`; or there is such a file, which is not overwritten.
     """
-    if path.exists():
+    if os.path.exists(path):
         remedy = "move it away, or name another by --channels"
         raise InputError(Problem(one_line(str(path)), "a file that is there", "none", remedy))
     recordings = recordings_of(folder)

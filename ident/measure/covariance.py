@@ -17,6 +17,9 @@ from ident.text import one_line, quoted
 
 COLUMNS = ("group", "i", "j", "correlation")
 SUFFIX = ".covariance.csv"
+CLOSEST = 1e-8
+"""Distance from 1 that a correlation of two rows keeps: nearer, their difference is known 10,000 times better than each
+of them, which no instrument does, and a fit to it finds no end."""
 LARGEST = 2000
 """Rows of a group at most: its correlation has their square."""
 
@@ -149,6 +152,9 @@ def _pair(
     value = findings.attempt(where, "correlation", _correlation, cells[3])
     if len(findings) == before and i == j and value != 1:
         findings.append(Problem(where, f"{value:g} of a row with itself", "1", "leave it out", "correlation"))
+    if len(findings) == before and i != j and value is not None and 1 - abs(value) < CLOSEST:
+        got, remedy = f"{value!r} between two rows", "leave one of the two rows out: they are one reading"
+        findings.append(Problem(where, got, f"at most 1 - {CLOSEST:g}", remedy, "correlation"))
     return None if len(findings) > before or i is None or j is None or value is None else (name, i, j, value)
 
 

@@ -1,6 +1,7 @@
 """Campaign CSV into a campaign: every cell is checked, and every problem of the file reported at once."""
 
 import hashlib
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -62,8 +63,9 @@ def read_campaign(path: str | Path) -> Campaign:
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    beside = (read_table(file) if file.is_file() else None for file in (covariance_path(path), setups_path(path)))
-    return parse_campaign(read_table(path), path, *beside)
+    data = read_table(path)
+    beside = [read_table(file) if os.path.isfile(file) else None for file in (covariance_path(path), setups_path(path))]
+    return parse_campaign(data, path, *beside)
 
 
 def parse_campaign(

@@ -25,6 +25,9 @@ EXAMPLES = {"time": "s", "angle": "deg", "length": "mm", "acceleration": "m/s^2"
 MOST = 5
 """Problems of one kind that are listed one by one; a column of bad cells is one mistake, not ten thousand."""
 
+STEPS = (1e-9, 1e9)
+"""Steps of time [s] that a recording can have: a nanosecond to thirty years."""
+
 _HEADER = re.compile(r"(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?")
 
 
@@ -216,6 +219,15 @@ def _time_problems(series: Series) -> Iterator[Problem]:
     if TIME not in series:
         return
     time = series[TIME]
-    for row in np.flatnonzero(np.diff(time) <= 0) + 1:
+    with np.errstate(over="ignore"):
+        steps = np.diff(time)
+    for row in np.flatnonzero(~((steps >= STEPS[0]) & (steps <= STEPS[1]) | np.isnan(steps))) + 1:
         got = f"{time[row]:.9g} s after {time[row - 1]:.9g} s"
-        yield Problem(series.where[row], got, "times that increase", "sort the rows or delete the repeated one", TIME)
+        if steps[row - 1] <= 0:
+            expected, remedy = "times that increase", "sort the rows or delete the repeated one"
+        else:
+            expected, remedy = (
+                f"steps from {STEPS[0]:g} to {STEPS[1]:g} s",
+                "correct the time, or the unit in the header",
+            )
+        yield Problem(series.where[row], got, expected, remedy, TIME)

@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from ident.files import replace_file
+from ident.files import remove_file, replace_file, together
 from ident.measure.campaign import Campaign, Measurement
 from ident.measure.columns import COLUMNS
 from ident.measure.covariance import Group, covariance_path, covariance_text
@@ -30,7 +30,7 @@ def write_campaign(
     """Write a campaign as CSV: postures in deg, frequencies in Hz, deflections in mm, every digit kept.
 
     The text is read back before it is written, so that no file is made that `read_campaign` would refuse. The
-    file appears whole or not at all. Correlations go into `CAMPAIGN.covariance.csv` beside it, frames of setups into
+    files appear together or not at all. Correlations go into `CAMPAIGN.covariance.csv` beside it, frames of setups into
     `CAMPAIGN.setups.csv`; without any, such a file of an earlier campaign there is removed.
 
     Args:
@@ -45,15 +45,16 @@ def write_campaign(
     correlations = covariance_text(groups, Path(path).name).encode() if groups else None
     frames = setups_text(campaign.setups.each, Path(path).name).encode() if campaign.setups.each else None
     parse_campaign(data, path, correlations, frames)
-    _write_beside(beside, correlations)
-    _write_beside(setups_path(path), frames)
-    replace_file(Path(path), lambda file: file.write(data))
+    with together():
+        _write_beside(beside, correlations)
+        _write_beside(setups_path(path), frames)
+        replace_file(Path(path), lambda file: file.write(data))
 
 
 def _write_beside(path: Path, content: bytes | None) -> None:
     """Write a file that belongs to the campaign, or remove an earlier campaign's."""
     if content is None:
-        path.unlink(missing_ok=True)
+        remove_file(path)
     else:
         replace_file(path, lambda file: file.write(content))
 

@@ -1,5 +1,6 @@
 """Say which joint stiffness has changed between two campaigns, by how much, and how sure that is."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -154,7 +155,7 @@ def _pairs(
         if not len(first) == len(second) > 0:
             raise InputError(Problem("second", f"{len(second)} results", f"{len(first)} of them", "give pairs"))
         return list(zip(first, second, strict=True)), ()
-    folders = [Path(each) for each in (first, second) if isinstance(each, str | Path) and Path(each).is_dir()]
+    folders = [Path(each) for each in (first, second) if isinstance(each, str | Path) and os.path.isdir(each)]
     if not folders:
         return [(cast("Compared", first), cast("Compared", second))], ()
     if len(folders) == 1:
@@ -219,7 +220,7 @@ def _foreign(path: Path) -> "Posterior | None":
     from ident.present.files.sample import read_posterior
     from ident.studies.sample import SampleResult
 
-    if path.suffix != ".nc" or not path.is_file() or is_of_ident(path):
+    if path.suffix != ".nc" or not os.path.isfile(path) or is_of_ident(path):
         return None
     draws = read_posterior(SampleResult.form, path).by_paths
     values = {name: own for (name, *tied), own in draws.items() if name.endswith(STIFFNESSES) and not tied}

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -130,12 +129,12 @@ class DiagnoseResult(Result):
         return diagnose_page(self.diagnosis, head, arm_view(replace(basis.arm_file, arm=basis.arm)), explorer)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.diagnose import write_posterior
+        from ident.present.files.diagnose import posterior_groups
         from ident.present.html.page import write_page
 
         page, document = self._beside(path, ".html"), self._beside(path, ".json")
         write_page(self._page(head), page)
-        self._write_json(document, head, self._write_netcdf(path, partial(write_posterior, self.diagnosis, head)))
+        self._write_json(document, head, self._write_netcdf(path, posterior_groups(self.diagnosis, head)))
         return page, document, path
 
     @property

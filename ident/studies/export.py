@@ -198,14 +198,15 @@ def _check_held(asked: Exported, is_lost: Callable[[str], bool], words: str) -> 
 
 
 def _check_other(path: Path, sources: tuple[str, ...]) -> None:
-    if any(source and path.exists() and os.path.samefile(path, source) for source in sources):
+    if any(source and os.path.exists(path) and os.path.samefile(path, source) for source in sources):
         got, remedy = "the file that was read", "choose another name"
         raise InputError(Problem(one_line(str(path)), got, "a file of its own", remedy))
 
 
 def _write(files: Mapping[Path, bytes]) -> tuple[Path, ...]:
-    from ident.files import replace_file
+    from ident.files import replace_file, together
 
-    for path, data in files.items():
-        replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
+    with together():
+        for path, data in files.items():
+            replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
     return tuple(files)

@@ -1,5 +1,6 @@
 """A fleet of robots of one design: each one's stiffnesses, their population, and who stands out."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -129,15 +130,17 @@ class FleetResult(Result):
         Raises:
             InputError: the folder or a file can't be written.
         """
+        from ident.files import together
         from ident.present.html.fleet import file_name, robot_page
         from ident.present.html.page import write_page
 
         page, pages = Path(folder) / f"{self.name}.html", Path(folder) / f"{self.name}.pages"
-        for i, robot in enumerate(self.fleet.robots):
-            own = robot_page(self.fleet, i, self.label, self.head, f"../{quote(page.name)}")
-            write_page(own, pages / file_name(robot))
-        write_page(self._page(), page)
-        return (*super().save_figures(folder), page)
+        with together():
+            for i, robot in enumerate(self.fleet.robots):
+                own = robot_page(self.fleet, i, self.label, self.head, f"../{quote(page.name)}")
+                write_page(own, pages / file_name(robot))
+            write_page(self._page(), page)
+            return (*super().save_figures(folder), page)
 
     def _page(self) -> "Page":
         from ident.present.html.fleet import fleet_page
@@ -228,7 +231,7 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
         InputError: it is none, or holds none.
     """
     where, expected = one_line(str(folder)), "a folder with a CSV file, or a folder with one, for each robot"
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError(Problem(where, "no such folder", expected, "check the path"))
     shared = Path(arm) if arm is not None else folder / ARM
     found: list[Files] = [(path.stem, path, shared) for path in folder.glob("*.csv") if path.is_file()]

@@ -46,7 +46,7 @@ class Task:
         """Return what was written; None where nothing was, or the file is damaged."""
         try:
             results = decode(json.loads(self.file.read_text("utf-8")))
-        except (OSError, ValueError, CodecError):
+        except (OSError, ValueError, RecursionError, CodecError):
             return None
         return results if isinstance(results, tuple) else None
 

@@ -1,5 +1,6 @@
 """From the files of a hammer or ambient test to a campaign: modes with their covariance, labels."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -175,10 +176,10 @@ class ModalResult(Result):
         return figures | diagrams | planes
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.modal import write_campaign_file, write_netcdf
+        from ident.present.files.modal import modal_groups, write_campaign_file
 
         document = self._beside(path, ".json")
-        encoded = self._write_netcdf(path, lambda part: write_netcdf(self.tests, head, part))
+        encoded = self._write_netcdf(path, modal_groups(self.tests, head))
         self._write_json(document, head, encoded)
         tables = self._beside(path, ".csv"), self._beside(path, ".covariance.csv")
         if not self.campaign:
@@ -281,9 +282,9 @@ def new_channels(
 
     folder = Path(tests)
     beside = folder / ARM
-    source = arm or (beside if beside.exists() else None)
+    source = arm or (beside if os.path.exists(beside) else None)
     joints = len(as_file(source).arm.driven) if source else 1
     path = Path(channels) if channels else folder / CHANNELS
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(Problem(str(path), "a folder", "a file to write", "name the table"))
     return path, write_template(folder, path, joints)

@@ -91,5 +91,6 @@ def choices() -> Mapping[str, tuple[str, ...]]:
     found: dict[str, tuple[str, ...]] = {}
     for study in (*STUDIES, "explore"):
         kind: type[Options] = getattr(importlib.import_module(f"ident.studies.{study}"), f"{study.capitalize()}Options")
-        found |= {f"{study} {flag_of(each)}": spec.choices for each, spec in specs(kind) if spec.choices}
+        known = [(each, spec) for each, spec in specs(kind) if each.name not in kind.refuses]
+        found |= {f"{study} {flag_of(each)}": spec.choices for each, spec in known if spec.choices}
     return found

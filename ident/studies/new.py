@@ -1,5 +1,6 @@
 """A first arm and campaign: files with example numbers, ready to run and to be filled in."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -7,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
-from ident.files import replace_file
+from ident.files import replace_file, together
 from ident.text import did_you_mean, one_line, quoted
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def check_new(folder: Path) -> None:
     Raises:
         InputError: it is a file, or not empty.
     """
-    if not folder.exists():
+    if not os.path.exists(folder):
         return
     got = "a folder that has files in it" if folder.is_dir() else "a file"
     if not folder.is_dir() or any(folder.iterdir()):
@@ -125,7 +126,8 @@ def check_new(folder: Path) -> None:
 def _write(folder: Path, arm: str, campaign: str) -> New:
     check_new(folder)
     paths = (folder / ARM, folder / CAMPAIGN)
-    for path, text in zip(paths, (arm, campaign), strict=True):
-        data = text.encode("utf-8")
-        replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
+    with together():
+        for path, text in zip(paths, (arm, campaign), strict=True):
+            data = text.encode("utf-8")
+            replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
     return New(folder, paths)

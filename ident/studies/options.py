@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Any, Self, get_args, get_origin
+from typing import Any, ClassVar, Self, get_args, get_origin
 
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean
@@ -89,6 +89,9 @@ class Options:
     Raises:
         InputError: a value that is out of its range, with the option's name.
     """
+
+    refuses: ClassVar[tuple[str, ...]] = ()
+    """Options that the study does not know of, though those that it shares them with do: help does not offer them."""
 
     def __post_init__(self) -> None:
         problems = []

@@ -3,6 +3,7 @@
 import hashlib
 import importlib
 import inspect
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,7 +90,7 @@ def found(result: Result, beside: Path) -> dict[str, Path]:
         if source is None:
             continue
         places = [Path(source.path), beside / Path(source.path).name, Path(Path(source.path).name)]
-        there = [place for place in dict.fromkeys(places) if source.path and place.is_file()]
+        there = [place for place in dict.fromkeys(places) if source.path and os.path.isfile(place)]
         match = next((place for place in there if _sha256(place) == source.sha256), None)
         if match is not None:
             files[name] = match

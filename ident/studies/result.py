@@ -1,7 +1,8 @@
 """What every study returns: a frozen result with its report, figures, table and files."""
 
+import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from operator import attrgetter
@@ -15,6 +16,7 @@ BESIDE = ("covariance", "bushings")
 """What may be read because it lies beside an input: attributes of that input, in whose name they are called."""
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.figure import Figure
 
 
@@ -131,7 +133,7 @@ class Result:
         return {**self.head, **notes, **self._main()}
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
-        """Write the result's files, each whole or not at all, and return their paths.
+        """Write the result's files, all of them or none, and return their paths.
 
         Args:
             path: the main file, ending as its format demands, or a folder, in which the files get the result's name.
@@ -139,26 +141,32 @@ class Result:
         Raises:
             InputError: a file of another ending, or the folder or a file can't be written.
         """
+        from ident.files import together
+
         path = Path(path)
         if path.suffix == self.suffix:
-            return self._write(path, self.head)
-        if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not path.is_dir():
+            with together():
+                return self._write(path, self.head)
+        if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not os.path.isdir(path):
             remedy = "name the file so, or a folder"
             raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
-        return self._write(path / f"{self.name}{self.suffix}", self.head)
+        with together():
+            return self._write(path / f"{self.name}{self.suffix}", self.head)
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write the figures as PNG into a folder, under the result's name, and return their paths.
+        """Write the figures as PNG into a folder, all or none, under the result's name, and return their paths.
 
         Raises:
             InputError: the folder or a file can't be written.
         """
+        from ident.files import together
         from ident.present.files.png import save
 
         written = []
-        for word, figure in self.figures().items():
-            written.append(Path(folder) / f"{self.name}{'.' * bool(word)}{word}.png")
-            save(figure, written[-1])
+        with together():
+            for word, figure in self.figures().items():
+                written.append(Path(folder) / f"{self.name}{'.' * bool(word)}{word}.png")
+                save(figure, written[-1])
         return tuple(written)
 
     def _present(self, medium: str, what: str) -> Any:
@@ -207,9 +215,9 @@ class Result:
 
     def _write_json(self, path: Path, head: Mapping[str, Any], encoded: Any) -> None:
         """Write the head, the main numbers, and the result as `ident.codec` has encoded it."""
-        from ident.present.files.document import write_json
+        from ident.present.files.document import digest, write_json
 
-        write_json({**head, **self._main(), "result": encoded}, path)
+        write_json({**head, **self._main(), "result_sha256": digest(encoded), "result": encoded}, path)
 
     def _main(self) -> dict[str, Any]:
         """Return the main numbers as JSON knows them."""
@@ -219,12 +227,12 @@ class Result:
         main: dict[str, Any] = plain({"summary": summary, "table": self.table()})
         return main
 
-    def _write_netcdf(self, path: Path, write: "Callable[[Path], object]") -> Any:
-        """Write the result behind what `write` writes for other tools; return it encoded, large arrays left out."""
+    def _write_netcdf(self, path: Path, groups: "Mapping[str, xarray.Dataset]") -> Any:
+        """Write the result behind groups for other tools; return it encoded, large arrays left out."""
         from ident.codec import encode
         from ident.present.files.netcdf import write_netcdf_result
 
         arrays: dict[str, Any] = {}
         encoded = encode(self, arrays)
-        write_netcdf_result(self.form, encoded, arrays, path, write)
+        write_netcdf_result(self.form, encoded, arrays, path, groups)
         return encoded

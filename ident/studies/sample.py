@@ -129,7 +129,9 @@ class SampleResult(Result):
         return self.sample.sample.basins[0] + 1
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        self._write_netcdf(path, lambda part: self.inference_data.to_netcdf(str(part), engine="h5netcdf"))
+        from ident.present.files.sample import groups_of
+
+        self._write_netcdf(path, groups_of(self.inference_data))
         return (path,)
 
     def standard_errors(self) -> list[dict[str, float]]:

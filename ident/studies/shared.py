@@ -93,7 +93,6 @@ class ProblemOptions(BaseOptions):
     seed: int = option(0, "seed of all that is drawn at random", low=0, high=1e18)
 
     refuses: ClassVar[tuple[str, ...]] = ("uncertain",)
-    """Options that the study does not know of, though those that it shares them with do."""
 
     def problems(self) -> list[Problem]:
         """Refuse what this study would leave out."""

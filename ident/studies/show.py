@@ -83,15 +83,16 @@ class ArmPicture:
         Raises:
             InputError: the folder or the file can't be written.
         """
-        from ident.files import replace_file
+        from ident.files import replace_file, together
         from ident.present.files.png import save
 
         path = Path(folder) / f"{self.name}.png"
-        save(self.figures()[""], path)
-        if not self.view.analysis:
-            return (path,)
-        text, modes = self.moving_modes().encode("utf-8"), Path(folder) / f"{self.name}.modes.svg"
-        replace_file(modes, lambda file: file.write(text), make_folders=True)
+        with together():
+            save(self.figures()[""], path)
+            if not self.view.analysis:
+                return (path,)
+            text, modes = self.moving_modes().encode("utf-8"), Path(folder) / f"{self.name}.modes.svg"
+            replace_file(modes, lambda file: file.write(text), make_folders=True)
         return path, modes
 
     def moving_modes(self) -> str:

@@ -168,11 +168,11 @@ class SimulateResult(Result):
         return outline(self.arm, self.simulation.response, times, factor=factor, loads=self.simulation.basis.loads)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.simulate import write_csv, write_netcdf
+        from ident.present.files.simulate import simulate_groups, write_csv
 
         csv, document = self._beside(path, ".csv"), self._beside(path, ".json")
         write_csv(self.simulation, head, csv)
-        encoded = self._write_netcdf(path, lambda part: write_netcdf(self.simulation, head, part))
+        encoded = self._write_netcdf(path, simulate_groups(self.simulation, head))
         self._write_json(document, head, encoded)
         return csv, path, document
 

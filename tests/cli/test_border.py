@@ -89,6 +89,8 @@ def test_unknowns_and_priors_that_can_not_be(run, options, words):
         (["plan", TABLE, "--step=1e-6"], "--step: got a step of 1e-06 deg"),
         (["diagnose", TABLE, "--dwell=1e300"], "--dwell: got 1e+300, expected a number from 0 to 3600"),
         (["design", ARM, "--min-frequency=1e9"], "--min-frequency: got 1e+09, expected a number above 0, at most 1000"),
+        (["resonance", ARM, "--orders=20000"], "--orders: got 20000, expected at most 1000"),
+        (["resonance", ARM, "--orders=" + ",".join(["1"] * 1001)], "--orders: got 1001 of them, expected at most 1000"),
         (["simulate", ARM, "--dwell=nan"], "--dwell: got nan"),
         (["simulate", ARM, "--dwell=3000"], "--dwell: got 3000 s"),
         (["simulate", ARM, "--rate=nan"], "--rate: got nan"),

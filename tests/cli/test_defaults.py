@@ -84,6 +84,12 @@ def test_it_lies_beside_the_arm_where_there_is_no_campaign(run, folder):
         ("json = true", "unknown key 'json'"),
         ("starts = ", "ident.toml: got invalid value"),
         ("starts = 0", "--starts: got 0"),
+        ("fit = 5", "fit: got '5', expected a table of the command's flags"),
+        ("[[fit]]\nstarts = 1", "expected a table of the command's flags"),
+        ("[fit]\nfix = {a = 1}", "fix: got '{'a': 1}', expected text in quotes"),
+        ("[fit.fix]\na = 1", "fix: got '{'a': 1}', expected text in quotes"),
+        ("prior-sd = 1" + "0" * 400, "prior-sd: got '10000"),
+        ("[fleet]\nrobust = 't'", "fleet.robust: got unknown key 'robust'"),
     ],
 )
 def test_what_is_wrong_in_it_is_one_line(run, folder, text, words):

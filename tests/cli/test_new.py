@@ -1,11 +1,13 @@
 """`ident new`: files, next steps, what is refused."""
 
+import errno
 import json
+import os
 import subprocess
 import sys
 
 import pytest
-from commands import files
+from commands import ARM, files
 from three_joints import WITH_HAND
 
 from ident.assess.example import Example
@@ -74,3 +76,20 @@ def test_a_template_needs_neither_jax_nor_numpy(tmp_path):
     program = "import sys; from ident.studies.new import new; new('scara', 'robot'); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert not {"numpy", "jax", "pydantic"} & set(done.stdout.split())
+
+
+@pytest.mark.parametrize("command", [("new", "scara", "robot"), ("show", ARM)])
+def test_where_the_last_file_can_not_be_moved_to_its_place_there_is_none(run, tmp_path, monkeypatch, command):
+    move, moved = os.replace, []
+
+    def failing(source, target):
+        moved.append(target)
+        if len(moved) == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        move(source, target)
+
+    monkeypatch.setattr(os, "replace", failing)
+    code, _, err = run(*command)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "got no space left on device, expected a file to write" in err
+    assert list(tmp_path.iterdir()) == []

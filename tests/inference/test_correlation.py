@@ -193,3 +193,12 @@ def test_errors_that_can_not_be_so_correlated_are_refused():
     R = np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])
     with pytest.raises(InputError, match="errors that can't be so correlated"):
         correlation([((0, 1, 2), R)], np.ones(3, bool))
+
+
+def test_an_error_that_others_of_its_group_fix_is_refused():
+    """A sum of two others but for a hundred thousandth: no pair of them is correlated that much."""
+    L = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [np.sqrt(0.5), np.sqrt(0.5), 1e-5]])
+    R = L @ L.T
+    correlation([((0, 1, 2), R + np.diag([0.0, 0.0, 1e-6]))], np.ones(3, bool))
+    with pytest.raises(InputError, match=r"fix to 1e-05 of its standard deviation, expected at least 0.0001"):
+        correlation([((0, 1, 2), R)], np.ones(3, bool))

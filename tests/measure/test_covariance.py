@@ -85,6 +85,14 @@ def test_a_campaign_of_other_correlations_is_another_one(tmp_path):
         (PAIRS + "b,2,2,0.1\n", "c.covariance.csv:6, correlation: got 0.1 of a row with itself, expected 1"),
         (PAIRS + "b,1,2\n", "c.covariance.csv:6: got 3 fields"),
         (PAIRS + "b,1,2,nan\n", "c.covariance.csv:6, correlation: got 'nan', expected a"),
+        (
+            PAIRS.replace("0.9", "0.999999999999"),
+            "c.covariance.csv:5, correlation: got 0.999999999999 between two rows",
+        ),
+        (
+            PAIRS.replace("0.9", "-1"),
+            "c.covariance.csv:5, correlation: got -1.0 between two rows, expected at most 1 -",
+        ),
         (PAIRS.replace("0.9", "1.1"), "c.covariance.csv:5, correlation: got '1.1', expected a number from -1 to 1"),
     ],
 )

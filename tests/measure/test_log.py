@@ -184,6 +184,20 @@ def test_a_column_of_bad_cells_is_one_mistake():
     assert found[5] == "log.csv, joint1: got 895 more such rows, expected none; mend them likewise"
 
 
+@pytest.mark.parametrize(
+    ("times", "row"),
+    [((-1e300, 0, 1, 2, 3), 3), ((0, 1, 2, 3, 1e300), 6), ((0, 1e-300, 1, 2, 3), 3), ((0, 1e30, 2e30, 3e30, 4e30), 3)],
+)
+def test_steps_of_time_that_no_recording_has(times, row):
+    rows = [f"{time!r},0,{i},0\n" for i, time in enumerate(times)]
+    text = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]\n" + "".join(rows)
+    with pytest.raises(InputError) as caught:
+        parse_log(text.encode(), "path.csv", ["joint1", "joint2", "joint3"])
+    first = str(caught.value).splitlines()[0]
+    assert first.startswith(f"path.csv:{row}, time: got ")
+    assert "expected steps from 1e-09 to 1e+09 s" in first
+
+
 @pytest.mark.parametrize("rows", [1, 3])
 def test_too_few_rows(rows):
     got = f"{rows} row{'s' if rows > 1 else ''}"

@@ -10,7 +10,7 @@ import pytest
 from arms import DATA
 from commands import files
 from diagnose_small import CAMPAIGN, OPTIONS, SMALL
-from results import assert_plain
+from results import assert_plain, contents
 
 import ident
 from ident.assess.diagnosis import Diagnosis, ResonanceAssessment
@@ -218,6 +218,8 @@ def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
     np.testing.assert_equal(resumed.table(), result.table())
     for one, other in zip(resumed.diagnosis.remedies, result.diagnosis.remedies, strict=True):
         assert one.values == other.values
+    for one, other in zip(resumed.save(tmp_path / "resumed"), result.save(tmp_path / "whole"), strict=True):
+        np.testing.assert_equal(contents(one), contents(other))
     discard(part)
     assert not part.exists()
 

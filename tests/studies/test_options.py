@@ -89,6 +89,16 @@ def test_complaints_name_the_flags(problem, words):
     assert str(renamed(Drawn, problem)) == words
 
 
+def test_help_offers_no_flag_that_is_refused(run):
+    code, out, _ = run("fleet", "--help")
+    assert code == 0
+    assert "--workers" in out
+    assert not [flag for flag in ("--uncertain", "--robust", "--no-explain") if f"{flag} " in out]
+    code, out, err = run("fleet", "nowhere", "--robust=t")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "--robust: got it, expected no --robust in this study; leave it out; `ident fit` takes it" in err
+
+
 @pytest.mark.parametrize("kind", [CheckOptions, FitOptions, PredictOptions, ProfileOptions])
 def test_every_option_has_help_and_a_default_in_its_range(kind):
     made = kind()

@@ -1,13 +1,15 @@
 """The remedies of a diagnosis as rows, and its posterior as a file."""
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ident.assess.diagnosis import Diagnosis
 from ident.present.files.document import plain
-from ident.present.files.sample import inference_data
+from ident.present.files.sample import groups_of, inference_data
 from ident.present.text.remedy_words import change_words
+
+if TYPE_CHECKING:
+    import xarray
 
 
 def diagnose_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
@@ -31,9 +33,7 @@ def diagnose_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def write_posterior(diagnosis: Diagnosis, head: Mapping[str, Any], path: Path) -> None:
-    """Write the posterior as InferenceData, as `ident sample` does; `head` is the provenance."""
+def posterior_groups(diagnosis: Diagnosis, head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+    """Return the posterior as the groups of a file of `ident sample`; `head` is the provenance."""
     sampled = diagnosis.identification.sampled
-    origin = {**head, "trust": plain(sampled.trust)}
-    data = inference_data(sampled, origin)
-    data.to_netcdf(str(path), engine="h5netcdf")
+    return groups_of(inference_data(sampled, {**head, "trust": plain(sampled.trust)}))

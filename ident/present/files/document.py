@@ -1,5 +1,6 @@
 """Result files as JSON: from what a result was made, with what and how, its main numbers, and the result itself."""
 
+import hashlib
 import json
 import math
 import platform
@@ -57,6 +58,22 @@ def write_json(document: Mapping[str, Any], path: Path) -> None:
     replace_file(path, lambda file: file.write(text.encode("utf-8", "backslashreplace")), make_folders=True)
 
 
+def digest(encoded: Any) -> str:
+    """Return a hash of a result as `ident.codec` has written it: one that was changed by hand is no result of ident."""
+    return hashlib.sha256(json.dumps(encoded, allow_nan=False).encode()).hexdigest()
+
+
+def check_digest(said: Any, encoded: Any, path: str | Path) -> None:
+    """Refuse a result that is not as it was written; files without a hash are taken as they are.
+
+    Raises:
+        InputError: it has changed.
+    """
+    if said not in (None, digest(encoded)):
+        got = "a result that was changed after ident wrote it"
+        raise InputError(Problem(one_line(str(path)), got, EXPECTED, "run the command again"))
+
+
 def read_document(path: str | Path, expected: str) -> dict[str, Any]:
     """Return what a result file says."""
     where = one_line(str(path))
@@ -85,6 +102,8 @@ def read_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
 
         return read_netcdf_result(path)
     document = read_document(path, EXPECTED)
+    if "result" in document:
+        check_digest(document.get("result_sha256"), document["result"], path)
     return document["format"], document.get("result"), {}
 
 

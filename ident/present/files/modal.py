@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ident.assess.identified_modes import IdentifiedModes, Labelled, NamedModes
 from ident.measure import Campaign, write_campaign
@@ -13,6 +13,9 @@ from ident.modal.ambient_test import AmbientTest
 from ident.modal.finished import FinishedTest
 from ident.modal.modal_test import ModalTest
 from ident.present.text.places import place_in_words
+
+if TYPE_CHECKING:
+    import xarray
 
 
 def modal_rows(
@@ -51,8 +54,8 @@ def write_campaign_file(campaign: Campaign, head: Mapping[str, Any], path: Path)
     write_campaign(campaign, path, header_comments=comments)
 
 
-def write_netcdf(tests: Sequence[ModalTest | AmbientTest], head: Mapping[str, Any], path: Path) -> None:
-    """Write mean accelerance, real and imaginary, and coherence of each test, as `test1`, `test2`, ...
+def modal_groups(tests: Sequence[ModalTest | AmbientTest], head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+    """Return mean accelerance, real and imaginary, and coherence of each test, as `test1`, `test2`, ... of the root.
 
     Of an ambient test the singular values of the spectral density.
     """
@@ -65,8 +68,7 @@ def write_netcdf(tests: Sequence[ModalTest | AmbientTest], head: Mapping[str, An
         for name, values, unit, coordinates in each:
             attributes = {"units": unit, "posture_deg": posture}
             data[name] = xarray.DataArray(values, coordinates, tuple(coordinates), attrs=attributes)
-    dataset = xarray.Dataset(data, attrs={"format": head["format"], "head": json.dumps(head)})
-    dataset.to_netcdf(path, engine="h5netcdf")
+    return {"/": xarray.Dataset(data, attrs={"format": head["format"], "head": json.dumps(head)})}
 
 
 _Written = Iterator[tuple[str, Any, str, dict[str, Any]]]

@@ -1,7 +1,7 @@
 """Result files as netCDF: arrays that other tools read, and in a group of its own the result to load again."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.errors import InputError, Problem
-from ident.files import replace_path
+from ident.files import replace_file
 from ident.measure.recordings.hdf5 import leads_away
-from ident.present.files.document import EXPECTED, RERUN
+from ident.present.files.document import EXPECTED, RERUN, check_digest, digest
 from ident.text import LARGEST_BINARY, one_line, read_bytes
 
 if TYPE_CHECKING:
@@ -21,35 +21,38 @@ if TYPE_CHECKING:
 GROUP = "ident"
 """Group of the result: its fields as JSON, and what of them are large arrays."""
 TREE = "tree"
+PACKED = {"zlib": True, "complevel": 4}
+"""How large variables are compressed."""
 MOST_BYTES = 4_000_000_000
 """Bytes of a group's variables: ten times a million draws of fifty unknowns."""
 
 
 def write_netcdf_result(
-    form: str, encoded: Any, arrays: Mapping[str, np.ndarray], path: Path, write: Callable[[Path], object]
+    form: str, encoded: Any, arrays: Mapping[str, np.ndarray], path: Path, groups: "Mapping[str, xarray.Dataset]"
 ) -> None:
     """Write a result with what other tools read beside it, whole or not at all.
+
+    HDF5 writes into memory: where a disk is full it does not survive its own error.
 
     Args:
         form: format and version.
         encoded: the result, as `ident.codec` writes it.
         arrays: the large arrays apart from it.
         path: where the file goes.
-        write: writes the file for other tools at the path it is given.
+        groups: what other tools read, by name, "/" at the root; how a variable is packed, its `encoding` says.
     """
     import xarray
 
     tree = json.dumps(encoded, allow_nan=False, ensure_ascii=False).encode("utf-8", "surrogatepass")
     parts = {**arrays, TREE: np.frombuffer(tree, np.uint8)}
     variables = {name: ([f"{name}_{i}" for i in range(part.ndim)], part) for name, part in parts.items()}
-    data = xarray.Dataset(variables, attrs={"format": form})
-    packed = {name: {"zlib": True, "complevel": 4} for name in parts}
-
-    def write_both(part: Path) -> None:
-        write(part)
-        data.to_netcdf(part, mode="a", group=GROUP, engine="h5netcdf", encoding=packed)
-
-    replace_path(path, write_both, make_folders=True)
+    data = xarray.Dataset(variables, attrs={"format": form, "result_sha256": digest(encoded)})
+    for name in parts:
+        data[name].encoding = PACKED
+    file = BytesIO()
+    for i, (group, own) in enumerate({**groups, GROUP: data}.items()):
+        own.to_netcdf(file, mode="a" if i else "w", group=group, engine="h5netcdf")
+    replace_file(path, lambda out: out.write(file.getbuffer()), make_folders=True)
 
 
 def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
@@ -59,6 +62,7 @@ def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndar
         data = read_group(file, GROUP, mask_and_scale=False)
         arrays = {str(name): part.values for name, part in data.data_vars.items()}
         tree = json.loads(arrays.pop(TREE).tobytes().decode("utf-8", "surrogatepass"))
+        check_digest(data.attrs.get("result_sha256"), tree, path)
         return str(data.attrs["format"]), tree, arrays
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ident.errors import InputError, ModelError, Problem
-from ident.files import replace_path
+from ident.files import replace_file
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 """Programs that print pages, the first that is found."""
@@ -38,13 +38,13 @@ def write_pdf(page: Path, path: Path) -> None:
     program = find_browser()
     as_root = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()  # Chromium else refuses root
 
-    def printed(part: Path) -> None:
-        with TemporaryDirectory() as profile:
-            to = f"--print-to-pdf={part.absolute()}"
-            line = [program, *FLAGS, *as_root, f"--user-data-dir={profile}", to, page.absolute().as_uri()]
+    with TemporaryDirectory() as profile:
+        printed = Path(profile) / "printed.pdf"
+        flags = [*FLAGS, *as_root, f"--user-data-dir={profile}", f"--print-to-pdf={printed}"]
+        try:
+            line = [program, *flags, page.absolute().as_uri()]
             subprocess.run(line, check=True, capture_output=True, timeout=LONGEST)
-
-    try:
-        replace_path(path, printed)
-    except subprocess.SubprocessError as error:
-        raise ModelError(f"{page} could not be printed: {program} failed ({type(error).__name__})") from None
+            content = printed.read_bytes()
+        except (subprocess.SubprocessError, OSError) as error:
+            raise ModelError(f"{page} could not be printed: {program} failed ({type(error).__name__})") from None
+    replace_file(path, lambda file: file.write(content))

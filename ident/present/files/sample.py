@@ -61,6 +61,17 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
     return data
 
 
+def groups_of(data: "arviz.InferenceData") -> "dict[str, xarray.Dataset]":
+    """Return InferenceData as the groups of a netCDF file, compressed as `InferenceData.to_netcdf` does it."""
+    import xarray
+
+    groups = {"/": xarray.Dataset(attrs=data.attrs), **{name: data[name] for name in data.groups()}}
+    for group in groups.values():
+        for variable in group.variables.values():
+            variable.encoding = {"zlib": True} if variable.dtype.kind in "biufc" else {}
+    return groups
+
+
 def sample_rows(result: CampaignSample) -> list[dict[str, Any]]:
     """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
     sample = result.sample

@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.assess.simulation import Simulation
 from ident.files import replace_file
+from ident.present.files.netcdf import PACKED
 from ident.present.text.units import MM
 from ident.text import one_line
 from ident.vibrate.response.study import DIRECTIONS
@@ -83,11 +84,12 @@ def dataset(simulation: Simulation, head: Mapping[str, Any]) -> "xarray.Dataset"
     return xarray.Dataset(variables, coordinates, attributes | {"arrival": simulation.response.motion.arrival})
 
 
-def write_netcdf(simulation: Simulation, head: Mapping[str, Any], path: Path) -> None:
-    """Write all series as netCDF, compressed."""
+def simulate_groups(simulation: Simulation, head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+    """Return all series as the root of a netCDF file, compressed."""
     data = dataset(simulation, head)
-    packed = {str(name): {"zlib": True, "complevel": 4} for name, part in data.data_vars.items() if part.dtype == float}
-    data.to_netcdf(path, engine="h5netcdf", encoding=packed)
+    for part in data.data_vars.values():
+        part.encoding = PACKED if part.dtype == float else {}
+    return {"/": data}
 
 
 def simulate_rows(simulation: Simulation) -> list[dict[str, Any]]:

@@ -13,6 +13,9 @@ from ident.vibrate.modal.branches import check, motion_times
 from ident.vibrate.modal.modes_along_path import nominal
 from ident.vibrate.motion.motion import Motion
 
+ORDER_MAX = 1000
+"""Highest multiple of a pulley's frequency, and most of them: time and memory grow with both. Teeth are fewer."""
+
 
 @dataclass(frozen=True)
 class Source:
@@ -82,3 +85,6 @@ def _check_orders(arm: Arm, orders: Sequence[int] | None) -> None:
     if orders is not None and (not len(orders) or any(order < 1 or order != int(order) for order in orders)):
         got = ", ".join(f"{order:g}" for order in orders) or "none"
         raise InputError(Problem("orders", got, "whole numbers from 1", "1 is the eccentric mass, 2 the error"))
+    if orders is not None and (max(orders) > ORDER_MAX or len(orders) > ORDER_MAX):
+        got = f"{max(orders):g}" if max(orders) > ORDER_MAX else f"{len(orders)} of them"
+        raise InputError(Problem("orders", got, f"at most {ORDER_MAX}", "leave out what turns so fast"))

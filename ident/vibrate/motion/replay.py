@@ -21,6 +21,10 @@ Assumed: a smooth start of twenty samples has 5 % of its top speed in the middle
 """
 
 
+STEPS = (1e-9, 1e9)
+"""Steps of time [s] between samples, shortest and longest: beyond these the spline's derivatives are no numbers."""
+
+
 MOST_KNOTS = 600
 """Knots of a smoothing spline; noise that is not smoothed asks for as many as there are samples, and takes minutes."""
 
@@ -110,6 +114,11 @@ def _check(time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"],
         row = int(np.argmax(np.diff(time) <= 0))
         got = f"{time[row + 1]:.9g} s after {time[row]:.9g} s"
         raise InputError(Problem("", got, "times that increase", "sort the samples", "time"))
+    with np.errstate(over="ignore"):
+        shortest, longest = np.diff(time).min(), np.diff(time).max()
+    if shortest < STEPS[0] or longest > STEPS[1]:
+        got, expected = f"steps from {shortest:.3g} to {longest:.3g} s", f"steps from {STEPS[0]:g} to {STEPS[1]:g} s"
+        raise InputError(Problem("", got, expected, "give the times in s", "time"))
     if not 0 <= smoothing < math.inf:
         remedy = "give the noise of the angles, or 0 to pass all samples"
         raise InputError(Problem("", f"{smoothing:g} rad", "a finite angle of at least 0", remedy, "smoothing"))
