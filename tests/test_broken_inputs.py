@@ -224,7 +224,7 @@ def test_results(tmp_path, fit_file):
 def test_an_empty_name(run, command):
     code, out, err = run(command, "")
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert err.startswith("ident: .: got ")
+    assert err.startswith("ident: channels.csv: got " if command == "modal" else "ident: .: got ")
 
 
 def test_a_name_that_leaves_no_room_for_those_of_files_beside_it(run, tmp_path):
