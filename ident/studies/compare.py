@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import Options, option
+from ident.studies.options import Options, keyword_options, option
 from ident.studies.result import Result, study_of
 from ident.text import one_line, quoted
 
@@ -110,6 +110,7 @@ class CompareResult(Result):
 WORDS = ("first", "second")
 
 
+@keyword_options
 def compare(
     first: "Compared | Sequence[Compared]",
     second: "Compared | Sequence[Compared]",

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import wraps
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -55,6 +56,25 @@ def study_of(form: str) -> str:
     return form.removeprefix("ident-").partition("/")[0]
 
 
+class Figures(dict[str, "Figure"]):
+    """Figures by name, the main one by the name of its study; `figures[""]` is that one, too."""
+
+    def __missing__(self, name: str) -> "Figure":
+        if name or not self:
+            raise KeyError(name)
+        return next(iter(self.values()))
+
+
+def _with_names(draw: "Callable[[Any], Mapping[str, Figure]]") -> "Callable[[Any], Figures]":
+    """Return a method that draws figures as one that gives each a name."""
+
+    @wraps(draw)
+    def figures(self: "Result") -> Figures:
+        return Figures({word or self.main_figure: figure for word, figure in draw(self).items()})
+
+    return figures
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Result:
     """What a study has computed, on what inputs, by which options.
@@ -85,6 +105,10 @@ class Result:
                     "check the sizes of what was given: stiffnesses, masses, sigmas, and their units"
                 )
 
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        cls.figures = _with_names(cls.figures)  # type: ignore[method-assign, assignment]
+
     def __str__(self) -> str:
         return self.report()
 
@@ -96,6 +120,11 @@ class Result:
         """What its files are called, without their ends: what was studied, and the study."""
         subject = re.sub(r"[/\\\0]", "_", attrgetter(self.subject)(self))
         return f"{subject}.{study_of(self.form)}"
+
+    @property
+    def main_figure(self) -> str:
+        """Name of the main figure: what the study, or its file's name, is called."""
+        return self.name.rpartition(".")[2]
 
     def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
         """Return what its study takes to repeat it: its inputs' files by name."""
@@ -117,7 +146,7 @@ class Result:
         return text
 
     def figures(self) -> "dict[str, Figure]":
-        """Return matplotlib figures by the word that tells their files apart; the first has none."""
+        """Return matplotlib figures by name; the main one has the study's, and files without a further word."""
         return {"": self._present("figures", "figure")}
 
     def table(self) -> list[dict[str, Any]]:
@@ -132,18 +161,23 @@ class Result:
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, each whole or not at all, and return their paths.
 
+        In a folder, files of the same name are kept under another one where they are of another robot.
+
         Args:
             path: the main file, ending as its format demands, or a folder, in which the files get the result's name.
 
         Raises:
             InputError: a file of another ending, or the folder or a file can't be written.
         """
+        from ident.studies.aside import set_aside
+
         path = Path(path)
         if path.suffix == self.suffix:
             return self._write(path, self.head)
         if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not path.is_dir():
             remedy = "name the file so, or a folder"
             raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
+        set_aside(self, path, ["arm"])
         return self._write(path / f"{self.name}{self.suffix}", self.head)
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
@@ -155,7 +189,8 @@ class Result:
         from ident.present.files.png import save
 
         written = []
-        for word, figure in self.figures().items():
+        for name, figure in self.figures().items():
+            word = "" if name == self.main_figure else name
             written.append(Path(folder) / f"{self.name}{'.' * bool(word)}{word}.png")
             save(figure, written[-1])
         return tuple(written)
@@ -186,11 +221,17 @@ class Result:
 
     @property
     def head(self) -> dict[str, Any]:
-        """What its file says first: format, software, options and inputs, as JSON knows them."""
+        """What its file says first: format, software, options, inputs and the robot, as JSON knows them."""
         from ident.present.files.document import provenance
 
         options: Options = vars(self)["options"]
-        return provenance(self.form, self.inputs, options.recorded())
+        head = provenance(self.form, self.inputs, options.recorded())
+        arm = getattr(self.inputs.get("arm"), "arm", None)
+        if arm is not None:
+            from ident.identify.values import Robot
+
+            head["robot"] = Robot.of(arm).document
+        return head
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the files of a result, by default the one that is loaded again."""

@@ -43,7 +43,7 @@ class ProblemOptions(BaseOptions):
 
     fix: tuple[str, ...] = option(
         (),
-        "parameter to keep at the arm file's value, as joint1.k_bend; may be repeated",
+        "parameter to keep at the arm file's value, as joint1.k_bend, or *.k_bend for all of them; may be repeated",
         repeated=True,
         read=reading.names,
     )
@@ -107,14 +107,15 @@ class ProblemOptions(BaseOptions):
         Raises:
             InputError: it says so, and this study does not know of such numbers.
         """
-        tied = {path for group in self.tie for path in group}
-        own = {path: width for path, width in arm.uncertain.items() if path not in {*self.fix, *self.free, *tied}}
+        unknowns = self.unknowns.named(arm.arm)
+        taken = {*unknowns.fixed, *unknowns.free, *(path for group in unknowns.tied for path in group)}
+        own = {path: width for path, width in arm.uncertain.items() if path not in taken}
         if self.no_uncertain or not own:
-            return self.unknowns
+            return unknowns
         if "uncertain" in self.refuses:
             got, remedy = f"uncertain numbers, {next(iter(own))} first", "take them as exact (`no_uncertain`)"
             raise InputError(Problem(one_line(arm.path), got, "none in this study", remedy))
-        return replace(self.unknowns, uncertain={**own, **self.uncertain})
+        return replace(unknowns, uncertain={**own, **unknowns.uncertain})
 
     @property
     def unknowns(self) -> "Unknowns":
@@ -137,6 +138,7 @@ class ArmOptions(BaseOptions):
         repeated=True,
         read=reading.numbers,
     )
+    force: bool = option(False, "take over values of a fit or posterior that were identified on another arm, too")
 
     def problems(self) -> list[Problem]:
         """Return numbers of a sign that they can't have."""

@@ -34,14 +34,22 @@ def _drawn(diagnosis: Diagnosis, stage: str, figure: Figure, narrow: Figure) -> 
 
 
 def _stiffness(diagnosis: Diagnosis) -> Table:
-    names = diagnosis.identification.sampled.fitted.problem.parameters.names
+    sampled = diagnosis.identification.sampled
+    names, doubted = sampled.fitted.problem.parameters.names, bool(sampled.withheld)
     rows = tuple(
-        (name, f"{median:#.4g}", f"{low:#.4g} to {high:#.4g}", unit_of(name), _in_paper_unit(name, float(median)))
+        (
+            name,
+            f"{median:#.4g}",
+            "withheld" if doubted else f"{low:#.4g} to {high:#.4g}",
+            unit_of(name),
+            _in_paper_unit(name, float(median)),
+        )
         for name, (low, median, high) in zip(names, diagnosis.identification.quantiles.T, strict=True)
     )
     head = ("number", "median", "95 % interval", "unit", "median in N mm/deg")
     short = diagnosis.identification.short
     note = "The chains are shorter than they should be: the intervals are rough." if short else ""
+    note += " No interval is quoted, as the fit is in doubt." * doubted
     return Table("Identified numbers, from the posterior", head, rows, note)
 
 
