@@ -15,6 +15,7 @@ from typing import Any, Self, TypeVar, get_args, get_origin
 
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean
+from ident.units import USUAL, stiffness_in
 
 R = TypeVar("R")
 """What a study returns."""
@@ -151,7 +152,9 @@ def keyword_options(study: Callable[..., R]) -> Callable[..., R]:
     def call(*given: Any, **named: Any) -> R:
         keywords = {name: named.pop(name) for name in list(named) if name not in own}
         if not keywords:
-            return study(*given, **named)
+            options = given[place] if len(given) > place else named.get("options")
+            with stiffness_in(getattr(options, "units", USUAL)):
+                return study(*given, **named)
         known = [each.name for each, _ in specs(kind)]
         if unknown := [name for name in keywords if name not in known]:
             expected = f"one of {kind.__name__}"
@@ -162,8 +165,8 @@ def keyword_options(study: Callable[..., R]) -> Callable[..., R]:
         before = given[place] if len(given) > place else named.pop("options", None)
         options = replace(kind.of(before), **keywords)
         if len(given) > place:
-            return study(*given[:place], options, *given[place + 1 :], **named)
-        return study(*given, options=options, **named)
+            return call(*given[:place], options, *given[place + 1 :], **named)
+        return call(*given, options=options, **named)
 
     return call
 

@@ -7,13 +7,19 @@ from functools import wraps
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from ident.errors import InputError, ModelError, Problem
 from ident.studies.options import Options
+from ident.units import USUAL, stiffness_in
 
 BESIDE = ("covariance", "bushings")
 """What may be read because it lies beside an input: attributes of that input, in whose name they are called."""
+
+SHOWING = ("report", "figures", "html", "save_pdf", "frequency_figure", "path_figure", "animation", "_write")
+"""Methods that show stiffnesses to people."""
+R = TypeVar("R")
+"""What such a method returns."""
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,6 +71,17 @@ class Figures(dict[str, "Figure"]):
         return next(iter(self.values()))
 
 
+def _in_its_unit(show: Callable[..., R]) -> Callable[..., R]:
+    """Return a method of a result that shows stiffnesses in the unit of its options."""
+
+    @wraps(show)
+    def shown(self: "Result", *given: Any, **named: Any) -> R:
+        with stiffness_in(getattr(vars(self)["options"], "units", USUAL)):
+            return show(self, *given, **named)
+
+    return shown
+
+
 def _with_names(draw: "Callable[[Any], Mapping[str, Figure]]") -> "Callable[[Any], Figures]":
     """Return a method that draws figures as one that gives each a name."""
 
@@ -107,7 +124,10 @@ class Result:
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
-        cls.figures = _with_names(cls.figures)  # type: ignore[method-assign, assignment]
+        for name in SHOWING:
+            if name in cls.__dict__:
+                setattr(cls, name, _in_its_unit(cls.__dict__[name]))
+        cls.figures = _with_names(cls.figures)  # type: ignore[method-assign]
 
     def __str__(self) -> str:
         return self.report()
@@ -140,11 +160,13 @@ class Result:
         """Whether the data contradict each other, or the model."""
         return False
 
+    @_in_its_unit
     def report(self) -> str:
         """Return the text that the command prints."""
         text: str = self._present("text", "report")
         return text
 
+    @_in_its_unit
     def figures(self) -> "dict[str, Figure]":
         """Return matplotlib figures by name; the main one has the study's, and files without a further word."""
         return {"": self._present("figures", "figure")}

@@ -12,6 +12,7 @@ from ident.inference.priors import Prior
 from ident.studies import reading
 from ident.studies.options import Options, option
 from ident.text import one_line
+from ident.units import STIFFNESS_UNITS, USUAL
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -26,7 +27,20 @@ FARTHEST = 3600.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class BaseOptions(Options):
+class UnitOptions(Options):
+    """In which unit stiffnesses are shown."""
+
+    units: str = option(
+        USUAL,
+        f"unit of stiffness in reports, figures and pages: {', '.join(STIFFNESS_UNITS)}; result files are in SI",
+        choices=tuple(STIFFNESS_UNITS),
+        read=reading.stiffness_unit,
+        text=USUAL,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseOptions(UnitOptions):
     """What an arm stands on."""
 
     soft_base: float | None = option(

@@ -1,11 +1,14 @@
 """Options of studies: ranges, choices, what goes together, and the flags that the command line makes of them."""
 
+import json
 import math
+import shutil
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from matplotlib.text import Text
 
 import ident
 from ident.arm.base import on_soft_base
@@ -222,3 +225,37 @@ def test_an_arm_and_a_campaign_print_as_short_tables():
     assert (len(lines), lines[-1]) == (15, "and 8 more")
     assert max(map(len, lines)) <= 100
     assert str(ident.Campaign()) == "campaign: 0 measurements at 0 postures"
+
+
+@pytest.mark.parametrize(
+    ("units", "name", "k"),
+    [("N m/rad", "N m/rad", "3.157e+05"), ("Nmm/deg", "N mm/deg", "5.51e+06"), ("N*m/arcmin", "N m/arcmin", "91.83")],
+)
+def test_one_unit_of_stiffness_for_all_media(units, name, k, tmp_path):
+    """Value of joint2.k_bend by hand: 315699.745 N m/rad, times pi / 180 / 1e-3, or pi / 180 / 60."""
+    campaign = DATA / "lcd_arm" / "table1.csv"
+    fixed = ("joint1.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors")
+    result = ident.fit(lcd_arm(), campaign, starts=1, fix=fixed, no_explain=True, prior_sd=1e-3, units=units)
+    assert result.options.units == name
+    others = {"N m/rad", "N mm/deg", "N m/arcmin"} - {name}
+    texts = [result.report(), *(text.get_text() for text in result.figures()["fit"].findobj(Text))]
+    assert f"{k:>10s} {name}" in result.report()
+    assert any(name in text for text in texts[1:])
+    assert not [text for text in texts if any(other in text for other in others)]
+    assert result.table()[0]["unit"] == "N m/rad"
+    assert result.parameters["joint2.k_bend"] == pytest.approx(315699.745, rel=2e-3), "in SI, whatever is shown"
+    assert ident.load(result.save(tmp_path)[0]).report() == result.report()
+    page = ident.explore(lcd_arm(), units=units).save(tmp_path)[0].read_text()
+    assert f'"name":"{name}"' in page
+
+
+def test_another_unit_is_refused_and_the_defaults_file_may_choose(run, tmp_path):
+    with pytest.raises(InputError, match=r"units: got 'N m/turn', expected one of N m/rad, N mm/deg, N m/arcmin"):
+        ident.PredictOptions(units="N m/turn")
+    shutil.copy(DATA / "lcd_arm" / "arm.toml", tmp_path)
+    (tmp_path / "ident.toml").write_text('units = "N mm/deg"')
+    code, out, _ = run("predict", "arm.toml", "--json")
+    assert code == 0
+    assert json.loads(out)["options"]["units"] == "N mm/deg"
+    code, out, _ = run("predict", "arm.toml", "--json", "--units", "Nm/arcmin")
+    assert json.loads(out)["options"]["units"] == "N m/arcmin"

@@ -13,7 +13,7 @@ from ident.inference.linear_marginal import MOVED
 from ident.inference.posterior_summary import LEARNED, combinations, quantiles, share_of_prior
 from ident.inference.sample import RIVAL, Sample
 from ident.present.text.directions import product
-from ident.present.text.units import SETUP, in_read_unit, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.units import SETUP, in_read_unit, in_shown_unit
 from ident.present.text.words import cut, describe, drive_states, paragraphs, priors_in_words, scatter, span
 
 
@@ -69,18 +69,12 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
         if item.name.startswith(SETUP):
             continue
         width = f"{share:6.0%} {'<--' if share > LEARNED else ''}" if math.isfinite(float(item.prior_sd)) else "  none"
-        interval = "withheld" if doubted else span(low, high)
+        one, unit = in_shown_unit(item.name, 1.0)
+        interval = "withheld" if doubted else span(low * one, high * one)
         yield (
-            f"  {item.name:16s} {median:10.4g}  {interval:22s} {best:9.4g} {float(item.start):9.4g}"
-            f" {width:11s}  [{unit_of(item.name)}]"
+            f"  {item.name:16s} {median * one:10.4g}  {interval:22s} {best * one:9.4g} {float(item.start) * one:9.4g}"
+            f" {width:11s}  [{unit}]"
         )
-    stiff = [(item, q) for item, q in zip(items, quantiles(sample, basin).T, strict=True) if is_stiffness(item.name)]
-    if stiff:
-        yield f"  in N mm/deg: median, {'' if doubted else '50 % and 95 % interval, '}arm file"
-        for item, q in stiff:
-            low, lower, median, upper, high = map(nmm_per_deg, q)
-            intervals = "" if doubted else f"{span(lower, upper):22s}  {span(low, high):22s}  "
-            yield f"  {item.name:16s} {median:10.4g}  {intervals}{nmm_per_deg(float(item.start)):9.4g}"
     if basin == sample.basins[0]:
         yield "  of prior: width of the 95 % interval as a share of the prior's; near 100 % the data say nothing;"
         yield f"  <-- above {LEARNED:.0%}: what is known of it is mostly the prior"
