@@ -162,7 +162,10 @@ class Robot:
         """
         if document is None:
             return cls(sha256=sha256)
-        numbers = {str(path): np.asarray(value, float).tolist() for path, value in dict(document["numbers"]).items()}
+        arrays = {str(path): np.asarray(value, float) for path, value in dict(document["numbers"]).items()}
+        if not all(each.shape in ((), (3,), (3, 3)) and np.isfinite(each).all() for each in arrays.values()):
+            raise ValueError("numbers of no robot")
+        numbers = {path: each.tolist() for path, each in arrays.items()}
         joints, driven = (tuple(map(str, document[name])) for name in ("joints", "driven"))
         return cls(str(document["name"]), joints, driven, numbers, sha256)
 
