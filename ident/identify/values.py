@@ -26,7 +26,7 @@ VANISHING, FARTHEST = 1e6, 1e12
 but with a millionth of its stiffness no arm stands."""
 OTHER_ARM = "fitted to another arm file, or to this one before it was changed"
 SAME_NUMBER = 1e-6
-"""Difference of two numbers, or of two vectors relative to the longer one, that the writing of a file may make."""
+"""Difference, relative to the largest component, that the writing of a file may make."""
 NO_NUMBER = 1e-9
 """Difference of two numbers [SI] that is none."""
 MOST_DIFFERENCES = 3
@@ -214,7 +214,7 @@ class Robot:
             scaled = two * (self.numbers[mass] / other.numbers[mass])
             two = scaled if np.allclose(scaled, one, SAME_NUMBER, NO_NUMBER) else two
         places = {f"{path}.{end}": place for end, place in COMPONENTS.items() if len(place) == one.ndim}
-        size = max(float(np.linalg.norm(one)), float(np.linalg.norm(two)))
+        size = max(float(np.abs(one).max()), float(np.abs(two).max()))
         differs = np.asarray(np.abs(one - two) > SAME_NUMBER * size + NO_NUMBER)
         for free in but:
             if free in (path, *places):

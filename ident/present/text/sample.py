@@ -45,14 +45,15 @@ def _heading(result: CampaignSample) -> Iterator[str]:
 
 def what_to_do(fit: CampaignFit) -> Iterator[str]:
     """Say what to do about a posterior whose fit is in doubt."""
-    absorbed = {name.partition(".")[2] for name in fit.problem.parameters.names if name.startswith("discrepancy.")}
-    kinds = [cross for cross in contradicting(fit.cross_predictions) if cross.kind not in absorbed]
     yield "  First look for a wrong row, label, unit or mass: ident fit names the candidates."
+    kinds = [cross for cross in contradicting(fit.cross_predictions) if (cross.measured * cross.predicted > 0).all()]
     if kinds:
         fewest = min(kinds, key=lambda cross: len(cross.rows))
+        off = float(np.abs(np.log(fewest.measured / fewest.predicted)).max())
+        width = max(1, math.ceil(10 * off / 1.96)) / 10
         words = f"{fewest.kind.replace('_', ' ')} by a common factor"
         yield f"  If the data are right, the model is not: let it get {words} wrong,"
-        yield f"  --discrepancy {fewest.kind}:0.1 (10 %), and the factor is inferred with the rest."
+        yield f"  --discrepancy {fewest.kind}:{width:g} ({width:.0%}), and the factor is inferred with the rest."
     else:
         yield "  If the data are right, the model is not: let it get a kind of measurement wrong by a common factor,"
         yield "  --discrepancy KIND:WIDTH, or infer the size of the errors, --noise KIND."
