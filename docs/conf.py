@@ -20,6 +20,7 @@ extensions = [
     "options",
     "methods",
     "notebook",
+    "values",
 ]
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3

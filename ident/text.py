@@ -3,7 +3,7 @@
 import difflib
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -40,6 +40,12 @@ def quoted(text: str) -> str:
     """Quote a user's text for a message: escaped, and cut when it is long."""
     cut = text if len(text) <= LONGEST_QUOTE else text[:LONGEST_QUOTE] + "…"
     return f"'{one_line(cut)}'" if text else "nothing"
+
+
+def table_lines(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows of cells as lines in columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(f"{cell:{width}s}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -6,6 +6,9 @@ number, so that 1 Hz would be 1 rad/s and 60 rpm 6.28 Hz; here the angle is watc
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
@@ -19,8 +22,29 @@ if TYPE_CHECKING:
 NMM_PER_DEG = 1e-3 * 180 / math.pi
 """One newton millimetre per degree of joint rotation [N m/rad]."""
 
+USUAL = "N m/rad"
+STIFFNESS_UNITS = {USUAL: 1.0, "N mm/deg": NMM_PER_DEG, "N m/arcmin": 60 * 180 / math.pi}
+"""Units that stiffnesses of joints may be shown in, by name: one of each [N m/rad]."""
+_STIFFNESS_UNIT = ContextVar("_STIFFNESS_UNIT", default=USUAL)
+
 RADIANS_PER_CYCLE = 2 * math.pi
 """Angle of one cycle [rad]."""
+
+
+@contextmanager
+def stiffness_in(unit: str) -> Iterator[None]:
+    """Show stiffnesses in a unit within, one of `STIFFNESS_UNITS`, in every medium."""
+    token = _STIFFNESS_UNIT.set(unit)
+    try:
+        yield
+    finally:
+        _STIFFNESS_UNIT.reset(token)
+
+
+def stiffness_unit() -> tuple[float, str]:
+    """Return the size [N m/rad] of the unit that stiffnesses are shown in, and its name."""
+    name = _STIFFNESS_UNIT.get()
+    return STIFFNESS_UNITS[name], name
 
 
 @dataclass(frozen=True)

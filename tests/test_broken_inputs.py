@@ -187,7 +187,7 @@ def fit_file(tmp_path_factory):
 def test_fits(tmp_path, fit_file):
     arm, path, rng = lcd_arm(), tmp_path / "bad.fit.json", np.random.default_rng(5)
     whole = json.loads(fit_file.read_text())
-    short = {key: whole[key] for key in ("format", "options", "inputs", "summary")}
+    short = {key: whole[key] for key in ("format", "options", "inputs", "summary", "robot")}
 
     def read(document):
         path.write_text(json.dumps(document))

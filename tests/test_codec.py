@@ -18,6 +18,7 @@ from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.inference.profile_path import Ending
 from ident.measure import Load
+from ident.studies.predict import PredictOptions
 
 
 def through_json(value, arrays=None):
@@ -235,6 +236,16 @@ def test_a_field_that_came_later_and_holds_nothing_may_be_missing():
     assert decode(document).notes == ("held",)
     del document["notes"]
     assert decode(document).notes == ()
+
+
+def test_options_of_an_earlier_version_lack_what_is_new():
+    document = encode(PredictOptions(modes=3))
+    del document["force"], document["set"]
+    assert decode(document) == PredictOptions(modes=3)
+    del document["modes"]
+    assert decode(document) == PredictOptions()
+    with pytest.raises(CodecError, match="another version"):
+        decode({**document, "later": 1})
 
 
 def test_other_fields_are_those_of_another_version():

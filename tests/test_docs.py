@@ -14,6 +14,10 @@ from examples import DOCS, ROOT, examples, pages
 from hammer_files import HAMMER_TEST
 from numbers_in_text import same_text
 
+sys.path.append(str(DOCS / "extension"))
+
+from values import MARK, filled
+
 from ident.cli.app import app
 from ident.studies import STUDIES
 
@@ -158,6 +162,18 @@ def test_the_manual_in_a_browser(manual, browser_page):
             assert not opened.broken_images, page
             assert all(address.startswith("file:") for address in opened.requests), page
             assert opened.overhang <= 0, page
+
+
+def test_pages_show_the_numbers_that_the_manual_computes():
+    """As the manual is built they are put in their places; who reads the page as it is sees the same."""
+    pages = [page for page in DOCS.glob("*.md") if MARK.search(page.read_text(encoding="utf-8"))]
+    assert {page.name for page in pages} == {"assumptions.md"}
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert filled(text) == text
+        assert filled(MARK.sub(r"\1 none \4", text)) == text, "it does not come from the page"
+        assert "| 22 | -0.277 % |" in text
+        assert "| 100 | -0.050 % |" in text
 
 
 def test_the_texts_are_compared():

@@ -24,6 +24,7 @@ from ident.present.text.sweep_words import axis_in_words
 from ident.present.text.units import is_length, read_unit, unit_of, value_in_words
 from ident.present.text.words import parameter_in_words
 from ident.studies.shared import ArmOptions
+from ident.units import stiffness_in
 from ident.vibrate.redesign.sensitivity import changeable
 from ident.vibrate.redesign.sweep import Axis
 from ident.vibrate.redesign.variable import Variable, check, is_shifted
@@ -174,8 +175,11 @@ def test_words_and_units_that_people_read(field):
     path = path_of(field)
     size, unit = read_unit(path)
     if field.name in ("k_bend", "k_tors"):
-        assert (round(size, 10), unit) == (0.0572957795, "N mm/deg")
-        assert value_in_words(path, 1.0) == "17.45 N mm/deg"
+        assert (size, unit) == (1.0, "N m/rad")
+        with stiffness_in("N mm/deg"):
+            size, unit = read_unit(path)
+            assert (round(size, 10), unit) == (0.0572957795, "N mm/deg")
+            assert value_in_words(path, 1.0) == "17.45 N mm/deg"
     else:
         assert (size, unit) == ((1e-3, "mm") if field.unit == "m" else (1.0, field.unit))
         assert value_in_words(path, 1.0) == f"1 {field.unit}".removesuffix(" -")

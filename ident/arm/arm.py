@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -22,7 +23,8 @@ from ident.arm.springs import CubicSpring, Spring
 from ident.arm.workspace import ANYWHERE, Workspace
 from ident.errors import InputError, Problem
 from ident.jit import library
-from ident.text import did_you_mean
+from ident.text import did_you_mean, one_line, table_lines
+from ident.units import stiffness_unit
 
 GRAVITY = (0.0, 0.0, -9.80665)
 """Standard gravity [m/s^2] in the base frame (CGPM 1901)."""
@@ -69,6 +71,25 @@ class Arm(eqx.Module):
         check_drives(self)
         check_springs(self)
         self._check_workspace()
+
+    def __str__(self) -> str:
+        """Return a short table: of each joint the axis, the offset, the stiffnesses and the mass that it carries."""
+        if self.batch or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self)):
+            return repr(self)
+        size, unit = stiffness_unit()
+        rows = [("joint", "axis", "offset [m]", f"k_bend, k_tors [{unit}]", "mass [kg]")]
+        for joint in self.joints:
+            vectors = (np.asarray(vector).round(9) + 0.0 for vector in (joint.axis, joint.offset))
+            axis, offset = (" ".join(f"{x:.4g}" for x in vector) for vector in vectors)
+            stiffness = ", ".join(f"{float(k) / size:.4g}" for k in (joint.k_bend, joint.k_tors))
+            mass = sum(float(body.mass) for body in joint.shaft + joint.link)
+            name = one_line(joint.name) + ("" if joint.driven else " (no pin)")
+            rows.append((name, axis, offset, stiffness, f"{mass:.4g}"))
+        lines = [f"{one_line(self.name)}: {len(self.driven)} driven joints", *table_lines(rows)]
+        others: dict[str, Any] = {"points": self.points, "payloads": [payload.body for payload in self.payloads]}
+        others |= {"drives": self.drives, "belts": self.belts, "servos": self.servos, "springs": self.springs}
+        lines += [f"{word}: {', '.join(one_line(p.name) for p in parts)}" for word, parts in others.items() if parts]
+        return "\n".join(lines)
 
     @property
     def driven(self) -> tuple[Joint, ...]:

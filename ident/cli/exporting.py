@@ -8,6 +8,8 @@ import typer
 from ident.cli import running
 from ident.cli.command import plain
 from ident.cli.output import output
+from ident.errors import InputError
+from ident.studies.options import Options, renamed
 
 
 @plain("export")
@@ -23,6 +25,7 @@ def export(
         str | None,
         typer.Option("--posture", "-q", help="joint angles in degrees, as 30,-60,30, where MJCF is exact under weight"),
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="write into the description of another robot, too")] = False,
 ) -> None:
     """Write what was identified into the robot's own description, or as JSON.
 
@@ -34,5 +37,9 @@ def export(
     from ident.studies.export import export as write
 
     at = None if posture is None else reading.postures([posture], "--posture")[0]
-    for path in write(result, out, arm=arm, posture=at):
+    try:
+        written = write(result, out, arm=arm, posture=at, force=force)
+    except InputError as error:
+        raise InputError(renamed(Options, problem) for problem in error.problems) from None
+    for path in written:
         output().wrote(path)

@@ -52,6 +52,10 @@ class ArmFile:
     bushings: JointsFile | None = None
     notes: tuple[str, ...] = ()
 
+    def __str__(self) -> str:
+        """Return a short table of the arm, and its file."""
+        return f"{self.arm}\nfile: {one_line(self.path)}" if self.path else str(self.arm)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against the arm as it is described, one line each: belts that cannot run."""

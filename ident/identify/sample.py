@@ -30,9 +30,15 @@ class CampaignSample:
     weights: Weights | None
 
     @property
+    def withheld(self) -> tuple[str, ...]:
+        """Why no interval should be quoted: the fit's doubts, but where the sizes of the sigmas are inferred."""
+        return () if self.sample.posterior.noise.items else self.fitted.doubts
+
+    @property
     def trust(self) -> dict[str, Any]:
         """What the chains say of themselves, and the shares of the optima, as plain data."""
         return {
+            "doubts": list(self.withheld),
             "optima": list(self.sample.basins),
             "enough": [d.enough(self.sample.settings.target_ess) for d in self.sample.diagnosis],
             "diagnosis": [asdict(d) for d in self.sample.diagnosis],

@@ -1,15 +1,19 @@
 """Which numbers of an arm are unknown: joint stiffnesses, and what else is freed, with their priors."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from typing import TypeVar
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.fields import DAMPING, LOSS, field_of
 from ident.errors import InputError, Problem
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
-from ident.text import did_you_mean
+from ident.text import did_you_mean, quoted
+
+V = TypeVar("V")
 
 WEAK_PRIOR = 1.0
 """Default standard deviation of ln(stiffness) about the arm file's value: a factor of 7 each way covers 95 %."""
@@ -116,6 +120,55 @@ class Unknowns:
         """The same with a prior on stiffness: one kind of data alone may leave directions open."""
         return replace(self, prior_sd=min(self.prior_sd, WEAK_PRIOR))
 
+    def named(self, arm: Arm) -> "Unknowns":
+        """Return the same with the names of an arm's numbers in place of patterns such as `*.k_bend`.
+
+        What is named by itself keeps what is said of it.
+
+        Raises:
+            InputError: a pattern that fits no number.
+        """
+        tied = [path for group in self.tied for path in group]
+        if not any(map(_is_pattern, (*self.fixed, *tied, *self.free, *self.priors, *self.uncertain))):
+            return self
+        paths = arm.paths()
+        return replace(
+            self,
+            fixed=_named(self.fixed, paths),
+            tied=tuple(_named(group, paths) for group in self.tied),
+            free=_spread(self.free, paths),
+            priors=_spread(self.priors, paths),
+            uncertain=_spread(self.uncertain, paths),
+        )
+
+
+def _is_pattern(path: str) -> bool:
+    return "*" in path or "?" in path
+
+
+def _named(given: Sequence[str], paths: Sequence[str]) -> tuple[str, ...]:
+    """Return names, in place of each pattern those that fit it and are not given besides."""
+    found: list[str] = []
+    for name in given:
+        found += [path for path in _fitting(name, paths) if path not in found and path not in given]
+        found += [] if _is_pattern(name) else [name]
+    return tuple(found)
+
+
+def _spread(given: Mapping[str, V], paths: Sequence[str]) -> dict[str, V]:
+    """Return what is given by name, in place of each pattern by the names that fit it."""
+    spread = {path: value for pattern, value in given.items() for path in _fitting(pattern, paths)}
+    return spread | {name: value for name, value in given.items() if not _is_pattern(name)}
+
+
+def _fitting(pattern: str, paths: Sequence[str]) -> list[str]:
+    if not _is_pattern(pattern):
+        return []
+    if not (fitting := [path for path in paths if fnmatchcase(path, pattern)]):
+        remedy = did_you_mean(pattern, paths, "see `ident list`")
+        raise InputError(Problem("", f"the pattern {quoted(pattern)}", "one that fits a number of the arm", remedy))
+    return fitting
+
 
 def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping: bool = False) -> Parameters:
     """Make the bushing stiffnesses of all driven joints and of the base unknown, and whatever else is asked for.
@@ -129,7 +182,7 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     Raises:
         InputError: a path that the arm has not, one that is named twice, or nothing left to fit.
     """
-    unknowns = unknowns or Unknowns()
+    unknowns = (unknowns or Unknowns()).named(arm)
     prior_sd = unknowns.prior_sd
     sought = {joint.name: prior_sd for joint in arm.driven}
     sought |= {arm.base.name: BASE_WIDER * prior_sd} if arm.base else {}

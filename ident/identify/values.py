@@ -1,7 +1,7 @@
 """Numbers that an arm takes over from a fit or from a posterior."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,11 +9,13 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.base import BASE
-from ident.arm.fields import EXPECTED, field_of
+from ident.arm.fields import COMPONENTS, EXPECTED, STIFFNESS, field_of, fields_in
+from ident.arm.parts import Joint
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
 from ident.identify.predict import ArmModel
 from ident.inference.problem import InverseProblem
+from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.inference.sample import Sample
@@ -23,6 +25,12 @@ VANISHING, FARTHEST = 1e6, 1e12
 """Factors by which a fitted number may be less, and more, than the arm file's: what data leave open may become large,
 but with a millionth of its stiffness no arm stands."""
 OTHER_ARM = "fitted to another arm file, or to this one before it was changed"
+SAME_NUMBER = 1e-6
+"""Difference, relative to the largest component, that the writing of a file may make."""
+NO_NUMBER = 1e-9
+"""Difference of two numbers [SI] that is none."""
+MOST_DIFFERENCES = 3
+"""Differences between two arms that a message names."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +118,183 @@ class Values:
         return {path: values for path, values in self.values.items() if path not in paths}
 
 
+@dataclass(frozen=True)
+class Robot:
+    """What the stiffnesses of an arm were identified with: of another robot they are no stiffnesses of this one.
+
+    Points, payloads, drives, belts, stroke, workspace, limits and the name belong to its work, and are left out.
+
+    Attributes:
+        name: of the arm; empty where a file does not say with which arm its values were identified.
+        joints: their names, from the base outwards.
+        driven: the names of those that have a pin.
+        numbers: by path [SI], whole vectors and tensors: axes, offsets and stiffnesses of the joints, masses, mass
+            centres and inertias of the links, curved springs.
+        sha256: hash of the arm's file; empty where it has none.
+    """
+
+    name: str = ""
+    joints: tuple[str, ...] = ()
+    driven: tuple[str, ...] = ()
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    sha256: str = ""
+
+    @classmethod
+    def of(cls, arm: Arm, sha256: str = "") -> "Robot":
+        """Return what identifies an arm."""
+        parts: list[Any] = [part for joint in arm.joints for part in (joint, *joint.shaft, *joint.link)] + list(
+            arm.springs
+        )
+        numbers: dict[str, Any] = {f"{joint.name}.axis": np.asarray(joint.axis).tolist() for joint in arm.joints}
+        for part in parts:
+            names = [number.name for number in fields_in(part)]
+            own = [name for name in names if name in ("offset", *STIFFNESS)] if isinstance(part, Joint) else names
+            numbers |= {f"{part.name}.{name}": np.asarray(getattr(part, name)).tolist() for name in own}
+        joints, driven = (tuple(joint.name for joint in some) for some in (arm.joints, arm.driven))
+        return cls(arm.name, joints, driven, numbers, sha256)
+
+    @classmethod
+    def read(cls, document: Any, sha256: str) -> "Robot":
+        """Return what a result file says of its arm; one of an earlier version says nothing.
+
+        Raises:
+            ValueError, TypeError, KeyError: the document is none of ours.
+        """
+        if document is None:
+            return cls(sha256=sha256)
+        arrays = {str(path): np.asarray(value, float) for path, value in dict(document["numbers"]).items()}
+        if not all(each.shape in ((), (3,), (3, 3)) and np.isfinite(each).all() for each in arrays.values()):
+            raise ValueError("numbers of no robot")
+        numbers = {path: each.tolist() for path, each in arrays.items()}
+        joints, driven = (tuple(map(str, document[name])) for name in ("joints", "driven"))
+        return cls(str(document["name"]), joints, driven, numbers, sha256)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The robot as its result files have it."""
+        return {name: value for name, value in asdict(self).items() if name != "sha256"}
+
+    def at(self, path: str) -> float | None:
+        """Return the number [SI] at a path as `link2.com.x`; None where it has none."""
+        quantity, _, component = path.rpartition(".")
+        value = self.numbers.get(path, self.numbers.get(quantity))
+        if value is None or isinstance(value, float):
+            return value
+        return float(np.asarray(value)[COMPONENTS[component]])
+
+    def differences(self, other: "Robot", but: Collection[str] = ()) -> dict[str, str]:
+        """Return in which quantities another robot differs, each in words: `link2.mass (3 kg there, 5 kg here)`.
+
+        Args:
+            other: the robot that is here.
+            but: numbers by path that may differ, as `link2.com.x`.
+        """
+        found = {}
+        for word, one, two in (("joints", self.joints, other.joints), ("driven joints", self.driven, other.driven)):
+            if one != two:
+                found[word] = f"{word} ({', '.join(one)} there, {', '.join(two)} here)"
+                break
+        for path in dict.fromkeys((*self.numbers, *other.numbers)):
+            there, here = self.numbers.get(path), other.numbers.get(path)
+            if there is None or here is None:
+                found[path] = f"{path} (only {'here' if there is None else 'there'})"
+            elif self._differs(path, there, here, other, but):
+                unit = getattr(field_of(path), "unit", "-")
+                texts = [f"{_written(value)} {unit}".removesuffix(" -") for value in (there, here)]
+                found[path] = f"{path} ({texts[0]} there, {texts[1]} here)" if texts[0] != texts[1] else path
+        return found
+
+    def _differs(self, path: str, there: Any, here: Any, other: "Robot", but: Collection[str]) -> bool:
+        """Tell whether a quantity differs in a component that may not."""
+        one, two = np.asarray(there, float), np.asarray(here, float)
+        if one.shape != two.shape:
+            return True
+        mass = f"{path.removesuffix('.inertia')}.mass"
+        if mass in but and mass in self.numbers and other.numbers.get(mass):  # a shape's inertia goes with the mass
+            scaled = two * (self.numbers[mass] / other.numbers[mass])
+            two = scaled if np.allclose(scaled, one, SAME_NUMBER, NO_NUMBER) else two
+        places = {f"{path}.{end}": place for end, place in COMPONENTS.items() if len(place) == one.ndim}
+        size = max(float(np.abs(one).max()), float(np.abs(two).max()))
+        differs = np.asarray(np.abs(one - two) > SAME_NUMBER * size + NO_NUMBER)
+        for free in but:
+            if free in (path, *places):
+                differs[places.get(free, ...)] = False
+        return bool(differs.any())
+
+
+def _written(value: Any) -> str:
+    numbers = np.atleast_1d(np.asarray(value, float))
+    if numbers.ndim == 2:
+        numbers = numbers[np.triu_indices(3)] if np.triu(numbers, 1).any() else np.diag(numbers)
+    texts = [f"{number + 0.0:.6g}" for number in numbers]
+    return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
+
+
+def of_this_robot(
+    values: Values,
+    robot: Robot,
+    own: Robot,
+    *,
+    changed: Collection[str] = (),
+    designed: Collection[str] = (),
+    force: bool = False,
+) -> Values:
+    """Return values that an arm may take over, with a remark where they are of one that differs.
+
+    Args:
+        values: those of the result.
+        robot: with which they were identified.
+        own: the arm that is to take them over.
+        changed: numbers that the user sets besides, by path.
+        designed: numbers that `ident design` has changed, by path; they may differ.
+        force: take the values of another robot, too.
+
+    Raises:
+        InputError: the values are of another robot, or would undo what was designed.
+    """
+    other_file = bool(own.sha256 and robot.sha256 and own.sha256 != robot.sha256)
+    if not robot.joints:
+        return values.remarked(OTHER_ARM) if other_file else values
+    but = {*values.values, *changed}
+    apart, insist = robot.differences(own, but), "or insist (`force`)"
+    beyond = robot.differences(own, but | _goes_with(designed, own))
+    undone = [path for path in designed if path in values.values and path not in changed]
+    undone = [p for p in undone if not any(_same(own.at(p), other) for other in (robot.at(p), values.medians[p]))]
+    got = remedy = ""
+    if beyond:
+        got = f"the values of another robot, {one_line(robot.name)}: {_few(list(beyond.values()))}"
+        remedy = f"identify this arm, {insist}"
+    elif undone:
+        got = f"other values of what ident design has changed: {_few(undone)}"
+        remedy = f"leave it out, set the designed values, too (`set`), {insist}"
+    if got and not force:
+        expected = f"those of {one_line(own.name)} as it is described now"
+        raise InputError(Problem(one_line(values.path) or "result", got, expected, remedy))
+    if apart and not beyond:
+        values = values.remarked(f"identified before ident design changed {_few(list(apart))}")
+    elif other_file and not got:
+        values = values.remarked(OTHER_ARM)
+    return values.remarked(got) if got else values
+
+
+def _same(one: float | None, other: float | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return abs(one - other) <= SAME_NUMBER * abs(one) + NO_NUMBER
+
+
+def _goes_with(designed: Collection[str], own: Robot) -> set[str]:
+    """Return designed numbers, and all of a body of which one is: its inertia follows from mass and shape."""
+    parts = {path.partition(".")[0] for path in designed}
+    bodies = {part for part in parts if f"{part}.mass" in own.numbers}
+    return {*designed, *(path for path in own.numbers if path.partition(".")[0] in bodies)}
+
+
+def _few(texts: Sequence[str]) -> str:
+    more = f"; {len(texts) - MOST_DIFFERENCES} more" if len(texts) > MOST_DIFFERENCES else ""
+    return "; ".join(texts[:MOST_DIFFERENCES]) + more
+
+
 def _impossible(path: str, name: str, value: np.ndarray, arm: Arm) -> Iterator[Problem]:
     """Yield why numbers can't be this number of an arm: the worst of them, by the sign, or by its size."""
     field, own, remedy = field_of(name), float(arm.get(name)), "run the fit or sample again"
@@ -155,33 +340,32 @@ class Draws:
         path: the file that they are from; empty for a result of this process.
         sha256: hash of its bytes.
         remark: what else a reader must know; mostly empty.
-        arm_sha256: hash of the file of the arm that was fitted; empty where it is not known.
         scaled: bodies whose inertia goes with their mass.
+        robot: with which they were identified.
     """
 
     by_paths: Mapping[tuple[str, ...], Float[np.ndarray, "n"]]
     path: str = ""
     sha256: str = ""
     remark: str = ""
-    arm_sha256: str = ""
     scaled: tuple[str, ...] = ()
+    robot: Robot = Robot()
 
     @classmethod
-    def of_sample(cls, sample: "Sample") -> "Draws":
-        """Return the draws of a posterior that was sampled in this process."""
+    def of_sample(cls, sample: "Sample", arm: Arm | None = None, sha256: str = "") -> "Draws":
+        """Return the draws of a posterior that was sampled in this process, of an arm if that is to be compared."""
         from ident.inference.posterior_summary import chains
 
         by_chain, items = chains(sample), sample.posterior.parameters.items
         best = by_chain.optimum == by_chain.optimum.min()
         by_paths = {item.paths: own[best].ravel() for item, own in zip(items, by_chain.values, strict=True)}
         scaled = scaled_by(sample.posterior.problem)
-        return cls(by_paths, remark="" if best.all() else BEST_ONLY, scaled=scaled)
+        robot = Robot() if arm is None else Robot.of(arm, sha256)
+        return cls(by_paths, remark="" if best.all() else BEST_ONLY, scaled=scaled, robot=robot)
 
-    def of(self, sha256: str) -> "Draws":
-        """Return the same for an arm whose file has this hash, with a remark where another one was fitted."""
-        if not (sha256 and self.arm_sha256 and sha256 != self.arm_sha256):
-            return self
-        return replace(self, remark="; ".join(filter(None, (self.remark, OTHER_ARM))))
+    def doubted(self, doubts: Sequence[str]) -> "Draws":
+        """Return the same with a remark on what speaks against the fit that they started from."""
+        return replace(self, remark="; ".join(filter(None, (doubtful(doubts), self.remark))))
 
     @property
     def total(self) -> int:

@@ -19,12 +19,14 @@ from ident.measure.covariance import Correlated, Covariance, correlated
 from ident.measure.kinds import DRIVE_STATES, KINDS, POSITIONS, SHAPES
 from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
 from ident.measure.setups import NO_SETUPS, Setups, check_name
-from ident.text import quoted
-from ident.units import QUANTITIES
+from ident.text import one_line, quoted, table_lines
+from ident.units import QUANTITIES, si_factor
 
 ROUNDING = 12**-0.5
 """Standard deviation of what is rounded to steps of one: uniform within half a step (JCGM 100:2008, F.2.2.1)."""
 
+SHOWN, WIDEST = 12, 24
+"""Rows that a campaign shows of itself when it is printed, and characters of a cell."""
 GRAVITY_DIRECTION = AXES["-z"]
 """Direction in which a deflection counts when none is given."""
 
@@ -152,6 +154,17 @@ class Campaign:
             expected, remedy = "a correlation of its errors", "give the campaign's covariance"
             raise InputError(Problem(m.where, f"the group {quoted(m.group)}", expected, remedy, "group") for m in lost)
 
+    def __str__(self) -> str:
+        """Return a short table: the first rows, each with what was measured, where, its value and its sigma."""
+        places = f"{len(self.postures)} posture{'s' * (len(self.postures) != 1)}"
+        lines = [f"{one_line(self.name or 'campaign')}: {len(self)} measurements at {places}"]
+        cells = [_cells(m, i) for i, m in enumerate(self.measurements[:SHOWN], 1)]
+        rows = [("row", "kind", "place", "posture [deg]", "load", "value", "sigma", "unit"), *cells]
+        lines += table_lines(rows) if cells else []
+        if len(self) > SHOWN:
+            lines.append(f"and {len(self) - SHOWN} more")
+        return "\n".join(lines)
+
     def __len__(self) -> int:
         return len(self.measurements)
 
@@ -180,6 +193,15 @@ class Campaign:
     def without(self, *kinds: str) -> "Campaign":
         """Return the campaign less the measurements of these kinds."""
         return replace(self, measurements=tuple(m for m in self.measurements if m.kind not in kinds))
+
+
+def _cells(m: Measurement, number: int) -> tuple[str, ...]:
+    """Return a measurement as the cells of a short table, in the unit that it was written in."""
+    size = si_factor(m.unit, KINDS[m.kind])
+    posture = ", ".join(f"{math.degrees(angle) + 0.0:.4g}" for angle in m.posture)
+    texts = (m.kind, m.mode or m.point or m.joint or "", posture, str(m.load))
+    cells = [text if len(text := one_line(each)) <= WIDEST else f"{text[: WIDEST - 1]}…" for each in texts]
+    return (m.where.rpartition(":")[2] or str(number), *cells, f"{m.value / size:.4g}", f"{m.sigma / size:.2g}", m.unit)
 
 
 def reference_problems(m: Measurement) -> Iterator[Problem]:

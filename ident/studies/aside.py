@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from ident.files import move_file, together
 from ident.studies.result import Result
 
 
-def set_aside(result: Result, folder: Path) -> str:
+def set_aside(result: Result, folder: Path, inputs: Collection[str] | None = None) -> str:
     """Rename files that a folder holds under a result's name, where they are not of the same; say so in a line.
 
     The same are results of the same options and inputs; an input is the same by its path, so that a file may be
@@ -20,6 +20,7 @@ def set_aside(result: Result, folder: Path) -> str:
     Args:
         result: what is about to be written.
         folder: where.
+        inputs: only where one of these inputs differs, whatever else does; by default any input, or the options.
 
     Returns:
         What was kept, and as what; nothing where nothing is in the way.
@@ -28,8 +29,8 @@ def set_aside(result: Result, folder: Path) -> str:
         InputError: the files can't be moved.
     """
     there = _head(result, folder)
-    differing = None if there is None else _differing(there, result.head)
-    if not differing:
+    differing = [] if there is None else _differing(there, result.head)
+    if not [name for name in differing if inputs is None or name in inputs]:
         return ""
     files = [path for path in folder.iterdir() if path.is_file() and _is_of(path.name, result.name)]
     number = next(n for n in range(1, 10**9) if not any(_is_of(path.name, f"{result.name}.{n}") for path in files))
@@ -49,13 +50,17 @@ def _is_of(file: str, name: str) -> bool:
 def _head(result: Result, folder: Path) -> Mapping[str, Any] | None:
     """Return inputs and options of the result that is there; None where there is none that can be read."""
     from ident.present.files.document import EXPECTED, read_document
-    from ident.studies.load import load
+    from ident.present.files.netcdf import read_group, whole
 
     document, main = (folder / f"{result.name}{end}" for end in (".json", result.suffix))
     try:
         if os.path.exists(document):
             return read_document(document, EXPECTED)
-        return load(main).head if os.path.exists(main) else None
+        if not os.path.exists(main):
+            return None
+        with whole(main, "other contents", EXPECTED, "give the file that ident wrote"):
+            attributes = read_group(main).attrs
+            return {name: json.loads(attributes[name]) for name in ("inputs", "options")}
     except InputError:
         return None
 

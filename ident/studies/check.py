@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import ProblemOptions, as_campaign, as_file
 
@@ -79,6 +79,7 @@ class CheckResult(Result):
         return {"arm": self.arm, "campaign": self.check.campaign}
 
 
+@keyword_options
 def check(
     arm: "Arm | ArmFile | str | Path",
     campaign: "Campaign | str | Path",

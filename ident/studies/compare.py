@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import Options, option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Result, study_of
+from ident.studies.shared import UnitOptions
 from ident.text import one_line, quoted
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions(Options):
+class CompareOptions(UnitOptions):
     """Options of `ident.compare`."""
 
     same: tuple[str, ...] = option(
@@ -111,6 +112,7 @@ class CompareResult(Result):
 WORDS = ("first", "second")
 
 
+@keyword_options
 def compare(
     first: "Compared | Sequence[Compared]",
     second: "Compared | Sequence[Compared]",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import ranges
 from ident.studies.motion import AmplitudeOptions, basis_of, drawn_groups
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_file
 
@@ -162,6 +162,7 @@ class DesignResult(Result):
         return self.study.basis.sources
 
 
+@keyword_options
 def design(
     arm: "Arm | ArmFile | str | Path",
     options: DesignOptions | None = None,
@@ -194,7 +195,7 @@ def design(
 
     options = DesignOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    searched, fresh = drawn_groups(posterior, arm_file, options.draws, options.fresh, options.seed)
+    searched, fresh = drawn_groups(posterior, arm_file, options.draws, options.fresh, options.seed, options)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=searched)
     evaluator = _evaluator(basis, options)
     if options.sensitivities:

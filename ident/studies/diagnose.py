@@ -11,7 +11,7 @@ from ident.errors import InputError
 from ident.studies.diagnose_stages import CHAINS, Job, OnStage, carry_out, discard
 from ident.studies.fit import FitOptions
 from ident.studies.motion import HeldMotionOptions, basis_of
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_campaign, as_file
 
@@ -32,6 +32,7 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 
     Attributes:
         effort: how much is computed; no flag of the command.
+        force: of no use here, as nothing is taken over; no flag of the command.
     """
 
     refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
@@ -39,6 +40,7 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
     limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     effort: Effort = field(default_factory=Effort)
+    force: bool = False
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -152,6 +154,7 @@ class DiagnoseResult(Result):
         return {"arm": basis.arm_file, "campaign": campaign, "path": basis.log}
 
 
+@keyword_options
 def diagnose(
     arm: "Arm | ArmFile | str | Path",
     campaign: "Campaign | str | Path",

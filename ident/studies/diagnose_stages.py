@@ -13,6 +13,7 @@ from ident.studies.motion import basis_of
 from ident.studies.options import specs
 from ident.studies.result import Progress
 from ident.studies.sample import SampleOptions, sample
+from ident.units import USUAL
 
 if TYPE_CHECKING:
     from ident.assess.diagnosis import Diagnosis, Identification, ResonanceAssessment
@@ -61,7 +62,7 @@ class Job:
             "campaign": _hash(measurements),
             "arm file": _hash((self.arm.arm, self.arm.origins, self.arm.extents)),
             "path": _hash((self.log.time, self.log.angles)) if self.log else "",
-            "set of options": _hash(self.options),
+            "set of options": _hash(replace(self.options, units=USUAL)),
             "version of ident": version("ident"),
         }
 

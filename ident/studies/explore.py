@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.motion import drawn_values, fitted_values
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, as_campaign, as_file, is_angle, with_numbers
 from ident.studies.words import STROKE_PROFILES
@@ -117,6 +117,7 @@ class ExploreResult(Result):
         return (path,)
 
 
+@keyword_options
 def explore(
     arm: "Arm | ArmFile | str | Path",
     options: ExploreOptions | None = None,
@@ -148,8 +149,8 @@ def explore(
 
     options = ExploreOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    fitted = fitted_values(fit, arm_file, options.soft_base) if fit is not None else None
-    drawn = drawn_values(posterior, arm_file, options.draws)
+    fitted = fitted_values(fit, arm_file, options) if fit is not None else None
+    drawn = drawn_values(posterior, arm_file, options.draws, options=options)
     changed = with_numbers(arm_file.arm, fitted or drawn, options.set)
     _check_posture(changed, options.posture)
     campaign = None if measured is None else as_campaign(measured)

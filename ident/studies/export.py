@@ -25,6 +25,7 @@ def export(
     *,
     arm: "ArmFile | str | Path | None" = None,
     posture: tuple[float, ...] | None = None,
+    force: bool = False,
 ) -> tuple[Path, ...]:
     """Write the arm that was identified, in the format that a file's ending names, and return the paths written.
 
@@ -38,12 +39,14 @@ def export(
         path: the file to write; it is none of those that were read.
         arm: the description to write into; by default the one that was fitted, found by its hash.
         posture: joint angles [deg] where MJCF gets springs that are exact under the arm's weight, and near it.
+        force: write into the description of another robot, too.
 
     Raises:
-        InputError: no such result, the arm's format is another, it has not these numbers, or nothing can be written.
+        InputError: no such result, another robot's description, one of another format or without these numbers, or
+            nothing can be written.
     """
     path = Path(path)
-    asked = exported(result, path, arm, posture)
+    asked = exported(result, path, arm, posture, force)
     writers: Mapping[str, Callable[[Exported], Mapping[Path, bytes]]] = {
         ".xml": _mjcf,
         ".urdf": _urdf,

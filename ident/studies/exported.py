@@ -1,7 +1,7 @@
 """What `ident export` writes: the arm that was identified, and where its numbers come from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,8 +58,13 @@ def exported(
     path: Path,
     arm: "ArmFile | str | Path | None",
     posture: tuple[float, ...] | None,
+    force: bool,
 ) -> Exported:
-    """Return the arm that was identified, what was identified of it, and its file."""
+    """Return the arm that was identified, what was identified of it, and its file.
+
+    Raises:
+        InputError: the file describes another robot, unless that is forced.
+    """
     from ident.arm.base import on_soft_base
     from ident.arm.checks import check_arm
     from ident.identify.uncertain import scaled_inertia
@@ -71,13 +76,17 @@ def exported(
     if arm is None:
         arm = found(read, Path(result).absolute().parent if isinstance(result, str | Path) else Path())["arm"]
     own, height = as_file(arm), read.options.soft_base
-    identified = _identified(read, own)
     based = own.arm if height is None else on_soft_base(own.arm, height)
+    identified = _identified(read, own)
     paths = set(based.paths())
     values = {name: value for name, value in identified.values.items() if name in paths}
     if strange := [name for name in fitted.arm.paths() if name in identified.values and name not in paths]:
         got, remedy = f"no {strange[0]}, which was fitted", "give the one that was fitted (`arm`)"
         raise InputError(Problem(one_line(own.path), got, "an arm that has it", remedy))
+    where = one_line(str(result)) if isinstance(result, str | Path) else ""
+    here = own if read.arm.arm.base is None else replace(own, arm=based)
+    remark = _of_this_robot(read, where, here, values, force)
+    identified = replace(identified, doubts=(*identified.doubts, *filter(None, (remark,))))
     bodies = tuple(name for name in scaled_by(fitted.problem) if f"{name}.mass" in values)
     changed = scaled_inertia(based, values, bodies).replace(values)
     check_arm(changed)
@@ -105,7 +114,6 @@ def _fitted(read: "FitResult | SampleResult") -> "CampaignFit":
 def _identified(read: "FitResult | SampleResult", own: "ArmFile") -> "Identified":
     """Return what was identified: numbers of the arm, and of what else was fitted."""
     from ident.identify.identified import Identified
-    from ident.identify.values import OTHER_ARM
     from ident.studies.fit import FitResult
 
     fitted, values = _fitted(read), read.parameters if isinstance(read, FitResult) else read.medians
@@ -115,8 +123,20 @@ def _identified(read: "FitResult | SampleResult", own: "ArmFile") -> "Identified
     intervals = {path: read.intervals[item.name] for item in items for path in item.paths}
     sources = [("arm", own), *((word, each) for word, each in read.inputs.items() if word != "arm")]
     told = tuple((word, each.path, each.sha256) for word, each in sources if each is not None)
-    other = () if own.sha256 == read.arm.sha256 else (OTHER_ARM,)
-    return Identified(by_path, intervals, frozenset(supported), (*fitted.doubts, *other), told)
+    return Identified(by_path, intervals, frozenset(supported), fitted.doubts, told)
+
+
+def _of_this_robot(
+    read: "FitResult | SampleResult", where: str, own: "ArmFile", numbers: Mapping[str, float], force: bool
+) -> str:
+    """Refuse to write what was identified into the description of another robot; if forced, return what differs."""
+    import numpy as np
+
+    from ident.identify.values import Robot, Values, of_this_robot
+
+    values = Values(where, "", {name: np.asarray(value) for name, value in numbers.items()})
+    robot = Robot.of(read.arm.arm, read.arm.sha256)
+    return of_this_robot(values, robot, Robot.of(own.arm, own.sha256), force=force).remark
 
 
 def _quantity(path: str) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import ProblemOptions, as_campaign, as_file
 
@@ -45,7 +45,7 @@ class FitResult(Result):
     """A fit of an arm to a campaign.
 
     Its figure shows values with intervals, directions and residuals; its table has a row for each parameter: value,
-    unit, interval [SI], and whether the data support it.
+    unit, interval [SI], and whether the data support it. Its `measurements` have a row for each measurement.
 
     Attributes:
         arm: the arm as its file has it.
@@ -132,6 +132,18 @@ class FitResult(Result):
         return self.fit.fitted_arm
 
     @property
+    def measurements(self) -> list[dict[str, Any]]:
+        """A row for each measurement, which `pandas.DataFrame` takes: measured, predicted, sigma [SI], residual [-]."""
+        from ident.present.files.fit import measurement_rows
+
+        return measurement_rows(self.fit)
+
+    def _main(self) -> dict[str, Any]:
+        from ident.present.files.document import plain
+
+        return {**super()._main(), "measurements": plain(self.measurements)}
+
+    @property
     def short(self) -> bool:
         """Whether the best that the starts have reached is no optimum."""
         return not self.fit.best.converged
@@ -145,6 +157,7 @@ class FitResult(Result):
         return {"arm": self.arm, "campaign": self.fit.campaign}
 
 
+@keyword_options
 def fit(
     arm: "Arm | ArmFile | str | Path",
     campaign: "Campaign | str | Path",

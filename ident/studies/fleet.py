@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from ident.errors import InputError, Problem
 from ident.studies.fit import FitOptions
-from ident.studies.options import Options, option
+from ident.studies.options import Options, keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.text import one_line
 
@@ -177,6 +177,7 @@ Files = tuple[str, Path, Path]
 """A robot: its name, campaign and arm."""
 
 
+@keyword_options
 def fleet(
     robots: str | Path | Sequence[Files],
     arm: str | Path | None = None,

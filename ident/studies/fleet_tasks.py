@@ -14,6 +14,7 @@ from ident.codec import CodecError, decode, encode
 from ident.errors import IdentError
 from ident.files import replace_file
 from ident.text import one_line
+from ident.units import USUAL
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -95,7 +96,7 @@ class One(Task):
         """A hash of inputs and options, of the program's sources and libraries, and of the machine."""
         from ident.programs import environment  # it imports jax
 
-        options = self.options.of_each.recorded()
+        options = {**self.options.of_each.recorded(), "units": USUAL}
         paths = [str(self.campaign), str(self.arm)]
         parts = [self.name, paths, digest(self.campaign), digest(self.arm), encode(options), environment()]
         return hashed(parts)

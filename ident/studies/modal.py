@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import ProblemOptions, as_file
 
@@ -196,6 +196,7 @@ class ModalResult(Result):
         return {"tests": first.parent, "channels": inputs["channels"], "arm": inputs["arm"]}
 
 
+@keyword_options
 def modal_test(
     tests: str | Path,
     channels: "ChannelTable | str | Path | None" = None,

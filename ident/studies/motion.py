@@ -1,7 +1,7 @@
 """What the studies share that move an arm: options of the motion, and the basis that a simulation rests on."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ident.assess.basis import Basis
     from ident.assess.phases import Unknowns
     from ident.description.file import ArmFile
-    from ident.identify.values import Draws, Values
+    from ident.identify.values import Draws, Robot, Values
     from ident.measure import Log
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
@@ -148,7 +148,7 @@ def basis_of(
     from ident.measure import Load, Log, read_log
 
     arm_file = as_file(arm, options.soft_base)
-    fitted = fitted_values(fit, arm_file, options.soft_base) if fit is not None else None
+    fitted = fitted_values(fit, arm_file, options) if fit is not None else None
     central = fitted or posterior
     described = with_numbers(arm_file.arm, central, options.set)
     _check(options, path is not None)
@@ -164,29 +164,42 @@ def basis_of(
 
 
 def fitted_values(
-    fit: "Values | FitResult | str | Path", arm: "Arm | ArmFile", soft_base: float | None = None
+    fit: "Values | FitResult | str | Path", arm: "Arm | ArmFile", options: ArmOptions | None = None
 ) -> "Values":
     """Return fitted values, whatever they are in, with what speaks against taking them over.
 
+    Args:
+        fit: a result, its file, or values that were taken before, which are taken as they are.
+        arm: whose numbers are looked for; it stands on the options' base.
+        options: on which base the arm stands, which numbers are set besides, and whether another robot's will do.
+
     Raises:
-        InputError: neither a fit nor its file, or a fit without any number of this arm.
+        InputError: neither a fit nor its file, a fit without any number of this arm, or one of another robot.
     """
-    from ident.identify.values import OTHER_ARM, Values
+    from ident.identify.values import Robot, Values
     from ident.present.files.fit import read_fit
     from ident.studies.fit import FitResult
 
-    own = as_file(arm)
+    own, options = as_file(arm), options or ArmOptions()
     if isinstance(fit, Values):
         return fit
     if isinstance(fit, str | Path):
-        values, base = read_fit(FitResult.form, fit, own.arm, own.sha256)
-        return _on_the_same_base(values, base, soft_base)
-    if not isinstance(fit, FitResult):
+        values, robot, base = read_fit(FitResult.form, fit, own.arm)
+    elif isinstance(fit, FitResult):
+        values, base = Values.of_fit(fit.fit, own.arm), fit.options.soft_base
+        robot = Robot.of(fit.arm.arm, fit.arm.sha256)
+    else:
         raise InputError(Problem("fit", f"a {type(fit).__name__}", "a result of ident.fit, or its file", "give that"))
-    values = Values.of_fit(fit.fit, own.arm)
-    other = own.sha256 and fit.arm.sha256 and fit.arm.sha256 != own.sha256
-    values = values.remarked(OTHER_ARM) if other else values
-    return _on_the_same_base(values, fit.options.soft_base, soft_base)
+    return _of_this_robot(_on_the_same_base(values, base, options.soft_base), robot, own, options)
+
+
+def _of_this_robot(values: "Values", robot: "Robot", own: "ArmFile", options: ArmOptions) -> "Values":
+    """Refuse values that were identified on another robot."""
+    from ident.identify.values import Robot, of_this_robot
+
+    designed = [path for path, origin in own.origins.items() if origin == "designed"]
+    here = Robot.of(own.arm, own.sha256)
+    return of_this_robot(values, robot, here, changed=options.set, designed=designed, force=options.force)
 
 
 def _on_the_same_base(values: "Values", fitted: float | None, asked: float | None) -> "Values":
@@ -199,7 +212,11 @@ def _on_the_same_base(values: "Values", fitted: float | None, asked: float | Non
 
 
 def drawn_values(
-    posterior: "Values | SampleResult | str | Path | None", arm: "Arm | ArmFile", count: int, seed: int | None = None
+    posterior: "Values | SampleResult | str | Path | None",
+    arm: "Arm | ArmFile",
+    count: int,
+    seed: int | None = None,
+    options: ArmOptions | None = None,
 ) -> "Values | None":
     """Return draws of a posterior, whatever they are in; None for none.
 
@@ -208,17 +225,26 @@ def drawn_values(
         arm: whose numbers are looked for.
         count: draws, at most.
         seed: of a choice at random; without one the draws are spread evenly over the chains.
+        options: which numbers are set besides, and whether those of another robot will do.
+
+    Raises:
+        InputError: no posterior, one without any number of this arm, or one of another robot.
     """
     from ident.identify.values import Values
 
     if posterior is None or isinstance(posterior, Values):
         return posterior
-    own = as_file(arm)
-    return _draws(posterior).of(own.sha256).some(own.arm, count, seed)
+    own, draws = as_file(arm), _draws(posterior)
+    return _of_this_robot(draws.some(own.arm, count, seed), draws.robot, own, options or ArmOptions())
 
 
 def drawn_groups(
-    posterior: "Values | SampleResult | str | Path | None", arm: "Arm | ArmFile", count: int, fresh: int, seed: int = 0
+    posterior: "Values | SampleResult | str | Path | None",
+    arm: "Arm | ArmFile",
+    count: int,
+    fresh: int,
+    seed: int = 0,
+    options: ArmOptions | None = None,
 ) -> "tuple[Values | None, Values | None]":
     """Return two groups of draws that have none in common, to search with and to verify with; None for none.
 
@@ -228,13 +254,15 @@ def drawn_groups(
         count: draws of the first group, at most.
         fresh: draws of the second, at most.
         seed: of the choice.
+        options: which numbers are set besides, and whether those of another robot will do.
     """
     from ident.identify.values import Values
 
     if posterior is None or isinstance(posterior, Values):
         return posterior, None
-    own = as_file(arm)
-    return _draws(posterior).of(own.sha256).two_groups(own.arm, count, fresh, seed)
+    own, draws = as_file(arm), _draws(posterior)
+    first, second = draws.two_groups(own.arm, count, fresh, seed)
+    return _of_this_robot(first, draws.robot, own, options or ArmOptions()), second
 
 
 def _draws(posterior: "SampleResult | str | Path") -> "Draws":
@@ -247,7 +275,8 @@ def _draws(posterior: "SampleResult | str | Path") -> "Draws":
     if not isinstance(posterior, SampleResult):
         got, expected = f"a {type(posterior).__name__}", "a result of ident.sample, or its file"
         raise InputError(Problem("posterior", got, expected, "give that"))
-    return replace(Draws.of_sample(posterior.sample.sample), arm_sha256=posterior.arm.sha256)
+    draws = Draws.of_sample(posterior.sample.sample, posterior.arm.arm, posterior.arm.sha256)
+    return draws.doubted(posterior.doubts)
 
 
 def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_file
 
@@ -155,6 +155,7 @@ class PlanResult(Result):
         return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
 
 
+@keyword_options
 def plan(
     arm: "Arm | ArmFile | str | Path",
     campaign: "Campaign | str | Path | None" = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.motion import drawn_values, fitted_values
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, as_file, is_angle, with_numbers
 from ident.text import did_you_mean, quoted
@@ -150,6 +150,7 @@ class PredictResult(Result):
         return {"arm": self.arm, "fit": self.fit, "posterior": self.posterior}
 
 
+@keyword_options
 def predict(
     arm: "Arm | ArmFile | str | Path",
     options: PredictOptions | None = None,
@@ -177,8 +178,8 @@ def predict(
 
     options = PredictOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    fitted = fitted_values(fit, arm_file, options.soft_base) if fit is not None else None
-    drawn = drawn_values(posterior, arm_file, options.draws, options.seed)
+    fitted = fitted_values(fit, arm_file, options) if fit is not None else None
+    drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
     central = fitted or drawn
     changed = with_numbers(arm_file.arm, central, options.set)
     draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ident.studies import reading
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_campaign, as_file
 
@@ -84,6 +84,7 @@ class ProfileResult(Result):
         return {"arm": self.arm, "campaign": self.fit.campaign}
 
 
+@keyword_options
 def profile(
     arm: "Arm | ArmFile | str | Path",
     campaign: "Campaign | str | Path",

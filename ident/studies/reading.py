@@ -1,11 +1,13 @@
 """How the texts of options are read: numbers, names, and pairs of both."""
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
 from ident.errors import InputError, Problem
 from ident.inference.priors import Prior
+from ident.units import STIFFNESS_UNITS
 
 
 def number(text: str, flag: str) -> float:
@@ -67,6 +69,12 @@ def uncertain(texts: Sequence[str], flag: str) -> dict[str, str]:
         if not (name and width):
             raise InputError(Problem(f"{flag} {text}", "no NAME:WIDTH", "as link2.mass:5%,load:1%", "correct it"))
     return once(flag, [(name, width.strip()) for _, name, width in parts])
+
+
+def stiffness_unit(text: str, flag: str) -> str:
+    """Read a unit of stiffness, whatever its blanks and dots: `Nmm/deg`, `N*mm/deg`; another text as it is."""
+    plain = {re.sub(r"[\s*·]", "", name): name for name in STIFFNESS_UNITS}
+    return plain.get(re.sub(r"[\s*·]", "", text), text)
 
 
 def named(text: str, where: str) -> tuple[str, str]:

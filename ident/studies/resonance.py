@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.motion import MotionOptions, basis_of, drawn_values
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import as_file
 
@@ -98,6 +98,7 @@ class ResonanceResult(Result):
         return self.basis.sources
 
 
+@keyword_options
 def resonance(
     arm: "Arm | ArmFile | str | Path",
     options: ResonanceOptions | None = None,
@@ -127,7 +128,7 @@ def resonance(
 
     options = ResonanceOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    drawn = drawn_values(posterior, arm_file, options.draws, options.seed)
+    drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     turning = excitation(basis.arm, basis.motion, orders=options.orders)
     prepare(basis.arm, basis.motion, basis.loads)

@@ -2,18 +2,25 @@
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import wraps
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from ident.errors import InputError, ModelError, Problem
 from ident.studies.options import Options
+from ident.units import USUAL, stiffness_in
 
 BESIDE = ("covariance", "bushings")
 """What may be read because it lies beside an input: attributes of that input, in whose name they are called."""
+
+SHOWING = ("report", "figures", "html", "save_pdf", "frequency_figure", "path_figure", "animation", "_write")
+"""Methods that show stiffnesses to people."""
+R = TypeVar("R")
+"""What such a method returns."""
 
 if TYPE_CHECKING:
     import xarray
@@ -57,6 +64,36 @@ def study_of(form: str) -> str:
     return form.removeprefix("ident-").partition("/")[0]
 
 
+class Figures(dict[str, "Figure"]):
+    """Figures by name, the main one by the name of its study; `figures[""]` is that one, too."""
+
+    def __missing__(self, name: str) -> "Figure":
+        if name or not self:
+            raise KeyError(name)
+        return next(iter(self.values()))
+
+
+def _in_its_unit(show: Callable[..., R]) -> Callable[..., R]:
+    """Return a method of a result that shows stiffnesses in the unit of its options."""
+
+    @wraps(show)
+    def shown(self: "Result", *given: Any, **named: Any) -> R:
+        with stiffness_in(getattr(vars(self)["options"], "units", USUAL)):
+            return show(self, *given, **named)
+
+    return shown
+
+
+def _with_names(draw: "Callable[[Any], Mapping[str, Figure]]") -> "Callable[[Any], Figures]":
+    """Return a method that draws figures as one that gives each a name."""
+
+    @wraps(draw)
+    def figures(self: "Result") -> Figures:
+        return Figures({word or self.main_figure: figure for word, figure in draw(self).items()})
+
+    return figures
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Result:
     """What a study has computed, on what inputs, by which options.
@@ -87,6 +124,13 @@ class Result:
                     "check the sizes of what was given: stiffnesses, masses, sigmas, and their units"
                 )
 
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        for name in SHOWING:
+            if name in cls.__dict__:
+                setattr(cls, name, _in_its_unit(cls.__dict__[name]))
+        cls.figures = _with_names(cls.figures)  # type: ignore[method-assign]
+
     def __str__(self) -> str:
         return self.report()
 
@@ -98,6 +142,11 @@ class Result:
         """What its files are called, without their ends: what was studied, and the study."""
         subject = re.sub(r"[/\\\0]", "_", attrgetter(self.subject)(self))
         return f"{subject}.{study_of(self.form)}"
+
+    @property
+    def main_figure(self) -> str:
+        """Name of the main figure: what the study, or its file's name, is called."""
+        return self.name.rpartition(".")[2]
 
     def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
         """Return what its study takes to repeat it: its inputs' files by name."""
@@ -113,13 +162,15 @@ class Result:
         """Whether the data contradict each other, or the model."""
         return False
 
+    @_in_its_unit
     def report(self) -> str:
         """Return the text that the command prints."""
         text: str = self._present("text", "report")
         return text
 
+    @_in_its_unit
     def figures(self) -> "dict[str, Figure]":
-        """Return matplotlib figures by the word that tells their files apart; the first has none."""
+        """Return matplotlib figures by name; the main one has the study's, and files without a further word."""
         return {"": self._present("figures", "figure")}
 
     def table(self) -> list[dict[str, Any]]:
@@ -135,6 +186,8 @@ class Result:
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, all of them or none, and return their paths.
 
+        In a folder, files of the same name are kept under another one where they are of another robot.
+
         Args:
             path: the main file, ending as its format demands, or a folder, in which the files get the result's name.
 
@@ -142,6 +195,7 @@ class Result:
             InputError: a file of another ending, or the folder or a file can't be written.
         """
         from ident.files import together
+        from ident.studies.aside import set_aside
 
         path = Path(path)
         if path.suffix == self.suffix:
@@ -151,6 +205,7 @@ class Result:
             remedy = "name the file so, or a folder"
             raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
         with together():
+            set_aside(self, path, ["arm"])
             return self._write(path / f"{self.name}{self.suffix}", self.head)
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
@@ -164,7 +219,8 @@ class Result:
 
         written = []
         with together():
-            for word, figure in self.figures().items():
+            for name, figure in self.figures().items():
+                word = "" if name == self.main_figure else name
                 written.append(Path(folder) / f"{self.name}{'.' * bool(word)}{word}.png")
                 save(figure, written[-1])
         return tuple(written)
@@ -200,11 +256,17 @@ class Result:
 
     @property
     def head(self) -> dict[str, Any]:
-        """What its file says first: format, software, options and inputs, as JSON knows them."""
+        """What its file says first: format, software, options, inputs and the robot, as JSON knows them."""
         from ident.present.files.document import provenance
 
         options: Options = vars(self)["options"]
-        return provenance(self.form, self.inputs, options.recorded())
+        head = provenance(self.form, self.inputs, options.recorded())
+        arm = getattr(self.inputs.get("arm"), "arm", None)
+        if arm is not None:
+            from ident.identify.values import Robot
+
+            head["robot"] = Robot.of(arm).document
+        return head
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the files of a result, by default the one that is loaded again."""

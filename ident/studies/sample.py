@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_campaign
 
@@ -75,6 +75,7 @@ class SampleResult(Result):
     subject = "sample.fitted.campaign.name"
     shown = ("sample",)
     numbers = ("sample.sample.theta",)
+    summary = ("doubts",)
 
     @property
     def short(self) -> bool:
@@ -85,6 +86,11 @@ class SampleResult(Result):
     def doubtful(self) -> bool:
         """Whether the fit that the chains start from is in doubt."""
         return bool(self.sample.fitted.doubts)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no interval should be quoted from this posterior; empty when nothing speaks against it."""
+        return self.sample.withheld
 
     @property
     def enough(self) -> bool:
@@ -98,7 +104,7 @@ class SampleResult(Result):
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
-        """95 % intervals by parameter [SI], about the best optimum."""
+        """95 % intervals by parameter [SI], about the best optimum; see `doubts` before quoting one."""
         rows = (row for row in self.table() if row["optimum"] == self._best)
         return {row["parameter"]: (row["low_95"], row["high_95"]) for row in rows}
 
@@ -144,6 +150,7 @@ class SampleResult(Result):
         return {"arm": self.arm, "campaign": self.sample.fitted.campaign}
 
 
+@keyword_options
 def sample(
     arm: "Arm | ArmFile | str | Path",
     campaign: "Campaign | str | Path",

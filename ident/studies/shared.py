@@ -12,6 +12,7 @@ from ident.inference.priors import Prior
 from ident.studies import reading
 from ident.studies.options import Options, option
 from ident.text import one_line
+from ident.units import STIFFNESS_UNITS, USUAL
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -26,7 +27,20 @@ FARTHEST = 3600.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class BaseOptions(Options):
+class UnitOptions(Options):
+    """In which unit stiffnesses are shown."""
+
+    units: str = option(
+        USUAL,
+        f"unit of stiffness in reports, figures and pages: {', '.join(STIFFNESS_UNITS)}; result files are in SI",
+        choices=tuple(STIFFNESS_UNITS),
+        read=reading.stiffness_unit,
+        text=USUAL,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseOptions(UnitOptions):
     """What an arm stands on."""
 
     soft_base: float | None = option(
@@ -43,7 +57,7 @@ class ProblemOptions(BaseOptions):
 
     fix: tuple[str, ...] = option(
         (),
-        "parameter to keep at the arm file's value, as joint1.k_bend; may be repeated",
+        "parameter to keep at the arm file's value, as joint1.k_bend, or *.k_bend for all of them; may be repeated",
         repeated=True,
         read=reading.names,
     )
@@ -106,14 +120,15 @@ class ProblemOptions(BaseOptions):
         Raises:
             InputError: it says so, and this study does not know of such numbers.
         """
-        tied = {path for group in self.tie for path in group}
-        own = {path: width for path, width in arm.uncertain.items() if path not in {*self.fix, *self.free, *tied}}
+        unknowns = self.unknowns.named(arm.arm)
+        taken = {*unknowns.fixed, *unknowns.free, *(path for group in unknowns.tied for path in group)}
+        own = {path: width for path, width in arm.uncertain.items() if path not in taken}
         if self.no_uncertain or not own:
-            return self.unknowns
+            return unknowns
         if "uncertain" in self.refuses:
             got, remedy = f"uncertain numbers, {next(iter(own))} first", "take them as exact (`no_uncertain`)"
             raise InputError(Problem(one_line(arm.path), got, "none in this study", remedy))
-        return replace(self.unknowns, uncertain={**own, **self.uncertain})
+        return replace(unknowns, uncertain={**own, **unknowns.uncertain})
 
     @property
     def unknowns(self) -> "Unknowns":
@@ -136,6 +151,7 @@ class ArmOptions(BaseOptions):
         repeated=True,
         read=reading.numbers,
     )
+    force: bool = option(False, "take over values of a fit or posterior that were identified on another arm, too")
 
     def problems(self) -> list[Problem]:
         """Return numbers of a sign that they can't have."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.motion import HeldMotionOptions, basis_of, drawn_values
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_file
 
@@ -180,6 +180,7 @@ class SimulateResult(Result):
         return {**self.simulation.basis.sources, "trace": self.simulation.trace}
 
 
+@keyword_options
 def simulate(
     arm: "Arm | ArmFile | str | Path",
     options: SimulateOptions | None = None,
@@ -212,7 +213,7 @@ def simulate(
 
     options = SimulateOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    drawn = drawn_values(posterior, arm_file, options.draws, options.seed)
+    drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     measured = _trace(trace)
     _check_time(options.at, basis)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, BaseOptions, as_file, is_angle
 from ident.studies.simulate import SimulateResult
@@ -153,6 +153,7 @@ class SpectrumResult(Result):
         return {"arm": self.arm, "path": self.path, "trace": None, "against": None} | files
 
 
+@keyword_options
 def spectrum(
     trace: "Trace | SimulateResult | str | Path",
     options: SpectrumOptions | None = None,

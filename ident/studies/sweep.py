@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import ranges
 from ident.studies.motion import AmplitudeOptions, basis_of, drawn_values
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_file
 
@@ -120,6 +120,7 @@ class SweepResult(Result):
         return self.study.basis.sources
 
 
+@keyword_options
 def sweep(
     arm: "Arm | ArmFile | str | Path",
     options: SweepOptions | None = None,
@@ -148,7 +149,7 @@ def sweep(
 
     options = SweepOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
-    drawn = drawn_values(posterior, arm_file, options.draws, options.seed)
+    drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     evaluator = options.evaluator(basis)
     axes, shown = _axes(basis, options), progress("simulations")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
-from ident.studies.options import option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import as_campaign, as_file
 
@@ -72,6 +72,7 @@ class ValidateResult(Result):
         return {"arm": self.arm, "campaign": self.validation.fit.campaign}
 
 
+@keyword_options
 def validate(
     arm: "Arm | ArmFile | str | Path",
     campaign: "Campaign | str | Path",

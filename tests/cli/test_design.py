@@ -78,7 +78,7 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
     for words in (
         "Sensitivities: percent of amplitude per percent",
         "and 24 more, in the .json",
-        "N mm/deg",
+        "N m/rad",
         "of 2 starts led to the same",
         "Trade-off",
         "Minimum change that keeps",

@@ -66,8 +66,8 @@ def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
     kept = all(sizes.max(0) <= 10)
     assert ("kept in the whole range" in out) is kept
     for words in (
-        "[N mm/deg]",
-        "6.28e+06",
+        "[N m/rad]",
+        "3.5982e+05",
         "present",
         "torsional stiffness of joint1",
         "Assumed or calibrated: 41 of the 41",

@@ -1,11 +1,16 @@
 """Values and draws that an arm takes over: which, in what order, and what is refused."""
 
+import json
+from dataclasses import replace
+
+import equinox as eqx
 import numpy as np
 import pytest
 from arms import lcd_arm
 
+from ident.arm.arm import Arm
 from ident.errors import InputError
-from ident.identify.values import Draws, Values
+from ident.identify.values import OTHER_ARM, Draws, Robot, Values, of_this_robot
 
 K = "joint1.k_tors"
 
@@ -70,3 +75,72 @@ def test_two_groups_of_draws_have_none_in_common(draws):
 def test_values_of_no_number_of_the_arm_are_refused(by_paths, words):
     with pytest.raises(InputError, match=words):
         Values.of_arm(by_paths, lcd_arm(), "a.fit.json")
+
+
+def fitted():
+    """Values of a fit of the torsion of joint 1 and of the mass of link 2."""
+    return Values("a.fit.json", "", {K: np.array(1e5), "link2.mass": np.array(37.0)})
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"bracket.mass": 20.0}, "bracket.mass (19.1122 kg there, 20 kg here)"),
+        ({"link1.com.x": 0.3}, "link1.com ((0.5, 0, 0.06) m there, (0.3, 0, 0.06) m here)"),
+        ({"link2.inertia.xx": 0.2}, "link2.inertia ((0.122833, "),
+        ({"joint2.offset.z": 0.2}, "joint2.offset ((1, 0, 0.12) m there, (1, 0, 0.2) m here)"),
+        ({"joint3.k_bend": 5e5}, "joint3.k_bend (103705 N m/rad there, 500000 N m/rad here)"),
+    ],
+)
+def test_values_of_another_robot_are_refused_and_what_differs_is_named(changed, words):
+    own = Robot.of(lcd_arm().replace(changed))
+    with pytest.raises(InputError) as error:
+        of_this_robot(fitted(), Robot.of(lcd_arm()), own)
+    assert f"a.fit.json: got the values of another robot, {lcd_arm().name}: {words}" in str(error.value)
+    assert "(`force`)" in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+    assert words in of_this_robot(fitted(), Robot.of(lcd_arm()), own, force=True).remark
+    assert not of_this_robot(fitted(), Robot.of(lcd_arm()), own, changed=changed).remark
+
+
+def test_other_joints_and_axes_are_another_robot():
+    arm = lcd_arm()
+    fewer = Robot.of(eqx.tree_at(lambda arm: arm.joints, arm, arm.joints[:2]))
+    assert next(iter(Robot.of(arm).differences(fewer))) == "joints"
+    tilted = Robot.of(eqx.tree_at(lambda arm: arm.joints[1].axis, arm, np.array([0.0, 1.0, 0.0])))
+    assert list(Robot.of(arm).differences(tilted)) == ["joint2.axis"]
+    undriven = replace(Robot.of(arm), driven=("joint1", "joint2"))
+    assert list(Robot.of(arm).differences(undriven)) == ["driven joints"]
+
+
+def test_what_was_fitted_and_what_belongs_to_the_work_may_differ():
+    arm = lcd_arm()
+    numbers = {K: 9e4, "link2.mass": 30.0, "tip.position.x": 2.0, "glass.mass": 1.0, "joint1.tau_bend": 0.1}
+    inertias = [f"link2.inertia.{end}" for end in ("xx", "yy", "zz")]
+    numbers |= {path: float(arm.get(path)) * 30 / 36.395 for path in inertias}
+    bare = Arm("bare", arm.replace(numbers).joints, gravity=arm.gravity)
+    assert not of_this_robot(fitted(), Robot.of(arm), Robot.of(bare)).remark
+    assert of_this_robot(fitted(), Robot.of(arm, "a"), Robot.of(bare, "b")).remark == OTHER_ARM
+    assert of_this_robot(fitted(), Robot(sha256="a"), Robot.of(bare, "b")).remark == OTHER_ARM, "an earlier version's"
+
+
+def test_what_a_file_rounds_is_no_difference():
+    own = Robot.of(lcd_arm().replace({"link1.mass": 42.0 * (1 + 3e-7), "link1.com.y": 2e-10}))
+    assert not Robot.of(lcd_arm()).differences(own)
+
+
+def test_a_design_differs_in_what_it_says_but_is_not_undone():
+    arm = lcd_arm()
+    robot, shaped = Robot.of(arm), Robot.of(arm.replace({"bracket.mass": 15.0, "bracket.inertia.xx": 1.0}))
+    words = of_this_robot(fitted(), robot, shaped, designed=["bracket.mass"]).remark
+    assert words == "identified before ident design changed bracket.mass; bracket.inertia"
+    stiffer = Robot.of(arm.replace({K: 2e5}))
+    with pytest.raises(InputError, match=f"other values of what ident design has changed: {K}"):
+        of_this_robot(fitted(), robot, stiffer, designed=[K])
+    assert not of_this_robot(fitted(), robot, stiffer, designed=[K], changed=[K]).remark
+    assert not of_this_robot(fitted(), robot, Robot.of(arm.replace({K: 1e5})), designed=[K]).remark, "as fitted"
+
+
+def test_a_robot_comes_back_from_its_document():
+    robot = Robot.of(lcd_arm(), "a")
+    assert Robot.read(json.loads(json.dumps(robot.document)), "a") == robot

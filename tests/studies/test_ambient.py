@@ -51,7 +51,7 @@ def test_the_report_names_harmonics_and_what_shapes_are(result):
 
 
 def test_figures_files_and_a_saved_result(result, tmp_path):
-    assert list(result.figures()) == ["", "modes", "shapes"]
+    assert list(result.figures()) == ["modal", "modes", "shapes"]
     written = result.save(tmp_path)
     assert [path.name for path in written][:2] == [f"{result.name}.csv", f"{result.name}.covariance.csv"]
     assert ident.read_campaign(written[0]) == result.campaign

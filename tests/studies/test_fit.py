@@ -1,5 +1,6 @@
 """`ident.fit` from Python: what it gives, that it comes back, and what it refuses."""
 
+import json
 from dataclasses import replace
 
 import equinox as eqx
@@ -137,6 +138,33 @@ def test_an_arm_that_was_made_in_python_will_do(table_1, result, tmp_path):
     assert_comes_back(other, tmp_path)
 
 
+def test_its_measurements_are_a_table(result, table_1, tmp_path):
+    rows = result.measurements
+    assert_plain(rows)
+    assert [(row["row"], row["kind"], row["place"]) for row in rows] == [
+        ("5", "frequency", "vertical bending 1"),
+        ("6", "frequency", "lateral torsion 1"),
+        ("7", "deflection", "tip"),
+    ]
+    first, second, down = seen(result.parameters)
+    assert sorted(row["predicted"] for row in rows[:2]) == pytest.approx([first, second], rel=1e-6)
+    assert rows[2]["predicted"] == pytest.approx(-down, rel=1e-6)
+    for row, m in zip(rows, table_1, strict=True):
+        assert (row["measured"], row["sigma"], row["unit"]) == (m.value, m.sigma, "m" if m.point else "Hz")
+        assert row["residual"] == pytest.approx((m.value - row["predicted"]) / m.sigma, rel=1e-9)
+    assert json.loads(result.save(tmp_path)[0].read_text())["measurements"] == rows
+    assert [row["too_far_off"] for row in rows] == result.fit.suspicious.tolist()
+
+
+def test_options_may_be_keywords_patterns_and_single_texts(result, table_1):
+    other = fit(lcd_arm(), table_1, starts=1, fix="joint1.k_b*", no_explain=True)
+    assert other.options == replace(result.options, fix=("joint1.k_b*",))
+    assert other.parameters == result.parameters
+    assert fit(lcd_arm(), table_1, result.options, fix="*.k_bend").parameters.keys() == {
+        f"joint{i}.k_tors" for i in (1, 2, 3)
+    }
+
+
 def test_progress_is_told_of_every_start(table_1):
     shown = []
 
@@ -156,6 +184,64 @@ def test_who_takes_over_a_fit_learns_what_speaks_against_it(result, tmp_path):
         other = fitted_values(fitted, ident.read_arm(tmp_path / "arm.toml")).remark
         assert other == f"{remark}; fitted to another arm file, or to this one before it was changed"
     assert f"REMARK: {remark}" in " ".join(ident.predict(own, fit=file).report().split())
+
+
+@pytest.fixture
+def heavier(tmp_path):
+    """The arm file with another bracket: another robot."""
+    text = (DATA / "lcd_arm" / "arm.toml").read_text()
+    changed = text.replace("mass = { value = 19.1122", "mass = { value = 20")
+    assert changed != text
+    (tmp_path / "heavier.toml").write_text(changed)
+    return tmp_path / "heavier.toml"
+
+
+def test_a_fit_of_another_robot_is_refused_unless_forced(result, tmp_path, heavier, run):
+    file = result.save(tmp_path)[0]
+    assert json.loads(file.read_text())["robot"]["name"] == "LCD transfer arm"
+    words = "got the values of another robot, LCD transfer arm: bracket.mass (19.1122 kg there, 20 kg here)"
+    for fitted in (result, file):
+        with pytest.raises(ident.InputError) as error:
+            ident.predict(heavier, fit=fitted)
+        assert words in str(error.value)
+        forced = ident.predict(heavier, ident.PredictOptions(force=True), fit=fitted)
+        assert words.removeprefix("got ") in " ".join(forced.report().split())
+        assert ident.predict(heavier, ident.PredictOptions(set={"bracket.mass": 19.0}), fit=fitted)
+    for command in ("simulate", "resonance", "sweep", "design", "predict", "explore"):
+        more = ["--change=bracket.mass"] * (command == "design")
+        code, out, err = run(command, str(heavier), "--fit", str(file), *more)
+        assert (code, out) == (2, "")
+        assert words in err
+        assert "or insist (--force)" in err
+        assert len(err.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+    code, out, _ = run("predict", str(heavier), "--fit", str(file), "--force", "--json")
+    assert code == 0
+    assert json.loads(out)["options"]["force"]
+
+
+def test_export_into_another_robot_is_refused_unless_forced(result, tmp_path, heavier, run):
+    file = result.save(tmp_path)[0]
+    words = ("export", str(file), "--arm", str(heavier), "--out", "fitted.toml")
+    code, out, err = run(*words)
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert "bracket.mass (19.1122 kg there, 20 kg here)" in err
+    assert "or insist (--force)" in err
+    assert not (tmp_path / "fitted.toml").exists()
+    assert run(*words, "--force")[0] == 0
+    assert float(ident.read_arm(tmp_path / "fitted.toml").arm.get("bracket.mass")) == 20
+
+
+def test_what_another_robot_has_left_in_a_folder_is_kept(result, tmp_path, heavier):
+    """Both campaigns are called the same, as `ident new` calls each."""
+    other = replace(result, arm=ident.read_arm(heavier))
+    (mine,) = result.save(tmp_path / "out")
+    result.save(tmp_path / "out")
+    assert len(list((tmp_path / "out").iterdir())) == 1
+    before = mine.read_text()
+    other.save(tmp_path / "out")
+    assert (tmp_path / "out" / "table1.fit.1.json").read_text() == before
+    assert ident.load(mine).arm.path == str(heavier)
 
 
 def test_values_of_another_base_are_refused(result, tmp_path):

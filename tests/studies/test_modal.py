@@ -206,7 +206,7 @@ def test_a_campaign_in_memory_is_fitted_as_the_one_that_is_written(result, manua
 
 def test_the_figures_and_the_table_have_each_mode(result):
     kinds = ("", "modes", "shapes")
-    assert list(result.figures()) == [f"{kind}{number}" for kind in kinds for number in ("", 2, 3, 4)]
+    assert list(result.figures()) == [f"{kind}{number}" or "modal" for kind in kinds for number in ("", 2, 3, 4)]
     rows = result.table()
     assert len(rows) == sum(len(each.modes.frequency) for each in result.identified)
     assert rows[0]["label"] == "lateral torsion 1"
@@ -246,7 +246,7 @@ def test_options_act_and_a_result_repeats(tmp_path):
     options = ident.ModalOptions(estimator="hv", band=(3.0, 20.0), window_end=1.0, no_modes=True)
     other = ident.modal_test(FOLDER, options=options)
     assert (other.identified, other.campaign) == ((), None)
-    assert list(other.figures()) == ["", "2", "3", "4"]
+    assert list(other.figures()) == ["modal", "2", "3", "4"]
     assert other.table() == []
     path = next(each for each in other.save(tmp_path) if each.suffix == ".nc")
     assert ident.rerun(path).same

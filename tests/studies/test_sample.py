@@ -2,6 +2,8 @@
 
 import json
 import warnings
+from dataclasses import replace
+from functools import partial
 
 import arviz
 import numpy as np
@@ -136,6 +138,46 @@ def test_draws_of_a_result_and_of_its_file_are_the_same(result, file):
     assert drawn_values(of_file, lcd_arm(), 3) is of_file
     assert drawn_groups(of_file, lcd_arm(), 3, 4) == (of_file, None)
     assert drawn_values(None, lcd_arm(), 3) is None
+
+
+def test_contradictory_data_withhold_every_interval_as_in_a_fit(arm_file, table_1, result, tmp_path):
+    """Table 1 contradicts itself; a factor on its deflection, which is inferred, is what reconciles it."""
+    options = {"starts": 1, "fix": FIT["fix"]}
+    doubted = sample(arm_file, table_1, SampleOptions(**options, steps=500, walkers=14))
+    fitted = fit(arm_file, table_1, FitOptions(**options, no_explain=True))
+    assert doubted.doubts == fitted.doubts != ()
+    assert doubted.doubtful
+    assert not any(fitted.supported.values())
+    report = doubted.report()
+    parameters = report[report.index("Parameters") : report.index("Measurements")]
+    names = doubted.sample.sample.posterior.parameters.names
+    assert parameters.count("  withheld ") == len(names)
+    assert " to " not in parameters.partition("  of prior:")[0]
+    assert "Combinations" not in report
+    assert "see below" not in report
+    assert "see ident fit" in report
+    assert "--discrepancy deflection:0.2 (20%)" in report
+    assert "No interval is to be quoted" in doubted.figures()["posterior"].get_suptitle()
+    assert doubted.document()["summary"]["doubts"] == list(fitted.doubts)
+    for source in (doubted, doubted.save(tmp_path)[0]):
+        assert drawn_values(source, arm_file, 5).remark.startswith("the fit is in doubt: the kinds of measurement")
+    wide = fit(arm_file, table_1, FitOptions(**options, no_explain=True, discrepancy={"deflection": 0.2}))
+    assert wide.doubts == ()
+    settled = replace(result, sample=replace(result.sample, fitted=wide.fit))
+    assert settled.doubts == ()
+    assert "withheld" not in settled.report()
+    assert "Combinations" in settled.report()
+
+
+def test_a_posterior_of_another_robot_is_refused_unless_forced(result, file):
+    other = lcd_arm().replace({"joint2.offset.z": 0.2})
+    for source in (result, file):
+        for read in (partial(drawn_values, count=4), partial(drawn_groups, count=4, fresh=4)):
+            with pytest.raises(ident.InputError, match=r"another robot, .*: joint2\.offset .*`force`") as error:
+                read(source, other)
+            assert len(str(error.value).splitlines()) == 1
+        forced = drawn_values(source, other, 4, options=ident.PredictOptions(force=True))
+        assert "another robot" in forced.remark
 
 
 def test_values_of_a_fit_and_of_its_file_are_the_same(arm_file, table_1, tmp_path):

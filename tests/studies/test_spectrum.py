@@ -71,7 +71,7 @@ def test_a_simulated_motion_is_analysed_as_its_file_is(motion, full, tmp_path):
     trace = read_trace(csv)
     given = spectrum(trace, FULL, arm=ARM, pulleys=read_pulleys(csv, trace), path=csv)
     assert given.report() == full.report()
-    assert set(full.figures()) == {"", "orders", "x", "z"}
+    assert set(full.figures()) == {"spectrum", "orders", "x", "z"}
     assert "Orders of drive1 and drive3" in full.report()
 
 

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from ident.identify.fleet import Fleet
 from ident.inference.population import Population
 from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PALE_BLUE, key_below, note, plain, power_of, titled
-from ident.present.text.units import in_paper_unit
+from ident.present.text.units import in_shown_unit
 from ident.present.text.words import cut
 
 COLUMNS = 3
@@ -69,7 +69,7 @@ def _handles() -> list[Artist]:
 
 def _panel(axes: Axes, fleet: Fleet, population: Population, i: int, shown: np.ndarray) -> None:
     """Draw one stiffness of the shown members."""
-    scale, unit = in_paper_unit(fleet.names[i], 1.0)
+    scale, unit = in_shown_unit(fleet.names[i], 1.0)
     size, unit = power_of(float(np.exp(population.next_mean[i])) * scale, unit)
     scale /= size
     x = np.arange(len(shown))

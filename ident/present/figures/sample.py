@@ -63,6 +63,8 @@ def posterior_figure(result: CampaignSample) -> Figure:
     right = min(len(result.fitted.campaign), DENSE) * ROW + PANEL
     arm, campaign = cut(result.fitted.arm.name, 50), cut(result.fitted.campaign.name, 50) or "measurements"
     title = f"Posterior of {arm} given {campaign}{of_first(result)}"
+    if result.withheld:
+        title += f"\nNo interval is to be quoted: {result.withheld[0].replace('see below', 'see ident fit')}"
     figure = titled((15.5, max(sum(left), right) + 0.5), title, (0.1, 0.06), wspace=0.04)
     columns = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     stacked = columns[0].subgridspec(2, 1, height_ratios=left)

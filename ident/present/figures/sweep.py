@@ -26,7 +26,7 @@ from ident.present.figures.style import (
     titled,
 )
 from ident.present.text.sweep_words import axis_in_words
-from ident.present.text.units import MM, in_paper_unit
+from ident.present.text.units import MM, in_shown_unit
 from ident.present.text.words import cut
 from ident.vibrate.redesign.sweep import Axis, Sweep
 from ident.vibrate.redesign.trend import curve, has_present
@@ -95,7 +95,7 @@ def _panels(study: SweepStudy, count: int) -> tuple[Figure, list[Axes]]:
 def _curves(axes: Axes, study: SweepStudy, sweep: Sweep) -> None:
     (axis,) = sweep.axes
     values, amplitudes = curve(sweep)
-    factor = in_paper_unit(axis.paths[0], 1.0)[0]
+    factor = in_shown_unit(axis.paths[0], 1.0)[0]
     for d, style in enumerate(WAYS):
         if sweep.draws is not None:
             low, high = MM * sweep.band[:, d]
@@ -114,7 +114,7 @@ def _curves(axes: Axes, study: SweepStudy, sweep: Sweep) -> None:
 
 def _multiples(axes: Axes, axis: Axis) -> None:
     """Show above the panel by which factor the number is changed."""
-    factor = in_paper_unit(axis.paths[0], axis.present)[0]
+    factor = in_shown_unit(axis.paths[0], axis.present)[0]
     functions: Any = (lambda x: x / factor, lambda x: x * factor)
     above = axes.secondary_xaxis("top", functions=functions)
     low, high = axis.values[[0, -1]] / axis.present
@@ -128,7 +128,7 @@ def _multiples(axes: Axes, axis: Axis) -> None:
 
 def _scale(axes: Axes, axis: Axis, which: str) -> None:
     """Scale and label the x or the y axis: logarithmic for factors, powers of ten in the label."""
-    factor, unit = in_paper_unit(axis.paths[0], 1.0)
+    factor, unit = in_shown_unit(axis.paths[0], 1.0)
     low, high = factor * axis.values[[0, -1]]
     size, named = power_of(max(abs(low), abs(high)), unit)
     getattr(axes, f"set_{which}lim")(low, high)
@@ -201,7 +201,7 @@ def _map_figure(study: SweepStudy) -> Figure:
     figure = titled((WIDTH, 6.4), motion_title(f"Vibration of {study.basis.point}", study.basis), (0.08, 0.08))
     axes = figure.subplots()
     plain(axes)
-    first, second = (in_paper_unit(axis.paths[0], 1.0)[0] * axis.values for axis in sweep.axes)
+    first, second = (in_shown_unit(axis.paths[0], 1.0)[0] * axis.values for axis in sweep.axes)
     largest = MM * sweep.amplitude.max(0)
     filled = axes.contourf(first, second, largest.T, levels=_levels(largest), cmap="viridis")
     bar = figure.colorbar(filled, ax=axes, pad=0.02)
@@ -223,7 +223,7 @@ def _levels(values: np.ndarray) -> np.ndarray:
 def _marks(axes: Axes, study: SweepStudy, sweep: Sweep) -> Iterator[Line2D]:
     """Mark present design, best point and limit, and yield what stands for them in the key."""
     largest = sweep.amplitude.max(0)
-    scales = [in_paper_unit(axis.paths[0], 1.0)[0] for axis in sweep.axes]
+    scales = [in_shown_unit(axis.paths[0], 1.0)[0] for axis in sweep.axes]
     best = np.unravel_index(largest.argmin(), largest.shape)
     marks = []
     if all(has_present(axis) for axis in sweep.axes):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.identify.sample import CampaignSample
-from ident.identify.values import BEST_ONLY, Draws, scaled_by
+from ident.identify.values import BEST_ONLY, Draws, Robot, scaled_by
 from ident.inference.posterior_summary import LEVELS, chains, quantiles
 from ident.present.files.document import check_format
 from ident.present.files.fit import rows
@@ -128,13 +128,19 @@ def read_posterior(form: str, path: str | Path) -> Draws:
         root = read_group(path)
         own = str(json.loads(root.attrs.get("format", '""')))
         ours = own.startswith("ident-sample/")
-        arm_sha256 = str(json.loads(root.attrs["inputs"])["arm"]["sha256"]) if ours else ""
+        of_ident = own.startswith("ident-")
+        arm_sha256 = str(json.loads(root.attrs["inputs"])["arm"]["sha256"]) if of_ident else ""
+        doubts = json.loads(root.attrs.get("trust", "{}")).get("doubts", []) if of_ident else []
         chains, remark = _best(path)
         group = read_group(path, "posterior")
-        by_paths, scaled = dict(_variables(group, chains)), json.loads(group.attrs.get("scaled", "[]"))
+        by_paths = dict(_variables(group, chains))
+        scaled = tuple(map(str, json.loads(group.attrs.get("scaled", "[]"))))
+        document = json.loads(root.attrs.get("robot", "null")) if of_ident else None
+        robot = Robot.read(document, arm_sha256)
     if ours:
         check_format(own, form, where, EXPECTED)
-    return Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark, arm_sha256, tuple(map(str, scaled)))
+    draws = Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark, scaled, robot)
+    return draws.doubted(tuple(map(str, doubts)))
 
 
 def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:

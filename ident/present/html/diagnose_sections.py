@@ -14,7 +14,7 @@ from ident.present.text.diagnose import stage_report
 from ident.present.text.remedy_words import change_words
 from ident.present.text.resonance_words import caused_words, grouped, sources_words
 from ident.present.text.sensitivity import UNSURE, unsure_words
-from ident.present.text.units import MM, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.units import MM, in_shown_unit, is_stiffness
 from ident.present.text.words import percent
 
 
@@ -34,19 +34,22 @@ def _drawn(diagnosis: Diagnosis, stage: str, figure: Figure, narrow: Figure) -> 
 
 
 def _stiffness(diagnosis: Diagnosis) -> Table:
-    names = diagnosis.identification.sampled.fitted.problem.parameters.names
+    sampled = diagnosis.identification.sampled
+    names, doubted = sampled.fitted.problem.parameters.names, bool(sampled.withheld)
     rows = tuple(
-        (name, f"{median:#.4g}", f"{low:#.4g} to {high:#.4g}", unit_of(name), _in_paper_unit(name, float(median)))
+        (
+            name,
+            f"{in_shown_unit(name, float(median))[0]:#.4g}",
+            "withheld" if doubted else " to ".join(f"{in_shown_unit(name, float(x))[0]:#.4g}" for x in (low, high)),
+            in_shown_unit(name, 1.0)[1],
+        )
         for name, (low, median, high) in zip(names, diagnosis.identification.quantiles.T, strict=True)
     )
-    head = ("number", "median", "95 % interval", "unit", "median in N mm/deg")
+    head = ("number", "median", "95 % interval", "unit")
     short = diagnosis.identification.short
     note = "The chains are shorter than they should be: the intervals are rough." if short else ""
+    note += " No interval is quoted, as the fit is in doubt." * doubted
     return Table("Identified numbers, from the posterior", head, rows, note)
-
-
-def _in_paper_unit(name: str, value: float) -> str:
-    return f"{nmm_per_deg(value):#.4g}" if is_stiffness(name) else ""
 
 
 def _trust(diagnosis: Diagnosis) -> Table:
@@ -157,7 +160,12 @@ def _verification(diagnosis: Diagnosis) -> Table:
     assert remedy is not None
     assert verified is not None
     rows = tuple(
-        (path, f"{remedy.before[path]:.4g}", f"{value:.4g}", _change(path, remedy.before[path], value), unit_of(path))
+        (
+            path,
+            *(f"{in_shown_unit(path, number)[0]:.4g}" for number in (remedy.before[path], value)),
+            _change(path, remedy.before[path], value),
+            in_shown_unit(path, 1.0)[1],
+        )
         for path, value in remedy.values.items()
     )
     title = "What to change" if verified.holds else "What the first of them changes"

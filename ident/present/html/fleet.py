@@ -19,7 +19,7 @@ from ident.present.html.page import Page, Picture, Section, Table, Verdict
 from ident.present.html.picture import picture
 from ident.present.text.compare import ratio_words, stiffness_words
 from ident.present.text.fleet import known_by
-from ident.present.text.units import in_paper_unit
+from ident.present.text.units import in_shown_unit
 from ident.present.text.words import cut, percent
 
 Kind = Literal["accept", "warn", "reject"]
@@ -126,11 +126,11 @@ def _against(population: Population | None, r: int | None, count: int) -> tuple[
 
 
 def _population(fleet: Fleet, population: Population) -> Section:
-    unit = in_paper_unit(fleet.names[0], 1.0)[1]
+    unit = in_shown_unit(fleet.names[0], 1.0)[1]
     rows = []
     for i, name in enumerate(fleet.names):
         low, middle, high = (
-            f"{in_paper_unit(name, float(np.exp(x)))[0]:#.4g}"
+            f"{in_shown_unit(name, float(np.exp(x)))[0]:#.4g}"
             for x in np.quantile(population.mean[:, i], [0.025, 0.5, 0.975])
         )
         least, spread, most = map(percent, np.quantile(population.sd[:, i], [0.025, 0.5, 0.975]).tolist())
@@ -211,15 +211,15 @@ def _of_robot(fleet: Fleet, robot: Robot, r: int | None, out: bool) -> str:
 
 
 def _stiffnesses(fleet: Fleet, robot: Robot, r: int | None) -> Section:
-    population, unit = fleet.population, in_paper_unit(robot.names[0], 1.0)[1]
-    own = [f"{in_paper_unit(n, float(np.exp(x)))[0]:#.4g}" for n, x in zip(robot.names, robot.theta, strict=True)]
+    population, unit = fleet.population, in_shown_unit(robot.names[0], 1.0)[1]
+    own = [f"{in_shown_unit(n, float(np.exp(x)))[0]:#.4g}" for n, x in zip(robot.names, robot.theta, strict=True)]
     words, sd = [stiffness_words(name) for name in robot.names], [percent(float(x)) for x in robot.sd]
     head: tuple[str, ...] = (f"stiffness [{unit}]", "own fit", "± sd of ln")
     rows = list(zip(words, own, sd, strict=True))
     if population is None or r is None:
         return Section("Stiffnesses", (), tables=(Table("By its own data", head, tuple(rows)),))
     shrunk = [
-        f"{in_paper_unit(n, float(np.exp(x)))[0]:#.4g}"
+        f"{in_shown_unit(n, float(np.exp(x)))[0]:#.4g}"
         for n, x in zip(robot.names, population.robot_mean[r], strict=True)
     ]
     against, off = _against(population, r, len(own)), [percent(float(p)) for p in population.off[r]]

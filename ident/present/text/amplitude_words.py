@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from ident.assess.basis import Basis
 from ident.present.text.basis import load_in_words, motion_in_words
-from ident.present.text.units import MM, unit_of, value_in_words
+from ident.present.text.units import MM, unit_of
 from ident.vibrate.redesign.variable import Variable
 from ident.vibrate.response.amplitude import MEASURES
 from ident.vibrate.response.study import DIRECTIONS
@@ -42,13 +42,6 @@ def change_in_words(variable: Variable, change: float) -> str:
     if variable.shifted:
         return f"{change:+.4g} {unit_of(variable.paths[0])}".removesuffix(" -")
     return f"{np.exp(change):.4g}x"
-
-
-def both_units(path: str, value: float) -> str:
-    """Write a value in SI, and in N mm/deg if it is a stiffness."""
-    plain = f"{value:.4g} {unit_of(path)}".removesuffix(" -")
-    words = value_in_words(path, value)
-    return plain if words == plain else f"{plain} = {words}"
 
 
 def mm(value: float) -> str:

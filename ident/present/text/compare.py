@@ -9,7 +9,7 @@ from ident.identify.compare import Comparison
 from ident.identify.fit import CampaignFit
 from ident.inference.change import LEVEL
 from ident.inference.verdicts import holm
-from ident.present.text.units import in_paper_unit
+from ident.present.text.units import in_shown_unit
 from ident.present.text.words import cut, paragraphs
 
 KINDS = {"k_bend": "bending", "k_tors": "torsion"}
@@ -72,9 +72,9 @@ def stiffness_words(name: str) -> str:
 def _table(comparison: Comparison) -> Iterator[str]:
     change = comparison.change
     columns = f"{'change':>9s}   {'95 % interval':19s}{'p':>8s}"
-    yield f"{f'Stiffness [{in_paper_unit(change.names[0], 1.0)[1]}]':20s}{'before':>12s}{'after':>12s}{columns}"
+    yield f"{f'Stiffness [{in_shown_unit(change.names[0], 1.0)[1]}]':20s}{'before':>12s}{'after':>12s}{columns}"
     for i, name in enumerate(change.names):
-        before, after = (f"{in_paper_unit(name, float(part[i]))[0]:.4g}" for part in (change.first, change.second))
+        before, after = (f"{in_shown_unit(name, float(part[i]))[0]:.4g}" for part in (change.first, change.second))
         verdict = "open" if change.open[i] else "<--" if change.changed[i] else ""
         low, high = map(ratio_words, change.interval[i])
         row = f"{ratio_words(change.change[i]):>9s}   {f'{low} to {high}':19s}{change.p_values[i]:8.2g}"

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.assess.design import DesignStudy, bound_of, keeps, same, unchanged
-from ident.present.text.amplitude_words import both_units, change_in_words, mm
+from ident.present.text.amplitude_words import change_in_words, mm
 from ident.present.text.basis import assumed_in_words
 from ident.present.text.sensitivity import heading, present, table
-from ident.present.text.units import MM, NMM, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.units import MM, in_shown_unit, value_in_words
 from ident.present.text.words import cut, paragraphs
 from ident.vibrate.redesign.binomial import BinomialEstimate
 from ident.vibrate.redesign.design import Design
@@ -63,11 +63,10 @@ def _changes(study: DesignStudy, design: Design) -> Iterator[str]:
         bounds = f"{low} to {high}" + (f", at the {at}" if at else "")
         for k, path in enumerate(variable.paths):
             words = f"{change_in_words(variable, change):>10s}  {bounds}" if k == 0 else f"{'the same':>10s}"
-            ends = float(arm.get(path)), design.best.values[path]
-            yield f"  {cut(path, 24):24s}{ends[0]:12.4g}{ends[1]:12.4g}  {unit_of(path):10s}{words}"
-            if is_stiffness(path):
-                before, after = (nmm_per_deg(end) for end in ends)
-                yield f"  {'':24s}{before:12.4g}{after:12.4g}  {NMM}"
+            (before, unit), (after, _) = (
+                in_shown_unit(path, end) for end in (float(arm.get(path)), design.best.values[path])
+            )
+            yield f"  {cut(path, 24):24s}{before:12.4g}{after:12.4g}  {unit:10s}{words}"
     masses = [path for variable in design.evaluator.variables for path in variable.paths if path.endswith(".mass")]
     if masses:
         yield f"  {', '.join(masses)}: inertia was kept; in the arm file it follows the mass where there is a shape"
@@ -136,7 +135,7 @@ def _minimum_change(design: Design) -> Iterator[str]:
         yield f"{title}: change norm {place.change_norm:.3f}, {mm(place.largest)} mm"
         for variable, change in zip(design.evaluator.variables, place.changes, strict=True):
             for path in variable.paths:
-                words = f"{change_in_words(variable, change):>12s}  {both_units(path, place.values[path])}"
+                words = f"{change_in_words(variable, change):>12s}  {value_in_words(path, place.values[path])}"
                 yield f"  {cut(path, 24):24s}{words}"
 
 

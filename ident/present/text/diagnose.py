@@ -124,6 +124,7 @@ def cautions(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.beyond:
         yield f"Caution: the motion turns {beyond_words(diagnosis)}, where the model is not tested."
     for doubt in sampled.fitted.doubts:
+        doubt = doubt.replace("see below", "see ident fit")
         yield f"Caution: {doubt}. What follows holds only as far as the identified numbers do."
 
 
@@ -134,7 +135,7 @@ def _stiffness(diagnosis: Diagnosis) -> tuple[list[str], str]:
         f"{len(fit.campaign)} measurements fix {rank} of {count} directions of the unknowns; "
         f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom."
     ]
-    findings += [f"Warning: {doubt}." for doubt in fit.doubts]
+    findings += [f"Warning: {doubt.replace('see below', 'see ident fit')}." for doubt in fit.doubts]
     if rank < count:
         findings.append("The other directions are filled by the prior: what follows holds as far as that does.")
     return findings, "How far to trust the model in postures that were not measured is asked of those that were."

@@ -15,7 +15,7 @@ from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.directions import what_is_fixed, what_is_open
 from ident.present.text.fit_details import measurements, optima, origins, uncertain_numbers
 from ident.present.text.ramps import loop_widths
-from ident.present.text.units import MM, is_length, unit_of
+from ident.present.text.units import MM, in_shown_unit, is_length, unit_of
 from ident.present.text.words import correlated_errors, cut, drive_states, in_percent, odd_numbers, paragraphs
 
 
@@ -63,7 +63,8 @@ def _answer(fit: CampaignFit) -> Iterator[str]:
         if item.nuisance:
             continue
         shown = word or _either_side(item, float(value), interval)
-        yield f"  {cut(item.name, 40):{width}s} {value:10.4g} {unit_of(item.name):7s}  {shown}"
+        number, unit = in_shown_unit(item.name, float(value))
+        yield f"  {cut(item.name, 40):{width}s} {number:10.4g} {unit:7s}  {shown}"
         for other in item.paths[1:]:
             yield f"    = {other}"
     meanings = {

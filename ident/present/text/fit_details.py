@@ -10,7 +10,7 @@ from ident.inference.fit import Fit
 from ident.inference.information import Information
 from ident.inference.parameters import Parameter
 from ident.inference.verdicts import farthest
-from ident.present.text.units import SETUP, in_read_unit, is_stiffness, nmm_per_deg, read_unit
+from ident.present.text.units import SETUP, in_read_unit, in_shown_unit, read_unit
 from ident.present.text.words import cut, describe, priors_in_words, shares
 
 LISTED = 12
@@ -116,17 +116,16 @@ def _advice(item: Parameter, known: Information, i: int, off: float) -> str:
 
 
 def origins(fit: CampaignFit) -> Iterator[str]:
-    """Yield for each parameter the arm file's value, the fitted one in the paper's unit, and what tells it."""
+    """Yield for each parameter the arm file's value, the fitted one, and what tells it."""
     known, items = fit.information, fit.problem.parameters.items
-    head = "fitted   arm file  ratio   N mm/deg  (arm file)   told by data, prior, both"
-    yield f"{'Parameters':17s}{head:>82s}"
+    yield f"{'Parameters':21s}{'fitted':>10s} {'arm file':>10s} {'':10s} {'ratio':>6s}   told by data, prior, both"
     for i, (item, value) in enumerate(zip(items, fit.best.values.tolist(), strict=True)):
         if item.nuisance:
             continue
-        start = float(item.start)
-        ratio = f"{value / start:.3g}" if start else "-"
-        paper = _in_paper_unit(item, value)
-        yield f"  {cut(item.name, 22):18s} {value:10.5g} {start:10.4g} {ratio:>6s} {paper}   {shares(known, i)}"
+        (now, unit), (start, _) = (in_shown_unit(item.name, number) for number in (value, float(item.start)))
+        ratio = f"{now / start:.3g}" if start else "-"
+        numbers = f"{now:10.5g} {start:10.4g} {unit:10s} {ratio:>6s}   {shares(known, i)}"
+        yield f"  {cut(item.name, 22):18s} {numbers}"
     yield "  both: the data, together with the priors of others"
     for prior in priors_in_words([item for item in items if not item.nuisance]):
         yield f"  prior: {prior}"
@@ -136,12 +135,6 @@ def origins(fit: CampaignFit) -> Iterator[str]:
     worst = _worst_correlation(known)
     if worst:
         yield f"  largest correlation: {worst}"
-
-
-def _in_paper_unit(item: Parameter, value: float) -> str:
-    if not is_stiffness(item.name):
-        return f"{'-':>10s} {'':11s}"
-    return f"{nmm_per_deg(value):10.4g} {f'({nmm_per_deg(float(item.start)):.4g})':11s}"
 
 
 def _worst_correlation(known: Information) -> str:

@@ -8,7 +8,7 @@ from ident.identify.fleet import FEWEST, STANDS_OUT, Fleet, Robot
 from ident.inference.population import LARGEST_K, LEAST_EFFECTIVE, Population
 from ident.present.files.fleet import fleet_priors
 from ident.present.text.compare import ratio_words, stiffness_words
-from ident.present.text.units import in_paper_unit
+from ident.present.text.units import in_shown_unit
 from ident.present.text.words import cut, kept, paragraphs, percent
 
 LISTED = 20
@@ -52,11 +52,11 @@ def _some(names: list[str]) -> str:
 
 
 def _population(fleet: Fleet, population: Population) -> Iterator[str]:
-    unit = in_paper_unit(fleet.names[0], 1.0)[1]
+    unit = in_shown_unit(fleet.names[0], 1.0)[1]
     yield f"{f'Population [{unit}]':24s}{'median':>11s}   {'95 % interval':25s}{'spread':>8s}   95 % interval"
     for i, name in enumerate(fleet.names):
         low, middle, high = (
-            f"{in_paper_unit(name, float(np.exp(x)))[0]:.4g}"
+            f"{in_shown_unit(name, float(np.exp(x)))[0]:.4g}"
             for x in np.quantile(population.mean[:, i], [0.025, 0.5, 0.975])
         )
         least, spread, most = map(percent, np.quantile(population.sd[:, i], [0.025, 0.5, 0.975]).tolist())

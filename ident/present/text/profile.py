@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from ident.identify.fit import CampaignFit
 from ident.inference.profile import FLAT, Interval, Profile, threshold
 from ident.inference.profile_path import Ending
-from ident.present.text.units import unit_of
+from ident.present.text.units import in_shown_unit
 from ident.present.text.words import drive_states, paragraphs, priors_in_words
 
 SIDES = ("below", "above")
@@ -37,7 +37,7 @@ def _table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
     level = level_in_words(profiles[0].widest.level)
     yield (f"{'Parameters':18s} {'fitted':>10s}  {f'{level}, linear':22s} {f'{level}, profile':22s} profile/linear")
     for profile in profiles:
-        (value,) = profile.values([profile.optimum])
+        value, _ = in_shown_unit(profile.name, float(profile.values([profile.optimum])[0]))
         mark = "" if profile.linear else " <--"
         yield (
             f"  {profile.name:16s} {value:10.5g}  {interval_text(profile, profile.linear_interval):22s}"
@@ -45,8 +45,8 @@ def _table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
         )
         for other in profile.item.paths[1:]:
             yield f"    = {other}"
-    units = {unit_of(profile.name): profile.name for profile in profiles}
-    each = ", ".join(f"{unit_of(profile.name)} of {profile.name}" for profile in profiles)
+    units = {in_shown_unit(profile.name, 1.0)[1]: profile.name for profile in profiles}
+    each = ", ".join(f"{in_shown_unit(profile.name, 1.0)[1]} of {profile.name}" for profile in profiles)
     yield f"  in {next(iter(units)) if len(units) == 1 else each}"
     yield "  profile/linear: halves of the interval below and above the fitted value; <-- more than 20 % off"
     if any(0.0 in profile.halves for profile in profiles):
@@ -114,8 +114,9 @@ def _side(profile: Profile, side: int) -> Iterator[str]:
 
 
 def interval_text(profile: Profile, interval: Interval) -> str:
-    """Write an interval [SI]: two numbers, one where a side is open, or `open`."""
-    low, high = (f"{value:.4g}" for value in profile.values([interval.low, interval.high]))
+    """Write an interval: two numbers, one where a side is open, or `open`."""
+    ends = profile.values([interval.low, interval.high])
+    low, high = (f"{in_shown_unit(profile.name, float(value))[0]:.4g}" for value in ends)
     below, above = (ending is Ending.OPEN for ending in interval.endings)
     if below or above:
         return "open" if below and above else f"below {high}" if below else f"above {low}"

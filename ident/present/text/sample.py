@@ -5,13 +5,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ident.identify.fit import CampaignFit
 from ident.identify.sample import CampaignSample
+from ident.inference.cross_prediction import contradicting
 from ident.inference.diagnostics import LONG_ENOUGH, MIXED, Diagnosis
 from ident.inference.linear_marginal import MOVED
 from ident.inference.posterior_summary import LEARNED, combinations, quantiles, share_of_prior
 from ident.inference.sample import RIVAL, Sample
 from ident.present.text.directions import product
-from ident.present.text.units import SETUP, in_read_unit, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.units import SETUP, in_read_unit, in_shown_unit
 from ident.present.text.words import cut, describe, drive_states, paragraphs, priors_in_words, scatter, span
 
 
@@ -35,13 +37,30 @@ def _heading(result: CampaignSample) -> Iterator[str]:
     yield f"  {(draws - sample.burn_in) * ensembles * walkers} draws by {ensembles} ensembles of {walkers} walkers"
     yield from drive_states(result.fitted.arm, result.fitted.campaign)
     for doubt in result.fitted.doubts:
-        yield f"  WARNING: of the fit: {doubt}"
-    if result.fitted.contradictory and not any("discrepancy" in n for n in sample.posterior.parameters.names):
-        yield "  The posterior takes the model as right. Infer how wrong it is: --discrepancy KIND:WIDTH"
+        yield f"  WARNING: of the fit: {doubt.replace('see below', 'see ident fit')}"
+    if result.withheld:
+        yield "  So no interval is quoted: each is `withheld`, as ident fit withholds it."
+        yield from what_to_do(result.fitted)
+
+
+def what_to_do(fit: CampaignFit) -> Iterator[str]:
+    """Say what to do about a posterior whose fit is in doubt."""
+    yield "  First look for a wrong row, label, unit or mass: ident fit names the candidates."
+    kinds = [cross for cross in contradicting(fit.cross_predictions) if (cross.measured * cross.predicted > 0).all()]
+    if kinds:
+        fewest = min(kinds, key=lambda cross: len(cross.rows))
+        off = float(np.abs(np.log(fewest.measured / fewest.predicted)).max())
+        width = max(1, math.ceil(10 * off / 1.96)) / 10
+        words = f"{fewest.kind.replace('_', ' ')} by a common factor"
+        yield f"  If the data are right, the model is not: let it get {words} wrong,"
+        yield f"  --discrepancy {fewest.kind}:{width:g} ({width:.0%}), and the factor is inferred with the rest."
+    else:
+        yield "  If the data are right, the model is not: let it get a kind of measurement wrong by a common factor,"
+        yield "  --discrepancy KIND:WIDTH, or infer the size of the errors, --noise KIND."
 
 
 def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
-    sample, optimum = result.sample, result.fitted.optima[basin]
+    sample, optimum, doubted = result.sample, result.fitted.optima[basin], bool(result.withheld)
     items = sample.posterior.parameters.items
     fitted = [*optimum.values, *(1.0 for _ in sample.posterior.noise.items)]
     where = f" about optimum {basin + 1}" if len(sample.basins) > 1 else ""
@@ -51,17 +70,12 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
         if item.name.startswith(SETUP):
             continue
         width = f"{share:6.0%} {'<--' if share > LEARNED else ''}" if math.isfinite(float(item.prior_sd)) else "  none"
+        one, unit = in_shown_unit(item.name, 1.0)
+        interval = "withheld" if doubted else span(low * one, high * one)
         yield (
-            f"  {item.name:16s} {median:10.4g}  {span(low, high):22s} {best:9.4g} {float(item.start):9.4g}"
-            f" {width:11s}  [{unit_of(item.name)}]"
+            f"  {item.name:16s} {median * one:10.4g}  {interval:22s} {best * one:9.4g} {float(item.start) * one:9.4g}"
+            f" {width:11s}  [{unit}]"
         )
-    stiff = [(item, q) for item, q in zip(items, quantiles(sample, basin).T, strict=True) if is_stiffness(item.name)]
-    if stiff:
-        yield "  in N mm/deg: median, 50 % and 95 % interval, arm file"
-        for item, q in stiff:
-            low, lower, median, upper, high = map(nmm_per_deg, q)
-            intervals = f"{span(lower, upper):22s}  {span(low, high):22s}"
-            yield f"  {item.name:16s} {median:10.4g}  {intervals}  {nmm_per_deg(float(item.start)):9.4g}"
     if basin == sample.basins[0]:
         yield "  of prior: width of the 95 % interval as a share of the prior's; near 100 % the data say nothing;"
         yield f"  <-- above {LEARNED:.0%}: what is known of it is mostly the prior"
@@ -71,7 +85,7 @@ def _parameters(result: CampaignSample, basin: int) -> Iterator[str]:
 
 def _combinations(result: CampaignSample) -> Iterator[str]:
     items = result.fitted.problem.parameters.items
-    if len(items) > 1:
+    if len(items) > 1 and not result.withheld:
         yield f"Combinations{of_first(result)}, best known first: standard deviation of the product over the draws"
         spread = result.sample.draws()[:, : len(items)].std(0)
         for direction in combinations(result.sample):

@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 
 from ident.assess.sweep import SweepStudy
-from ident.present.text.amplitude_words import both_units, mm, present_in_words, simulated_in_words
+from ident.present.text.amplitude_words import mm, present_in_words, simulated_in_words
 from ident.present.text.basis import assumed_in_words, basis_in_words
 from ident.present.text.sweep_words import axis_in_words, kept_in_words, trends_in_words, value_on
-from ident.present.text.units import MM, NMM, in_paper_unit, is_stiffness, nmm_per_deg, unit_of
+from ident.present.text.units import MM, in_shown_unit
 from ident.present.text.words import kept, paragraphs
 from ident.vibrate.redesign.sweep import Axis, Sweep
 from ident.vibrate.redesign.trend import LINES
@@ -35,7 +35,7 @@ def _heading(study: SweepStudy) -> Iterator[str]:
 def _parameter(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     (axis,) = sweep.axes
     yield axis_in_words(axis)
-    yield f"  at present {both_units(axis.paths[0], axis.present)}; {_values(axis)}"
+    yield f"  at present {value_on(axis, axis.present)}; {_values(axis)}"
     yield from _table(study, sweep)
     yield from trends_in_words(sweep)
     place = sweep.amplitude.argmin(1)
@@ -51,15 +51,14 @@ def _table(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     """Yield head and rows: value, amplitudes with bands [mm], probability that the limit is exceeded."""
     (axis,) = sweep.axes
     drawn, limit = sweep.draws is not None, study.limit
-    units = [f"[{name}]" for name in _units(axis)][-1 if drawn else 0 :] + ([] if axis.shifted else ["times"])
-    wide, narrow = (10, 7) if drawn else (12, 11)
-    head = "".join(f"{name:>{wide}s}" for name in units)
+    factor, unit = in_shown_unit(axis.paths[0], 1.0)
+    times, narrow = (8, 7) if drawn else (12, 11)
+    head = f"{f'[{unit}]':>12s}" + ("" if axis.shifted else f"{'times':>{times}s}")
     head += "".join(f"{d + ' [mm]':>{narrow}s}" + ("     5 to 95 %" if drawn else "") for d in DIRECTIONS)
     yield head + (" exceeds" if drawn and limit is not None else "")
     shares = sweep.exceeds(limit) if drawn and limit is not None else None
     for k, value in enumerate(axis.values):
-        numbers = [value, nmm_per_deg(value)][: len(_units(axis))][-1 if drawn else 0 :]
-        row = "".join(f"{number:{wide}.5g}" for number in [*numbers, *([] if axis.shifted else [value / axis.present])])
+        row = f"{value * factor:12.5g}" + ("" if axis.shifted else f"{value / axis.present:{times}.5g}")
         for d in range(3):
             row += f"{_short(sweep.amplitude[d, k]) if drawn else mm(sweep.amplitude[d, k]):>{narrow}s}"
             row += f"{'-'.join(map(_short, sweep.band[:, d, k])):>14s}" if drawn else ""
@@ -73,17 +72,17 @@ def _map(study: SweepStudy, sweep: Sweep) -> Iterator[str]:
     first, second = sweep.axes
     for axis in sweep.axes:
         yield axis_in_words(axis)
-        yield f"  at present {both_units(axis.paths[0], axis.present)}; {_values(axis)}"
+        yield f"  at present {value_on(axis, axis.present)}; {_values(axis)}"
     largest = sweep.amplitude.max(0)
     yield f"  For each {first.name}: least and largest of what is the largest over x, y and z [mm], and where"
-    names = [f"{axis.name} [{in_paper_unit(axis.paths[0], 1.0)[1]}]" for axis in (first, second, second)]
+    names = [f"{axis.name} [{in_shown_unit(axis.paths[0], 1.0)[1]}]" for axis in (first, second, second)]
     widths = [max(len(name), 12) for name in names]
     heads = (f"{name:>{width}s}" for name, width in zip(names, widths, strict=True))
     yield f"  {next(heads)}      least at {next(heads)}    largest at {next(heads)}"
     for value, row in zip(first.values, largest, strict=True):
-        number = f"{in_paper_unit(first.paths[0], value)[0]:.5g}"
+        number = f"{in_shown_unit(first.paths[0], value)[0]:.5g}"
         parts = [
-            f"{mm(row[k]):>11s} at {f'{in_paper_unit(second.paths[0], second.values[k])[0]:.5g}':>{width}s}"
+            f"{mm(row[k]):>11s} at {f'{in_shown_unit(second.paths[0], second.values[k])[0]:.5g}':>{width}s}"
             for k, width in zip((row.argmin(), row.argmax()), widths[1:], strict=True)
         ]
         yield f"  {number:>{widths[0]}s}{parts[0]}{parts[1]}{_mark(first, value)}"
@@ -122,10 +121,6 @@ def _values(axis: Axis) -> str:
     even = np.allclose(steps, steps[0]) and count > 2
     start, end = (kept(value_on(axis, value)) for value in (low, high))
     return f"{count} values from {start} to {end}, {'even' if even else 'equal factors'}"
-
-
-def _units(axis: Axis) -> list[str]:
-    return [unit_of(axis.paths[0]), *([NMM] if is_stiffness(axis.paths[0]) else [])]
 
 
 def _mark(axis: Axis, value: float) -> str:

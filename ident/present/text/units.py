@@ -1,10 +1,10 @@
 """How numbers are shown: in the units that people read. What a number of the arm is: `ident.arm.fields`."""
 
-from ident.arm.fields import SPEED, STIFFNESS, field_named, field_of
+from ident.arm.fields import SPEED, STIFFNESS, field_of
 from ident.identify.loops import is_of_loop, kind_of
 from ident.identify.setups import PREFIX
 from ident.measure.kinds import KINDS as MEASURED
-from ident.units import NMM_PER_DEG, QUANTITIES
+from ident.units import QUANTITIES, stiffness_unit
 
 KINDS = {
     "frequency": (1.0, "Hz"),
@@ -20,7 +20,6 @@ SETUP, TURN = PREFIX, ".turn."
 """What the numbers of a setup's frame are told by: its place, and how it is turned."""
 MM = 1e3
 """mm in a metre."""
-NMM = field_named("k_tors").read_unit
 
 
 def in_read_unit(kind: str, value: float) -> tuple[float, str]:
@@ -52,14 +51,14 @@ def is_length(path: str) -> bool:
     return own or (field is not None and field.read_unit == "mm")
 
 
-def nmm_per_deg(value: float) -> float:
-    """Return a stiffness [N m/rad] in N mm/deg, the paper's unit."""
-    return value / NMM_PER_DEG
-
-
 def read_unit(path: str) -> tuple[float, str]:
-    """Return the size in SI units of the unit that people read a parameter in, and the unit."""
+    """Return the size in SI units of the unit that people read a parameter in, and the unit.
+
+    Of a stiffness it is the one that was chosen, see `ident.units.stiffness_in`.
+    """
     field = field_of(path)
+    if is_stiffness(path):
+        return stiffness_unit()
     if path.startswith(SETUP):
         return (1e-3, "mrad") if TURN in path else (1e-3, "mm")
     if is_of_loop(path):
@@ -67,12 +66,15 @@ def read_unit(path: str) -> tuple[float, str]:
     return (field.read_size, field.read_unit) if field else (1.0, unit_of(path))
 
 
-def in_paper_unit(path: str, value: float) -> tuple[float, str]:
-    """Return a value in the unit of the paper, and the unit: N mm/deg for a stiffness, else SI, as it is given."""
-    return (nmm_per_deg(value), NMM) if is_stiffness(path) else (value, unit_of(path))
+def in_shown_unit(path: str, value: float) -> tuple[float, str]:
+    """Return a value and its unit: of a stiffness in the one that was chosen, else in SI, as it is given."""
+    if not is_stiffness(path):
+        return value, unit_of(path)
+    size, unit = stiffness_unit()
+    return value / size, unit
 
 
 def value_in_words(path: str, value: float) -> str:
-    """Write a value with its unit, as `6.28e+06 N mm/deg`."""
-    number, name = in_paper_unit(path, value)
+    """Write a value with its unit, as `3.598e+05 N m/rad`."""
+    number, name = in_shown_unit(path, value)
     return f"{number:.4g} {name}".removesuffix(" -")

@@ -15,7 +15,7 @@ from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
 from ident.measure.kinds import DIFFERENCES
 from ident.measure.load import format_direction
-from ident.present.text.units import in_read_unit, unit_of
+from ident.present.text.units import in_read_unit, in_shown_unit, unit_of, value_in_words
 from ident.text import one_line
 
 WIDTH = 100
@@ -240,9 +240,10 @@ def _prior(item: Parameter) -> str:
         return f"normal about the arm file's value, sd {sd * float(item.scale):.3g} {unit_of(item.name)}"
     if flat:
         low, high = centre * math.exp(-flat), centre * math.exp(flat)
-        return f"flat in the logarithm from {low:.4g} to {high:.4g} {unit_of(item.name)}, flanks {100 * sd:.2g} % wide"
+        (low, unit), (high, _) = (in_shown_unit(item.name, end) for end in (low, high))
+        return f"flat in the logarithm from {low:.4g} to {high:.4g} {unit}, flanks {100 * sd:.2g} % wide"
     own = unit_of(item.name) == "-" or not math.isclose(centre, float(item.start))
-    about = f"{centre:.4g} {unit_of(item.name)}".removesuffix(" -") if own else "the arm file's value"
+    about = value_in_words(item.name, centre) if own else "the arm file's value"
     return f"log-normal about {about}, 95 % within a factor of {as_factor(1.96 * sd, 3)}"
 
 

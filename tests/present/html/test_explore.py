@@ -359,7 +359,7 @@ def test_sliders_and_modes_are_moved_by_keys(lcd_page, browser_page):
             page.keyboard.press("ArrowRight")
         until(page, "location.hash.includes('joint1.k_bend')")
         assert page.evaluate("explorer.numbers().modes[0].frequency") > before
-        assert "N mm/deg" in page.get_attribute("#slider-3", "aria-valuetext")
+        assert "N m/rad" in page.get_attribute("#slider-3", "aria-valuetext")
         assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
         page.focus("#modes input:checked")
         page.keyboard.press("ArrowDown")

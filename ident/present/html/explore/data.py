@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from ident.arm.assembly import Moments
-from ident.arm.fields import field_named
 from ident.assess.exploration import Carried, Exploration, added, mass_of
 from ident.measure import Measurement
 from ident.measure.kinds import DIFFERENCES
 from ident.text import one_line
+from ident.units import stiffness_unit
 
 NOT_SHOWN = ("damping_ratio", "shape")
 """Kinds of measurement that the page does not show beside what it computes."""
@@ -24,7 +24,7 @@ def page_data(exploration: Exploration) -> dict[str, Any]:
         exploration: the arm.
     """
     arm, carried = exploration.arm, exploration.carried
-    stiffness = field_named("k_bend")
+    size, unit = stiffness_unit()
     return {
         "name": one_line(arm.name),
         "gravity": _plain(arm.gravity),
@@ -35,7 +35,7 @@ def page_data(exploration: Exploration) -> dict[str, Any]:
         "drives": [_drive(exploration, d) for d in range(len(arm.drives))],
         "stroke": _stroke(exploration),
         "readings": _readings(exploration),
-        "unit": {"name": stiffness.read_unit, "size": stiffness.read_size},
+        "unit": {"name": unit, "size": size},
     }
 
 
