@@ -31,11 +31,6 @@ def holm(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Float[np.ndarray,
     return np.minimum(stepwise, 1.0)[np.argsort(order)]
 
 
-def outlying(residuals: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
-    """Tell which of several normal residuals [sd] are too large for so many."""
-    return rare([2 * NormalDist().cdf(-abs(z)) for z in residuals.tolist()])
-
-
 def farthest(count: int) -> float:
     """Return the limit [sd] for the farthest of so many normal values."""
     return standard_deviations(RARE / max(count, 1))

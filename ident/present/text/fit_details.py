@@ -9,7 +9,6 @@ from ident.identify.loops import is_of_loop
 from ident.inference.fit import Fit
 from ident.inference.information import Information
 from ident.inference.parameters import Parameter
-from ident.inference.verdicts import farthest
 from ident.present.text.units import SETUP, in_read_unit, is_stiffness, nmm_per_deg, read_unit
 from ident.present.text.words import cut, describe, priors_in_words, shares
 
@@ -23,28 +22,35 @@ LEAST_COST = 0.01
 """Share by which an interval is widened that is worth a word."""
 FAR_OFF, OWN = 2.5, 0.1
 """Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
+UNCHECKED = "cannot be checked"
 ALL_ROWS = "Measurements, each with its row in the file"
 
 
 def measurements(fit: CampaignFit) -> Iterator[str]:
     """Yield each measurement beside what is predicted for it; of many, those that are farthest off."""
-    count, z, many = len(fit.campaign), fit.off, len(fit.campaign) > EVERY
-    shown = np.sort(np.argsort(-np.abs(z), kind="stable")[:FARTHEST]) if many else np.arange(count)
+    count, off, z, many = len(fit.campaign), fit.off, fit.standardised, len(fit.campaign) > EVERY
+    shown = sorted(fit.farthest_off[:FARTHEST]) if many else range(count)
     head = f"The {FARTHEST} of {count} measurements farthest off, with their rows" if many else ALL_ROWS
-    yield f"{head:57s}  measured  predicted      off by"
-    outliers = fit.suspicious
-    for i in shown.tolist():
+    yield f"{head:57s}  measured  predicted      off by          z"
+    outliers, unchecked = fit.suspicious, fit.row_tests.unchecked
+    for i in shown:
         m = fit.campaign.measurements[i]
         measured, unit = in_read_unit(m.kind, m.value)
         model, _ = in_read_unit(m.kind, float(fit.predicted[i]))
         row, mark = m.where.rpartition(":")[2], f" <--{_weight(fit, i)}" if outliers[i] else ""
-        numbers = f"{measured:9.4g} {model:10.4g} {unit:3s} {-z[i]:5.2f} sigma{mark}"
+        by_itself = f"{-z[i]:7.2f}" if np.isfinite(z[i]) else f"{'-':>7s}"
+        mark = f" {UNCHECKED}{mark}" if unchecked[i] else mark
+        numbers = f"{measured:9.4g} {model:10.4g} {unit:3s} {-off[i]:5.2f} sigma {by_itself}{mark}"
         yield f"  {row:>3s}  {cut(describe(m), 50):50s}  {numbers}"
     if many:
         yield from _by_kind(fit)
-    yield "  off by: measured less predicted"
+    yield "  off by: measured less predicted; z: the same in its own standard deviation, which is less than sigma as the"
+    yield "  fit follows the value: by that a value is judged"
+    if unchecked.any():
+        yield f"  {UNCHECKED}: no other measurement tells the same, and an error would pass unnoticed"
     if fit.weights is None:
-        yield f"  limit for the farthest of {count}: {farthest(count):.1f} sigma; what lies too far off is marked <--"
+        tests, which = fit.row_tests, "; a vector is judged as a whole" if fit.problem.vectors is not None else ""
+        yield f"  limit for the farthest z of {tests.tested}: {tests.limit:.1f}{which}; what lies too far off is marked <--"
         return
     several = int(fit.suspicious.sum())
     yield f"  robust: {several} of {count} values count for less than half, each marked <-- with its weight."
