@@ -14,7 +14,7 @@ IMPROBABLE = 1e-3
 """Chance of so large a chi-squared below which model or sigmas are called wrong; of so small a one, sigmas or rows."""
 
 
-def rare(chances: Sequence[float]) -> Bool[np.ndarray, "n"]:
+def rare(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
     """Tell which of several chances are too small, with one false alarm in 1 / RARE sets of them at most (`holm`)."""
     return holm(chances) < RARE
 
