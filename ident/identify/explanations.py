@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-import numpy as np
-
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.base import on_soft_base
 from ident.arm.fields import STIFFNESS
@@ -93,7 +91,7 @@ class Explanation:
 
     @property
     def score(self) -> float:
-        """What is left of the sum of squares, changes and labels among it: -2 times the logarithm of the probability."""
+        """What is left of the sum of squares, with changes and labels: minus twice the logarithm of the probability."""
         return self.cost + self.said + self.off**2
 
 

@@ -132,8 +132,9 @@ class CampaignFit(Fit):
     def _single(self, names: Sequence[str]) -> Iterator[str]:
         """Say which rows may be wrong by themselves, and which rows' errors nothing would show."""
         if self.blamed and (self.outliers.sum() > 1 or len(self.blamed) > 1):
-            each = " or ".join(f"row{'s' * (len(own) > 1)} {', '.join(names[i] for i in own)}" for own in self.blamed)
-            yield f"without {each} no other lies too far off: check {'that' if len(self.blamed) == 1 else 'these'} first"
+            rows = (", ".join(names[i] for i in own) for own in self.blamed)
+            each = " or ".join(f"row{'s' * (',' in row)} {row}" for row in rows)
+            yield f"without {each} no other lies too far off: look there first"
         if own := np.flatnonzero(self.row_tests.unchecked).tolist():
             rows = ", ".join(names[i] for i in own[:NAMED])
             rows += f" and {len(own) - NAMED} more" if len(own) > NAMED else ""

@@ -85,7 +85,8 @@ def _fits(fit: Fit, problem: InverseProblem, end: End, chi_squared: float) -> bo
 
     if not chdtrc(fit.degrees_of_freedom, chi_squared) >= IMPROBABLE:
         return False
-    return not row_tests(problem, *problem.weigh(end.predicted, np.asarray(end.jacobian), end.theta)).outliers.any()
+    residuals, slope = problem.weigh(end.predicted, np.asarray(end.jacobian), end.theta)
+    return not row_tests(problem, np.asarray(residuals), np.asarray(slope)).outliers.any()
 
 
 def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:

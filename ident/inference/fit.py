@@ -128,7 +128,8 @@ class Fit:
 
     @property
     def _weighed(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.problem.weigh(self.predicted, np.asarray(self.jacobian), self.best.theta)
+        residuals, slope = self.problem.weigh(self.predicted, np.asarray(self.jacobian), self.best.theta)
+        return np.asarray(residuals), np.asarray(slope)
 
     @property
     def outliers(self) -> Bool[np.ndarray, "D"]:

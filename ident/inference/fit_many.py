@@ -94,7 +94,7 @@ def fit_many(problem: InverseProblem, values: Values, size: int, seed: int = 0) 
     data, slope = best.residuals[:, :seen], best.slope[:, :seen]
     off = np.where(np.isfinite(values.sigma), (best.predicted[:, places] - values.measured) / values.sigma, 0.0)
     sound = _agreed(every, best) & _fitting(values, off, slope)
-    for r in np.flatnonzero(sound):
+    for r in np.flatnonzero(sound).tolist():
         with np.errstate(invalid="ignore"):  # of what is not fitted both sigmas are infinite
             own = slope[r][places] * np.nan_to_num(pooled.sigma[r][places] / values.sigma[r])[:, None]
         whole = [np.concatenate(part) for part in ((off[r], best.residuals[r, seen:]), (own, best.slope[r, seen:]))]

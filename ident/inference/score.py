@@ -171,9 +171,7 @@ class RowTests:
         return self.left < CHECKED
 
 
-def row_tests(
-    problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]
-) -> RowTests:
+def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> RowTests:
     """Test a shift of each value by itself, the parameters profiled out: is that value wrong?
 
     With C the covariance of the errors, r = predicted - measured, J the Jacobian, P what the priors know, and e the
@@ -223,7 +221,9 @@ def blamed(
     tell which of them is wrong.
 
     Args:
-        problem, residuals, slope: as of `row_tests`.
+        problem: as of `row_tests`.
+        residuals: as there.
+        slope: as there.
 
     Returns:
         Places of the value, or of the vector's components.
@@ -243,7 +243,10 @@ def blamed(
 
 
 def _of_vector(
-    problem: InverseProblem, own: Int[np.ndarray, "n"], score: Float[np.ndarray, "n"], absorbed: Float[np.ndarray, "n K"]
+    problem: InverseProblem,
+    own: Int[np.ndarray, "n"],
+    score: Float[np.ndarray, "n"],
+    absorbed: Float[np.ndarray, "n K"],
 ) -> tuple[float, float]:
     """Return the chance of the scores of a vector's components, NaN where they can't be tested, and what is left."""
     from scipy.special import chdtrc

@@ -244,7 +244,9 @@ def by_rows(name: str, draws: int, seed: int) -> bool:
     found = np.array([np.mean([noticed(i)[i] for _ in range(draws)]) for i in range(count)])
     outside = [i for i in range(count) if not _in_band(found[i], said[i], draws, count)]
     most = int(binom.ppf(BAND, draws, 0.0027))
-    print(f"{name}: {count} rows, limit {limit:.2f}; right campaigns with an alarm {alarms} of {draws} (at most {most})")
+    print(
+        f"{name}: {count} rows, limit {limit:.2f}; right campaigns with an alarm {alarms} of {draws} (at most {most})"
+    )
     print(f"  a row {OFF:g} sigma off is noticed: mean {found.mean():.3f}, as leverages say {said.mean():.3f}")
     print(f"  least {found.min():.3f} (said {said.min():.3f}); rows outside their {BAND:.1%} band, all rows: {outside}")
     return alarms <= most and not outside and bool(abs(found.mean() - said.mean()) < 0.02)

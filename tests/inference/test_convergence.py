@@ -94,7 +94,10 @@ def straight(p):
     ("off", "doubt"),
     [
         ([0.0, 0.1, -0.2, 0.2, 0.1, -0.1], None),
-        ([0.0, 0.1, -0.2, 9.0, 0.1, -0.1], "1 of 6 measurements lie too far from the fit (standardised residual beyond 3.5)"),
+        (
+            [0.0, 0.1, -0.2, 9.0, 0.1, -0.1],
+            "1 of 6 measurements lie too far from the fit (standardised residual beyond 3.5)",
+        ),
         ([2.9, -2.9, 2.9, -2.9, 2.9, -2.9], "so large a chi-squared has a chance of"),
     ],
 )

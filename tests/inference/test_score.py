@@ -228,7 +228,9 @@ def test_false_alarms_keep_their_level_and_a_wrong_row_is_noticed_as_often_as_it
     said = norm.cdf(6 * np.sqrt(1 - h) - farthest(20))
     found = np.array([sum(outliers(i)[i] for _ in range(draws)) for i in range(20)])
     assert (binom.ppf(2.5e-5, draws, said) <= found).all()
-    assert (found <= binom.ppf(1 - 2.5e-5, draws, said + 0.005)).all(), "the further limits of Holm's are a little lower"
+    assert (found <= binom.ppf(1 - 2.5e-5, draws, said + 0.005)).all(), (
+        "the further limits of Holm's are a little lower"
+    )
     assert abs(found.mean() / draws - said.mean()) < 0.02
     by_sigma = norm.cdf((6 * (1 - h) - farthest(20)) / np.sqrt(1 - h))
     assert by_sigma.mean() < said.mean() - 0.1, "what residual / sigma would notice"

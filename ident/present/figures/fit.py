@@ -16,7 +16,6 @@ from ident.identify.fit import CampaignFit
 from ident.inference.cross_prediction import contradicting
 from ident.inference.information import WEAK_ABOVE, Direction, Information
 from ident.inference.parameters import Parameter
-from ident.measure import Campaign
 from ident.present.figures.style import (
     BLUE,
     FILLED,

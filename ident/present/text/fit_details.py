@@ -44,13 +44,13 @@ def measurements(fit: CampaignFit) -> Iterator[str]:
         yield f"  {row:>3s}  {cut(describe(m), 50):50s}  {numbers}"
     if many:
         yield from _by_kind(fit)
-    yield "  off by: measured less predicted; z: the same in its own standard deviation, which is less than sigma as the"
-    yield "  fit follows the value: by that a value is judged"
+    yield "  off by: measured less predicted; z, by which a value is judged: the same in its own standard deviation,"
+    yield "  which is less than sigma as the fit follows the value"
     if unchecked.any():
         yield f"  {UNCHECKED}: no other measurement tells the same, and an error would pass unnoticed"
     if fit.weights is None:
-        tests, which = fit.row_tests, "; a vector is judged as a whole" if fit.problem.vectors is not None else ""
-        yield f"  limit for the farthest z of {tests.tested}: {tests.limit:.1f}{which}; what lies too far off is marked <--"
+        limit = f"{fit.row_tests.limit:.1f}{'; vectors as a whole' if fit.problem.vectors is not None else ''}"
+        yield f"  limit for the farthest z of {fit.row_tests.tested}: {limit}; what lies too far off is marked <--"
         return
     several = int(fit.suspicious.sum())
     yield f"  robust: {several} of {count} values count for less than half, each marked <-- with its weight."
