@@ -108,8 +108,14 @@ class Fit:
 
     @property
     def misfits(self) -> bool:
-        """Whether chi-squared, or where it says nothing a single value, lies too far from the model to be believed."""
-        return self.improbable or bool(np.isnan(self.p_value) and self.outliers.any())
+        """Whether chi-squared, or where it says nothing a single value, lies too far from the model to be believed.
+
+        By sigma: without degrees of freedom a standardised residual sets a value against the priors alone, and no other
+        optimum would mend that.
+        """
+        if not np.isnan(self.p_value):
+            return self.improbable
+        return bool((np.abs(self.residuals) > self.row_tests.limit).any())
 
     @property
     def contradictory(self) -> bool:

@@ -248,7 +248,7 @@ def _residuals(axes: Axes, fit: CampaignFit) -> None:
             axes.plot([z[i]], [y], linestyle="", **{**mark, **(RIMMED if outliers[i] else {"markersize": 5})})
     else:
         _cloud(axes, [campaign.measurements[i].kind for i in order], z[order], outliers[order])
-    axes.set_xlabel("(measured - predicted) / its standard deviation [-]; shaded: within ±2", fontsize=9)
+    axes.set_xlabel("(measured - predicted) / its own sd [-]; shaded: within ±2", fontsize=9)
     keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
     if outliers.any():
         keys["too far off"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
