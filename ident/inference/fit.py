@@ -17,7 +17,7 @@ from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, n
 from ident.inference.problem import Choice, InverseProblem
 from ident.inference.score import RowTests, blamed, row_tests
 from ident.inference.searcher import Searcher
-from ident.inference.verdicts import IMPROBABLE
+from ident.inference.verdicts import IMPROBABLE, farthest
 
 STARTS = 16
 """Starts tried at least, the given one among them."""
@@ -115,7 +115,8 @@ class Fit:
         """
         if not np.isnan(self.p_value):
             return self.improbable
-        return bool((np.abs(self.residuals) > self.row_tests.limit).any())
+        limit = farthest(int(np.isfinite(np.asarray(self.problem.sigma)).sum()))
+        return bool((np.abs(self.residuals) > limit).any())
 
     @property
     def contradictory(self) -> bool:

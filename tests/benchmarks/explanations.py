@@ -11,7 +11,8 @@ the wrong row has the largest z.
 
 `--rows` does the same for single wrong rows by linear algebra: one Jacobian at the arm file's stiffnesses, `--draws`
 draws of noise for each row, which is 6 sigma off, and as many of right campaigns; beside what the leverages say. Exit
-code 1 where a rate lies outside its binomial band.
+code 1 where a rate lies outside its binomial band. First it prints for each thing wrong how often rows and chi-squared
+ring, likewise by linear algebra, at the arm file's stiffnesses.
 """
 
 import argparse
@@ -29,7 +30,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import resumable
-from scipy.stats import binom, norm
+from scipy.stats import binom, chi2, norm
 from timing import commit, machine
 
 from ident.arm.arm import Arm, stiffness_paths
@@ -295,6 +296,45 @@ def by_rows(name: str, draws: int, seed: int) -> bool:
     return alarms <= most and not outside and bool(abs(found.mean() - said.mean()) < 0.02)
 
 
+def by_kind(name: str, draws: int, seed: int) -> None:
+    """Print how often rows and chi-squared ring by linear algebra, of campaigns of the arm file's stiffnesses."""
+    from ident.identify.build_problem import build_problem
+    from ident.inference.least_squares import evaluate
+    from ident.inference.score import row_tests
+    from ident.inference.verdicts import IMPROBABLE, rare
+
+    (arm, said), problem = case(name), build_problem(*case(name))
+    here, sigma = evaluate(problem), np.asarray(problem.sigma)
+    exact, theta = np.asarray(here.predicted), np.asarray(problem.parameters.theta(problem.parameters.column("start")))
+    _, slope = (np.asarray(x) for x in problem.weigh(exact, np.asarray(here.jacobian), theta))
+    freedom = len(exact) - np.linalg.matrix_rank(slope[: len(exact)])
+    print(
+        f"{name}, by linear algebra at the arm file's stiffnesses, of {draws}: rows by z, rows by sigma, chi-squared,"
+    )
+    print(
+        "  any by z, any by sigma; the wrong row, or one of two, has the largest z, residual / sigma, of those noticed"
+    )
+    for words, fault in faults(name).items():
+        rng, found = np.random.default_rng(seed), []
+        true = fault.arm(arm)
+        values = np.asarray(PREDICT(true, bind(true, fault.rows(said))))
+        for _ in range(draws):
+            drawn = values + sigma * rng.standard_normal(len(values))
+            told = (replace(m, value=float(v)) for m, v in zip(said, drawn, strict=True))
+            campaign, rows = fault.spoil(replace(said, measurements=tuple(told)), rng)
+            errors = np.append((exact - np.array([m.value for m in campaign])) / sigma, np.zeros(len(theta)))
+            step, *_ = np.linalg.lstsq(slope, -errors, rcond=None)
+            left = errors + slope @ step
+            tests, by_sigma = row_tests(problem, left, slope), left[: len(exact)]
+            by_z, by_s = bool(tests.outliers.any()), bool(rare(2 * norm.sf(np.abs(by_sigma))).any())
+            large = bool(chi2.sf((by_sigma**2).sum(), freedom) < IMPROBABLE)
+            firsts = [int(np.argmax(np.abs(np.nan_to_num(x)))) in rows for x in (tests.z, by_sigma)]
+            found.append(
+                [by_z, by_s, large, by_z or large, by_s or large, *(first and (by_z or large) for first in firsts)]
+            )
+        print(f"  {words:24s}" + " ".join(f"{count:6d}" for count in np.sum(found, 0)), flush=True)
+
+
 def _in_band(found: float, said: float, draws: int, count: int) -> bool:
     """Tell whether a rate is possible; further limits of Holm's are lower, so a little more may be noticed."""
     tail = (1 - BAND) / 2 / count
@@ -316,6 +356,7 @@ def main() -> None:
     asked = parser.parse_args()
     print(f"{machine()}, seed {asked.seed}, commit {commit()}")
     if asked.rows:
+        by_kind(asked.arm, asked.draws, asked.seed)
         sys.exit(not by_rows(asked.arm, asked.draws, asked.seed))
     if asked.once:
         names = [words for words in faults(asked.arm) if asked.only in words]

@@ -55,7 +55,7 @@ def explanations_in_words(found: Explanations, campaign: Campaign) -> Iterator[s
     yield (
         "  left: sum of squares of data and priors with about the least change that suffices; off by: in standard"
         " deviations of what is plausible, squared and added for their order"
-        f" ({_widths(found)}; all assumed), a slip counting as {SLIP:g}. Listed is what lowers left + off by^2 by"
+        f" ({_widths(found)}all assumed), a slip counting as {SLIP:g}. Listed is what lowers left + off by^2 by"
         f" {MARGIN:g} at least against the data as they are."
     )
     if any(item.linear for item in found.items):
@@ -132,7 +132,7 @@ def _widths(found: Explanations) -> str:
     kinds = dict.fromkeys(change.kind for item in found.items for change in item.changes)
     widths = {kind: KINDS[kind].plausible for kind in kinds if kind in KINDS}
     widths |= {kind: ASSUMED[kind].plausible for kind in kinds if kind in ASSUMED}
-    return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items())
+    return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items()) + "; " * bool(widths)
 
 
 def _telling(found: Sequence[Telling]) -> Iterator[str]:

@@ -22,7 +22,6 @@ LEAST_COST = 0.01
 """Share by which an interval is widened that is worth a word."""
 FAR_OFF, OWN = 2.5, 0.1
 """Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
-UNCHECKED = "cannot be checked"
 ALL_ROWS = "Measurements, each with its row in the file"
 
 
@@ -31,23 +30,22 @@ def measurements(fit: CampaignFit) -> Iterator[str]:
     count, off, z, many = len(fit.campaign), fit.off, fit.standardised, len(fit.campaign) > EVERY
     shown = sorted(fit.farthest_off[:FARTHEST]) if many else range(count)
     head = f"The {FARTHEST} of {count} measurements farthest off, with their rows" if many else ALL_ROWS
-    yield f"{head:57s}  measured  predicted      off by          z"
+    yield f"{head:56s} measured predicted     off by      z"
     outliers, unchecked = fit.suspicious, fit.row_tests.unchecked
     for i in shown:
         m = fit.campaign.measurements[i]
         measured, unit = in_read_unit(m.kind, m.value)
         model, _ = in_read_unit(m.kind, float(fit.predicted[i]))
         row, mark = m.where.rpartition(":")[2], f" <--{_weight(fit, i)}" if outliers[i] else ""
-        by_itself = f"{-z[i]:7.2f}" if np.isfinite(z[i]) else f"{'-':>7s}"
-        mark = f" {UNCHECKED}{mark}" if unchecked[i] else mark
-        numbers = f"{measured:9.4g} {model:10.4g} {unit:3s} {-off[i]:5.2f} sigma {by_itself}{mark}"
-        yield f"  {row:>3s}  {cut(describe(m), 50):50s}  {numbers}"
+        by_itself = f"{-z[i]:6.2f}" if np.isfinite(z[i]) else f"{'-':>6s}"
+        numbers = f"{measured:8.4g} {model:9.4g} {unit:3s} {-off[i]:7.2f} {by_itself}{' ?' * bool(unchecked[i])}{mark}"
+        yield f"  {row:>3s} {cut(describe(m), 50):50s} {numbers}"
     if many:
         yield from _by_kind(fit)
-    yield "  off by: measured less predicted; z, by which a value is judged: the same in its own standard deviation,"
-    yield "  which is less than sigma as the fit follows the value"
+    yield "  off by: measured less predicted, in sigma; z: in its own standard deviation, which is smaller as"
+    yield "  the fit follows the value: by z a value is judged"
     if unchecked.any():
-        yield f"  {UNCHECKED}: no other measurement tells the same, and an error would pass unnoticed"
+        yield "  ? cannot be checked: no other measurement tells the same, and an error would pass unnoticed"
     if fit.weights is None:
         limit = f"{fit.row_tests.limit:.1f}{'; vectors as a whole' if fit.problem.vectors is not None else ''}"
         yield f"  limit for the farthest z of {fit.row_tests.tested}: {limit}; what lies too far off is marked <--"
