@@ -14,11 +14,9 @@ import hashlib
 import importlib
 import json
 import math
-from collections.abc import Callable, Mapping
-from copy import copy
+from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
-from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -199,11 +197,11 @@ class _Reader:
 
     def thing(self, plain: dict[str, Any]) -> Any:
         kind, written = _class(plain["class"]), plain.keys() - {"class", "as"}
-        names, defaults = _field_names(kind), _defaults(kind)
-        if names is None or not written <= set(names) or any(name not in written | defaults.keys() for name in names):
+        names, later = _field_names(kind), _defaults(kind)
+        if names is None or written - set(names) or set(names) - written - later.keys():
             raise CodecError(f"{plain['class']} of another version of ident")
-        values = {name: self.value(plain[name]) for name in plain if name in written}
-        values |= {name: make() for name, make in defaults.items() if name not in written}
+        values = {name: default for name, default in later.items() if name not in written}
+        values |= {name: self.value(plain[name]) for name in plain if name in written}
         value = kind(**values) if issubclass(kind, tuple) else _restored(kind, values)
         if "as" in plain:
             self.shared[plain["as"]] = value
@@ -257,15 +255,12 @@ def _field_names(kind: type) -> list[str] | None:
     return list(kind._fields) if issubclass(kind, tuple) and hasattr(kind, "_fields") else None
 
 
-def _defaults(kind: type) -> dict[str, Callable[[], Any]]:
-    """Return what makes the fields that an earlier version may lack: any of options, of others those that are empty."""
+def _defaults(kind: type) -> dict[str, Any]:
+    """Return the fields that may be missing in a file, as it was written before they came, with what they are then."""
     if not is_dataclass(kind):
         return {}
-    if not (kind.__module__.startswith("ident.studies.") and kind.__name__.endswith("Options")):
-        return {each.name: tuple for each in fields(kind) if each.default == ()}
-    makers = {each.name: each.default_factory for each in fields(kind) if callable(each.default_factory)}
-    plain = {each.name: partial(copy, each.default) for each in fields(kind) if each.default is not MISSING}
-    return {**makers, **plain}
+    made = {f.name: f.default_factory() for f in fields(kind) if f.default_factory is not MISSING}
+    return made | {f.name: f.default for f in fields(kind) if f.default is not MISSING}
 
 
 def _name(kind: type) -> str:

@@ -13,7 +13,7 @@ from ident.identify.conditions import bind
 from ident.identify.loops import loop_parameters
 from ident.identify.predict import ArmModel, predict
 from ident.identify.repeats import shared_error
-from ident.identify.setups import frames_of, setup_parameters
+from ident.identify.setups import frames_of, setup_parameters, vectors_of
 from ident.identify.uncertain import check_measurable, scaled_bodies, uncertain_parameters
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.correlation import Correlation, correlation
@@ -48,6 +48,7 @@ def arm_problem(
         Parameters((*parameters.items, *uncertain_parameters(arm, widths), *setups, *loop_parameters(campaign))),
         tuple(m.kind for m in campaign),
         _correlation(campaign),
+        vectors_of(campaign),
     )
 
 

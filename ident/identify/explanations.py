@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-import numpy as np
-
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.base import on_soft_base
 from ident.arm.fields import STIFFNESS
@@ -20,15 +18,19 @@ from ident.identify.alternatives import KINDS, SCALES
 from ident.identify.assumptions import KINDS as ASSUMED
 from ident.identify.assumptions import Assumption
 from ident.identify.fit import CampaignFit
-from ident.identify.inquiry import LIKELY, RIDGES, Cause, Inquiry, inquire
+from ident.identify.inquiry import LIKELY, RIDGES, Cause, Finding, Inquiry, inquire
 from ident.identify.slips import slips
 from ident.identify.telling import LEADING, Telling, Told, telling
 from ident.identify.unknowns import Unknowns
+from ident.inference.exchange import Exchange
 from ident.inference.verdicts import SUSPICIOUS
 from ident.measure import Campaign
 
 SLIP = 2.6
 """Standard deviations that a slip of the pen counts as, one in a hundred campaigns; assumed."""
+MARGIN = 2.0
+"""By how much an explanation must score below the data as they are to be listed: less is "not worth more than a bare
+mention" (Kass, Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 1995, section 3.2)."""
 SINGLE = 40
 """Numbers up to which each is searched for; of more, those with which a linear model gains most."""
 ROWS = 6
@@ -70,8 +72,9 @@ class Explanation:
         changes: them.
         cost: sum of squares of data and priors that is left.
         fits: whether nothing speaks against the data any more.
-        wrong_sign: whether a spring would have to soften, as none does.
+        wrong_sign: whether a spring would have to soften, as none does: such a one is not listed.
         linear: whether it is an estimate along a straight line from the fit, not a fit of its own.
+        said: what speaks against the labels with them.
     """
 
     changes: tuple[Change, ...]
@@ -79,6 +82,7 @@ class Explanation:
     fits: bool
     wrong_sign: bool = False
     linear: bool = False
+    said: float = 0.0
 
     @property
     def off(self) -> float:
@@ -87,8 +91,8 @@ class Explanation:
 
     @property
     def score(self) -> float:
-        """What is left of the sum of squares, the changes among it: minus twice the logarithm of the probability."""
-        return self.cost + self.off**2
+        """What is left of the sum of squares, with changes and labels: minus twice the logarithm of the probability."""
+        return self.cost + self.said + self.off**2
 
 
 @dataclass(frozen=True)
@@ -97,13 +101,16 @@ class Explanations:
 
     Attributes:
         cost: sum of squares of data and priors with nothing otherwise.
-        items: those that fit, the most probable first; then the others by what they leave.
+        items: those that fit, the most probable first; then the others by what they leave. All score less than the data
+            as they are, by `MARGIN` at least.
         telling: what to measure to tell the leading ones apart.
+        said: what speaks against the labels with nothing otherwise.
     """
 
     cost: float
     items: tuple[Explanation, ...]
     telling: tuple[Telling, ...]
+    said: float = 0.0
 
     @property
     def fitting(self) -> tuple[Explanation, ...]:
@@ -135,21 +142,25 @@ def explain(
     before = inquiry.search() if inquiry is not None else None
     if inquiry is None or before is None:
         return None
-    tried = [_Tried(_exchanged(rows.rows, rows.chi_squared)) for rows in fit.exchanges]
-    numbers, rows = _causes(inquiry), _wrong_rows(fit)
+    tried = [_Tried(_exchanged(each)) for each in fit.exchanges]
+    numbers, rows = _causes(inquiry), [Cause(row=i) for i in fit.farthest_off[:ROWS]]
     others = [*_slips(fit), *_soft_bases(fit)]
     searches: list[Callable[[], _Tried | None]] = [
         *(lambda cause=cause: _with_causes(inquiry, [cause], campaign, before.cost) for cause in [*numbers, *rows]),
         *(lambda other=other: _put_right(fit, other, unknowns) for other in others),
     ]
     tried += [found for i in progress(range(len(searches))) if (found := searches[i]()) is not None]
-    tried += [_Tried(item) for item in _assumed(fit, inquiry, before.cost)]
-    if not any(each.item.fits and each.item.off < SUSPICIOUS and not each.item.wrong_sign for each in tried):
-        tried += _pairs(inquiry, numbers, campaign, before.cost)
+    tried += [_Tried(item) for item in _assumed(fit, inquiry, before)]
+    as_it_is = before.cost + before.said
+    tried = [each for each in tried if _explains(each.item, as_it_is)]
+    if not any(each.item.fits and each.item.off < SUSPICIOUS for each in tried):
+        pairs = _pairs(inquiry, numbers, campaign, before.cost)
+        tried += [each for each in pairs if _explains(each.item, as_it_is)]
     tried.sort(key=lambda each: _rank(each.item))
-    fitting = [each.told for each in tried if each.item.fits and not each.item.wrong_sign]
+    fitting = [each.told for each in tried if each.item.fits]
     leading = {place: told for place, told in enumerate(fitting, 1) if told is not None and place <= LEADING}
-    return Explanations(before.cost, tuple(each.item for each in tried), telling(arm, campaign, leading))
+    items = tuple(each.item for each in tried)
+    return Explanations(before.cost, items, telling(arm, campaign, leading), before.said)
 
 
 @dataclass(frozen=True)
@@ -160,8 +171,13 @@ class _Tried:
     told: Told | None = None
 
 
-def _rank(item: Explanation) -> tuple[bool, bool, float]:
-    return not item.fits, item.wrong_sign, item.score if item.fits else item.cost
+def _explains(item: Explanation, as_it_is: float) -> bool:
+    """Tell whether an explanation is possible, and more probable than the data as they are."""
+    return not item.wrong_sign and item.score < as_it_is - MARGIN
+
+
+def _rank(item: Explanation) -> tuple[bool, float]:
+    return not item.fits, item.score if item.fits else item.cost
 
 
 def _causes(inquiry: Inquiry) -> list[Cause]:
@@ -176,17 +192,6 @@ def _causes(inquiry: Inquiry) -> list[Cause]:
     return sorted(causes, key=lambda cause: -inquiry.gain([cause]))[:SINGLE]
 
 
-def _farthest(fit: CampaignFit) -> list[int]:
-    off = np.where(np.isfinite(np.asarray(fit.problem.sigma)), np.abs(fit.off), 0.0)
-    return [int(i) for i in np.argsort(-off, kind="stable")]
-
-
-def _wrong_rows(fit: CampaignFit) -> list[Cause]:
-    """Return the values that may be wrong by themselves; none where there are too few to say."""
-    own = [i for i in _farthest(fit) if np.isfinite(np.asarray(fit.problem.sigma)[i])]
-    return [Cause(row=i) for i in own[:ROWS]]
-
-
 def _with_causes(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, before: float) -> _Tried | None:
     """Search with causes at work; nothing where they gain nothing."""
     found = inquiry.search(causes, RIDGES if len(causes) == 1 else RIDGES[:1])
@@ -197,7 +202,7 @@ def _with_causes(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, 
         cause.numbers and not KINDS[cause.numbers[0].kind].signed and amount < 0
         for cause, amount in zip(causes, found.amounts, strict=True)
     )
-    item = Explanation(changes, found.cost, found.fits, wrong)
+    item = Explanation(changes, found.cost, found.fits, wrong, said=found.said)
     return _Tried(item, Told(inquiry, found))
 
 
@@ -213,12 +218,12 @@ def _change(cause: Cause, amount: float, sd: float, campaign: Campaign) -> Chang
     return Change(number.kind, of, rows, math.exp(amount) if kind.factor else amount, sd, off)
 
 
-def _exchanged(rows: tuple[int, int], chi_squared: float) -> Explanation:
-    return Explanation((Change("exchange", "", rows),), chi_squared, True)
+def _exchanged(each: Exchange) -> Explanation:
+    return Explanation((Change("exchange", "", each.rows),), each.score, True)
 
 
 def _slips(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
-    for slip in slips(fit.arm, fit.campaign, _farthest(fit)):
+    for slip in slips(fit.arm, fit.campaign, fit.farthest_off):
         yield Change("on" if slip.on else "off", slip.payload, slip.rows), fit.arm, slip.campaign
 
 
@@ -245,7 +250,7 @@ def _put_right(fit: CampaignFit, other: tuple[Change, Arm, Campaign], unknowns: 
         stiffness = {path: float(values.get(path, arm.get(path))) for path in stiffness_paths(arm)}
         share = max(stiffness[f"{first}.{k}"] / stiffness[f"base.{k}"] for k in STIFFNESS)
         change = replace(change, off=share / ASSUMED["base rocks"].plausible)
-    return _Tried(Explanation((change,), found.cost, found.fits), told)
+    return _Tried(Explanation((change,), found.cost, found.fits, said=found.said), told)
 
 
 def _anew(start: Mapping[str, float], arm: Arm, campaign: Campaign, unknowns: Unknowns) -> Told | None:
@@ -266,7 +271,7 @@ def _cost(told: Told) -> tuple[bool, float]:
     return not told.finding.fits, told.finding.cost
 
 
-def _assumed(fit: CampaignFit, inquiry: Inquiry, before: float) -> list[Explanation]:
+def _assumed(fit: CampaignFit, inquiry: Inquiry, before: Finding) -> list[Explanation]:
     """Return what the fit takes for granted and no search has set free, estimated by its score."""
     found = fit.assumptions
     if found is None:
@@ -275,12 +280,13 @@ def _assumed(fit: CampaignFit, inquiry: Inquiry, before: float) -> list[Explanat
     return [_by_score(item, inquiry, before) for item in kept if item.test.separable and item.test.z > 1]
 
 
-def _by_score(item: Assumption, inquiry: Inquiry, before: float) -> Explanation:
+def _by_score(item: Assumption, inquiry: Inquiry, before: Finding) -> Explanation:
     kind, test = ASSUMED[item.kind], item.test
-    amount, cost = test.z * test.sd, before - test.z**2
+    amount, cost = test.z * test.sd, before.cost - test.z**2
     off = amount / kind.plausible
     fits = inquiry.chance(cost, 1) >= LIKELY
-    return Explanation((Change(item.kind, item.joint, (), amount, test.sd, off),), cost, fits, linear=True)
+    change = Change(item.kind, item.joint, (), amount, test.sd, off)
+    return Explanation((change,), cost, fits, linear=True, said=before.said)
 
 
 def _pairs(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, before: float) -> list[_Tried]:

@@ -1,7 +1,7 @@
 """The main job in one call: an arm and a campaign in, a fit out, with what speaks against it."""
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ from ident.identify.exchangeable import exchangeable, moves_of
 from ident.identify.loops import Loop, loops
 from ident.identify.mode_assignment import FAR
 from ident.identify.predict import ArmModel
+from ident.identify.setups import vector_of
 from ident.identify.uncertain import scaled_inertia
 from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
@@ -22,7 +23,7 @@ from ident.inference.curvature import fixed_combinations
 from ident.inference.exchange import Exchange, exchanges
 from ident.inference.fit import STARTS, Fit, fit, with_stretch
 from ident.inference.robust import SUSPICIOUS, robust_weights, weighted
-from ident.measure import Campaign, Measurement
+from ident.measure import Campaign
 
 if TYPE_CHECKING:
     from ident.identify.explanations import Explanations
@@ -57,6 +58,18 @@ class CampaignFit(Fit):
     def off(self) -> Float[np.ndarray, "D"]:
         """(predicted - measured) / sigma, with the sigmas as they were said."""
         return self.residuals if self.weights is None else self.residuals / np.sqrt(self.weights)
+
+    @property
+    def standardised(self) -> Float[np.ndarray, "D"]:
+        """(predicted - measured) / standard deviation of that, see `RowTests.z`, with the sigmas as they were said."""
+        return self.row_tests.z if self.weights is None else self.row_tests.z / np.sqrt(self.weights)
+
+    @property
+    def farthest_off(self) -> tuple[int, ...]:
+        """Places of the fitted measurements, that of the largest standardised residual first."""
+        off = np.where(np.isfinite(np.asarray(self.problem.sigma)), np.abs(np.nan_to_num(self.standardised)), -1.0)
+        order = np.argsort(-off, kind="stable")
+        return tuple(order[off[order] >= 0].tolist())
 
     @property
     def suspicious(self) -> Bool[np.ndarray, "D"]:
@@ -96,7 +109,8 @@ class CampaignFit(Fit):
         rows = ", ".join(f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.renamed[:NAMED])
         rows += f" and {len(self.renamed) - NAMED} more" if len(self.renamed) > NAMED else ""
         mode = "this mode has another label: row" if len(self.renamed) == 1 else "these modes have other labels: rows"
-        return (*super().remarks, *((f"on the fitted arm {mode} {rows}",) if rows else ()), *self._exchanges(names))
+        renamed = (f"on the fitted arm {mode} {rows}",) if rows else ()
+        return (*super().remarks, *renamed, *self._single(names), *self._exchanges(names))
 
     @property
     def without_rounding(self) -> tuple[float, int]:
@@ -115,6 +129,17 @@ class CampaignFit(Fit):
                 chi_squared -= float((((measured[own] - mean) / sigma[own]) ** 2).sum())
                 freedom -= len(own) - 1
         return chi_squared, freedom
+
+    def _single(self, names: Sequence[str]) -> Iterator[str]:
+        """Say which rows may be wrong by themselves, and which rows' errors nothing would show."""
+        if self.blamed and (self.outliers.sum() > 1 or len(self.blamed) > 1):
+            units = (", ".join(names[i] for i in own) for own in self.blamed)
+            each = " or ".join(f"row{'s' * (',' in unit)} {unit}" for unit in units)
+            yield f"without {each} no other lies too far off: look there first"
+        if own := np.flatnonzero(self.row_tests.unchecked).tolist():
+            rows = ", ".join(names[i] for i in own[:NAMED])
+            rows += f" and {len(own) - NAMED} more" if len(own) > NAMED else ""
+            yield f"row{'s' * (len(own) > 1)} {rows} cannot be checked: no other measurement tells the same"
 
     def _exchanges(self, names: Sequence[str]) -> Iterator[str]:
         """Say of each pair of rows that the data would fit with its two values exchanged."""
@@ -182,7 +207,8 @@ def fit_campaign(
         compared, _ = cross_predictions(other, [o.theta for o in best.optima], seed=seed)
         best = with_stretch(replace(best, cross_predictions=compared))
     granted = assumptions(best, arm, campaign) if best.best.converged else None
-    found = CampaignFit(**vars(best), arm=arm, campaign=campaign, assumptions=granted, weights=weights)
+    known = {field.name: getattr(best, field.name) for field in fields(best)}
+    found = CampaignFit(**known, arm=arm, campaign=campaign, assumptions=granted, weights=weights)
     found = replace(found, exchanges=_suspected(found))
     widths = not found.doubts
     return replace(found, combinations=fixed_combinations(found.problem, found.end, found.information, widths=widths))
@@ -191,15 +217,8 @@ def fit_campaign(
 def units_of(campaign: Campaign) -> Int[np.ndarray, "D"]:
     """Return the number of each row's unit: rows of a group, and components of a vector, are one."""
     units: dict[Hashable, int] = {}
-    return np.array([units.setdefault(_unit(i, m), len(units)) for i, m in enumerate(campaign)], int)
-
-
-def _unit(row: int, m: Measurement) -> Hashable:
-    if m.group:
-        return m.group
-    if m.direction is None or not m.setup:
-        return row
-    return m.kind, m.posture, m.point, m.setup, m.load, m.reference_load, m.ramp, m.drives, m.repeat
+    rows = enumerate(campaign)
+    return np.array([units.setdefault(m.group or vector_of(m) or i, len(units)) for i, m in rows], int)
 
 
 def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:
@@ -207,7 +226,6 @@ def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:
     odd = fit.mislabelled or fit.improbable or fit.outliers.any()
     if not (odd and fit.best.converged and fit.degrees_of_freedom > 0) or fit.problem.correlation is not None:
         return ()
-    farthest_off = np.argsort(-np.abs(fit.residuals), kind="stable")[:FARTHEST].tolist()
-    pairs = list(exchangeable(fit.campaign, [*farthest_off, *fit.renamed[:FARTHEST]]))
+    pairs = list(exchangeable(fit.campaign, [*fit.farthest_off[:FARTHEST], *fit.renamed[:FARTHEST]]))
     suspected = [pair for pair in pairs if set(pair) <= set(fit.renamed)]
     return exchanges(fit, pairs, suspected, moves_of(fit.campaign))

@@ -22,7 +22,7 @@ from ident.inference.information import RANK_TOLERANCE
 from ident.inference.least_squares import End, looker
 from ident.inference.parameters import Parameters
 from ident.inference.problem import Choice, InverseProblem
-from ident.inference.verdicts import outlying
+from ident.inference.score import row_tests
 from ident.measure import Campaign
 
 RIDGES = 3.0, 20.0
@@ -57,7 +57,8 @@ class Finding:
         amounts: of each, in its own unit (see `alternatives.KINDS`); of a row, by how many of its sigmas it is off.
         sd: of these by data and priors.
         cost: sum of squares of data and priors at the optimum, without what is known of the amounts.
-        fits: whether neither that, nor a value, nor a label speaks against it.
+        said: what speaks against the labels there, minus twice the logarithm of their probability.
+        fits: whether neither cost, nor a value, nor a label speaks against it.
         theta: where: the unknowns, then all numbers that may be otherwise.
         covariance: of all these, by data and priors.
     """
@@ -66,6 +67,7 @@ class Finding:
     amounts: tuple[float, ...]
     sd: tuple[float, ...]
     cost: float
+    said: float
     fits: bool
     theta: Float[np.ndarray, "Q"]
     covariance: Float[np.ndarray, "Q Q"]
@@ -133,17 +135,17 @@ class Inquiry:
         _, slope = weigh(end)
         covariance = np.linalg.pinv(slope.T @ slope, rcond=RANK_TOLERANCE**2, hermitian=True)
         amounts, sd = end.theta[self.unknowns :], np.sqrt(np.diag(covariance)[self.unknowns :])
-        cost = float((self._weigh(end, np.inf * widths)[0] ** 2).sum())
-        sigma = np.asarray(self.problem.sigma)
-        off = ((end.predicted - np.asarray(self.problem.measured)) / sigma)[np.isfinite(sigma)]
+        residuals, slope = self._weigh(end, np.inf * widths)
+        cost = float((residuals**2).sum())
         likely = self.chance(cost, len(causes)) >= LIKELY
-        fits = bool(likely and not outlying(off).any() and end.choice.settled)
+        fits = bool(likely and end.choice.settled and not row_tests(self.problem, residuals, slope).outliers.any())
         whole = way @ end.theta
         return Finding(
             tuple(causes),
             tuple(map(float, amounts)),
             tuple(map(float, sd)),
             cost,
+            float(np.sum(end.choice.cost)),
             fits,
             whole,
             way @ covariance @ way.T,

@@ -1,13 +1,13 @@
 """Frames of setups, such as a laser tracker's: where they are taken to be first, and what of them is unknown."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ident.arm.rotations import matmul, matvec, rotation
 from ident.errors import InputError, Problem
@@ -47,6 +47,21 @@ class Frames(eqx.Module):
         zero = jnp.zeros_like(origin)
         place = _stacked(parameters, self.names, "", origin)
         return place, matmul(rotation(_stacked(parameters, self.names, "turn.", zero)), axes)
+
+
+def vector_of(m: Measurement) -> Hashable | None:
+    """Return what all rows share that are components of one reading with a setup; None for any other row."""
+    if m.direction is None or not m.setup:
+        return None
+    return m.kind, m.posture, m.point, m.setup, m.load, m.reference_load, m.ramp, m.drives, m.repeat
+
+
+def vectors_of(campaign: Campaign) -> Int[np.ndarray, "D"] | None:
+    """Return the number of each row's vector, see `InverseProblem`; None where no vector has several rows."""
+    numbers: dict[Hashable, int] = {}
+    shared = [vector_of(m) for m in campaign]
+    found = [numbers.setdefault(row if each is None else each, len(numbers)) for row, each in enumerate(shared)]
+    return np.array(found) if len(numbers) < len(found) else None
 
 
 def _stacked(parameters: Mapping[str, Any], names: Sequence[str], part: str, known: Array) -> Array:

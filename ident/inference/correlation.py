@@ -56,12 +56,27 @@ class Correlation(eqx.Module):
             parts.append(mixed.reshape((-1, *x.shape[1:])))
         return xp.concatenate(parts)[self.order]
 
+    def pull_back(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
+        """Return L'^-1 x for each group: what independent combinations say of each value, the adjoint of `whiten`."""
+        parts = [x[np.asarray(self.single)]]
+        for block in self.blocks:
+            mixed = np.einsum("gji,gj...->gi...", np.asarray(block.whitening), x[np.asarray(block.rows)])
+            parts.append(mixed.reshape((-1, *x.shape[1:])))
+        return np.concatenate(parts)[np.asarray(self.order)]
+
     def color(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
         """Return L x for each group: correlated numbers of independent ones."""
         parts = [x[np.asarray(self.single)]]
         for block in self.blocks:
             mixed = np.einsum("gij,gj...->gi...", np.linalg.cholesky(block.correlation), x[np.asarray(block.rows)])
             parts.append(mixed.reshape((-1, *x.shape[1:])))
+        return np.concatenate(parts)[np.asarray(self.order)]
+
+    @property
+    def precision(self) -> Float[np.ndarray, "D"]:
+        """Diagonal of the inverse of the whole correlation; 0 of a value within a group that does not count."""
+        parts = [np.ones(len(self.single))]
+        parts += [(np.asarray(block.whitening) ** 2).sum(1).ravel() for block in self.blocks]
         return np.concatenate(parts)[np.asarray(self.order)]
 
     @property

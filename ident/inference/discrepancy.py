@@ -116,4 +116,5 @@ def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> In
         Parameters((*problem.parameters.items, *more)),
         problem.kinds,
         problem.correlation,
+        problem.vectors,
     )

@@ -1,5 +1,6 @@
 """Which two values, put into each other's row, would make a fit of data that do not fit."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +13,8 @@ from ident.inference.fit import Fit
 from ident.inference.information import RANK_TOLERANCE
 from ident.inference.least_squares import End, solve
 from ident.inference.problem import InverseProblem
-from ident.inference.verdicts import IMPROBABLE, outlying
+from ident.inference.score import row_tests
+from ident.inference.verdicts import IMPROBABLE
 
 TRIED = 4
 """Exchanges that are fitted anew: so many of those suspected, and the best ones along a straight line."""
@@ -33,10 +35,12 @@ class Exchange:
     Attributes:
         rows: their places.
         chi_squared: of the data, fitted anew with the two values exchanged.
+        score: that, what the priors add, and what speaks against the labels, as of an `Optimum`.
     """
 
     rows: Pair
     chi_squared: float
+    score: float = math.nan
 
 
 def swap(pair: Pair) -> Moves:
@@ -67,18 +71,22 @@ def exchanges(
         problem = _moved(fit.problem, moves(pair))
         end, sigma = solve(problem, fit.best.theta), np.asarray(problem.sigma)
         residuals = (end.predicted - np.asarray(problem.measured)) / sigma
-        if _fits(fit, end, residuals[np.isfinite(sigma)]):
-            found.append(Exchange(pair, float(residuals @ residuals)))
+        chi_squared = float(residuals @ residuals)
+        if _fits(fit, problem, end, chi_squared):
+            found.append(Exchange(pair, chi_squared, float(end.cost + np.sum(end.choice.cost))))
     return tuple(sorted(found, key=lambda each: each.chi_squared))
 
 
-def _fits(fit: Fit, end: End, residuals: Float[np.ndarray, "D"]) -> bool:
+def _fits(fit: Fit, problem: InverseProblem, end: End, chi_squared: float) -> bool:
     """Tell whether neither chi-squared, nor a value, nor what was said of values speaks against an end."""
-    if not (np.isfinite(end.cost) and end.choice.settled) or outlying(residuals).any():
+    if not (np.isfinite(end.cost) and end.choice.settled):
         return False
     from scipy.special import chdtrc
 
-    return bool(chdtrc(fit.degrees_of_freedom, residuals @ residuals) >= IMPROBABLE)
+    if not chdtrc(fit.degrees_of_freedom, chi_squared) >= IMPROBABLE:
+        return False
+    residuals, slope = problem.weigh(end.predicted, np.asarray(end.jacobian), end.theta)
+    return not row_tests(problem, np.asarray(residuals), np.asarray(slope)).outliers.any()
 
 
 def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:

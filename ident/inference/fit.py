@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -14,8 +15,9 @@ from ident.inference.information import Direction, Information, half_width, info
 from ident.inference.least_squares import End, evaluate, solve
 from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd, rivals, unmet
 from ident.inference.problem import Choice, InverseProblem
+from ident.inference.score import RowTests, blamed, row_tests
 from ident.inference.searcher import Searcher
-from ident.inference.verdicts import IMPROBABLE, farthest, outlying
+from ident.inference.verdicts import IMPROBABLE, farthest
 
 STARTS = 16
 """Starts tried at least, the given one among them."""
@@ -109,34 +111,55 @@ class Fit:
 
     @property
     def misfits(self) -> bool:
-        """Whether chi-squared, or where it says nothing a single value, lies too far from the model to be believed."""
-        return self.improbable or bool(np.isnan(self.p_value) and self.outliers.any())
+        """Whether chi-squared, or where it says nothing a single value, lies too far from the model to be believed.
+
+        By sigma: without degrees of freedom a standardised residual sets a value against the priors alone, and no other
+        optimum would mend that.
+        """
+        if not np.isnan(self.p_value):
+            return self.improbable
+        limit = farthest(int(np.isfinite(np.asarray(self.problem.sigma)).sum()))
+        return bool((np.abs(self.residuals) > limit).any())
 
     @property
     def contradictory(self) -> bool:
         """Whether one kind of measurement contradicts the others."""
         return bool(contradicting(self.cross_predictions))
 
+    @cached_property
+    def row_tests(self) -> RowTests:
+        """Of each measurement, whether it is off by more than its error."""
+        return row_tests(self.problem, *self._weighed)
+
+    @property
+    def blamed(self) -> tuple[tuple[int, ...], ...]:
+        """The measurements, or vectors, any one of which may be wrong: without it no other lies too far off."""
+        return blamed(self.problem, *self._weighed)
+
+    @property
+    def _weighed(self) -> tuple[np.ndarray, np.ndarray]:
+        residuals, slope = self.problem.weigh(self.predicted, np.asarray(self.jacobian), self.best.theta)
+        return np.asarray(residuals), np.asarray(slope)
+
     @property
     def outliers(self) -> Bool[np.ndarray, "D"]:
         """Which measurements lie too far from the fit for so many."""
-        fitted = np.isfinite(np.asarray(self.problem.sigma))
-        found = np.zeros(len(fitted), bool)
-        found[fitted] = outlying(self.residuals[fitted])
-        return found
+        return self.row_tests.outliers
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
-        count, fitted = self.outliers.sum(), int(np.isfinite(np.asarray(self.problem.sigma)).sum())
+        count, limit = self.outliers.sum(), self.row_tests.limit
+        fitted = int(np.isfinite(np.asarray(self.problem.sigma)).sum())
         reasons = {
             "the search has not ended here, so this is not an optimum": not self.best.converged,
             "the cost is less elsewhere, so there is a better optimum: fit again with more starts": (
                 self.beaten is not None
             ),
             "the kinds of measurement contradict each other (see below)": self.contradictory,
-            f"{count} of {fitted} measurements lie too far from the fit (beyond {farthest(fitted):.1f} sigma)": count
-            > 0,
+            f"{count} of {fitted} measurements lie too far from the fit (standardised residual beyond {limit:.1f})": (
+                count > 0
+            ),
             f"so large a chi-squared has a chance of {self.p_value:.1g}": self.improbable,
         }
         return tuple(doubt for doubt, holds in reasons.items() if holds)

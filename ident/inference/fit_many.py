@@ -17,7 +17,8 @@ from ident.inference.information import RANK_TOLERANCE, half_width
 from ident.inference.least_squares import TURNS, UNTIL_ANEW, WHOLE, search
 from ident.inference.optima import SAME
 from ident.inference.problem import Growing, InverseProblem
-from ident.inference.verdicts import IMPROBABLE, farthest
+from ident.inference.score import row_tests
+from ident.inference.verdicts import IMPROBABLE
 from ident.jit import jit
 
 STARTS, SPREAD = 3, 0.3
@@ -91,7 +92,13 @@ def fit_many(problem: InverseProblem, values: Values, size: int, seed: int = 0) 
     best = _Ends(*(part[every.score.argmin(0), np.arange(count)] for part in every))
     seen = pooled.measured.shape[1]
     data, slope = best.residuals[:, :seen], best.slope[:, :seen]
-    sound = _agreed(every, best) & _fitting(values, best.predicted[:, places], slope)
+    off = np.where(np.isfinite(values.sigma), (best.predicted[:, places] - values.measured) / values.sigma, 0.0)
+    sound = _agreed(every, best) & _fitting(values, off, slope)
+    for r in np.flatnonzero(sound).tolist():
+        with np.errstate(invalid="ignore"):  # of what is not fitted both sigmas are infinite
+            own = slope[r][places] * np.nan_to_num(pooled.sigma[r][places] / values.sigma[r])[:, None]
+        whole = [np.concatenate(part) for part in ((off[r], best.residuals[r, seen:]), (own, best.slope[r, seen:]))]
+        sound[r] = not row_tests(_with(problem, values, r), *whole).outliers.any()
     sd = np.full(best.theta.shape, np.nan)
     sd[sound] = np.sqrt(np.linalg.inv(np.swapaxes(best.slope[sound], 1, 2) @ best.slope[sound]).diagonal(0, 1, 2))
     return Many(sound, best.theta, sd, data, slope)
@@ -102,13 +109,17 @@ def _padded(problem: InverseProblem, values: Values) -> tuple[InverseProblem, Va
     if not isinstance(problem.model, Growing):
         return problem, values, np.arange(len(problem.kinds))
     model, source, places = problem.model.padded()
-    own = (
-        InverseProblem(problem.model, *each, problem.parameters, problem.kinds) for each in zip(*values, strict=True)
-    )
+    own = (_with(problem, values, r) for r in range(len(values.measured)))
     mean, spread, _ = zip(*(each.pooled(source, places) for each in own), strict=True)
     pooled = Values(np.array(mean), np.array(spread))
     kinds = tuple(problem.kinds[i] for i in source)
     return InverseProblem(model, mean[0], spread[0], problem.parameters, kinds), pooled, places
+
+
+def _with(problem: InverseProblem, values: Values, r: int) -> InverseProblem:
+    """Return the problem with the values of one of many."""
+    measured, sigma = values.measured[r], values.sigma[r]
+    return InverseProblem(problem.model, measured, sigma, problem.parameters, problem.kinds, None, problem.vectors)
 
 
 def _ended(problem: InverseProblem, values: Values, start: np.ndarray) -> _Ends:
@@ -159,14 +170,12 @@ def _agreed(every: _Ends, best: _Ends) -> np.ndarray:
     return optimum & (near.sum(0) >= REACHED) & ~rival.any(0)
 
 
-def _fitting(values: Values, predicted: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Tell whose data fit: no chi-squared and no value that is improbable."""
+def _fitting(values: Values, off: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Tell whose chi-squared is not improbable."""
     from scipy.special import chdtrc
 
-    off = (predicted - values.measured) / values.sigma
     s = np.linalg.svd(np.nan_to_num(slope), compute_uv=False)
     rank = (s > RANK_TOLERANCE * s[:, :1]).sum(1)
     freedom = np.isfinite(values.sigma).sum(1) - rank
     p = np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), (off**2).sum(1)), 1.0)
-    limit = np.array([farthest(int(count)) for count in np.isfinite(values.sigma).sum(1)])
-    return (p >= IMPROBABLE) & (np.abs(off).max(1) < limit)
+    return p >= IMPROBABLE

@@ -126,6 +126,8 @@ class InverseProblem(eqx.Module):
         parameters: the unknowns.
         kinds: (D,) kind of each value, a word.
         correlation: of the values' errors; None where they are independent. Change `sigma` by `with_sigma` then.
+        vectors: (D,) number of the vector that each value is a component of, one of its own for any other value; None
+            where there are no vectors.
     """
 
     model: Callable[..., Float[Array, "D *batch"]]
@@ -134,6 +136,7 @@ class InverseProblem(eqx.Module):
     parameters: Parameters
     kinds: tuple[str, ...] = eqx.field(static=True)
     correlation: Correlation | None = None
+    vectors: Int[np.ndarray, "D"] | None = None
 
     def __check_init__(self) -> None:
         """Refuse values and sigmas that can't be, which a search would only meet as a model without an answer.

@@ -1,22 +1,37 @@
-"""Does a fit miss something that its model takes for granted? What that would move, and whether the data ask for it."""
+"""Does a fit miss something that its model takes for granted? What that would move, and whether the data ask for it.
+
+A model takes for granted that a base is rigid, and that no single value is wrong: both are amounts taken to be zero.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from ident.inference.fit import Fit
 from ident.inference.information import RANK_TOLERANCE
-from ident.inference.verdicts import rare
+from ident.inference.problem import InverseProblem
+from ident.inference.verdicts import farthest, rare
+
+if TYPE_CHECKING:
+    from ident.inference.fit import Fit
 
 APART = 1e-6
 """Share of what an amount changes in the data, squared, below which the parameters can make up for all of it."""
 
 NOTHING = 1e-6
 """Change of all data together [sd] by the plausible amount below which they do not depend on it: rounding."""
+
+CHECKED = 0.01
+"""Share of an error of a value, squared, that a fit does not absorb, below which the value cannot be checked: an error
+of 10 times the limit, 38 sigma of 20 values, would pass in half of the cases."""
+
+
+BLAMED = 20
+"""Values and vectors too far off, of more of which no single one is sought that would explain the others."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +79,7 @@ def asked_for(tests: Sequence[ScoreTest]) -> tuple[int, ...]:
 
 
 def score_tests(
-    fit: Fit,
+    fit: "Fit",
     changes: Float[np.ndarray, "A D"],
     amounts: Float[np.ndarray, "A"],
     positive: Sequence[bool],
@@ -111,6 +126,145 @@ def score_tests(
     apart, seen = np.nan_to_num(apart), whole * amounts > NOTHING
     tests = zip(amounts, positive, shift.T, seen, apart, z, sd, strict=True)
     return tuple(ScoreTest(float(row[0]), row[1], row[2], bool(row[3]), *map(float, row[4:])) for row in tests)
+
+
+@dataclass(frozen=True)
+class RowTests:
+    """Whether single values are wrong: the score test of a shift of each, or of each vector of values.
+
+    Attributes:
+        z: (D,) the shift in standard deviations, of the sign of predicted - measured: normal if all is right; NaN of a
+            value that is not fitted, or for any error of which the parameters make up.
+        left: (D,) share of an error of the value, squared, that is left when the parameters have made up for what they
+            can, all other errors given; of a component of a vector that of the vector's best direction.
+        chance: (D,) of so large a shift, of a component of a vector that of the whole vector; NaN where `z` is.
+        units: (D,) number of the vector of each value, one of its own for any other value.
+    """
+
+    z: Float[np.ndarray, "D"]
+    left: Float[np.ndarray, "D"]
+    chance: Float[np.ndarray, "D"]
+    units: Int[np.ndarray, "D"]
+
+    @property
+    def tested(self) -> int:
+        """How many values and vectors are tested."""
+        return len(np.unique(self.units[np.isfinite(self.chance)]))
+
+    @property
+    def limit(self) -> float:
+        """Limit [sd] for the farthest of so many."""
+        return farthest(self.tested)
+
+    @property
+    def outliers(self) -> Bool[np.ndarray, "D"]:
+        """Which values, each with all components of its vector, are too far off for so many; Holm over all."""
+        known = np.flatnonzero(np.isfinite(self.chance))
+        units, first, place = np.unique(self.units[known], return_index=True, return_inverse=True)
+        found = np.zeros(len(self.z), bool)
+        found[known] = rare(self.chance[known][first])[place] if len(units) else False
+        return found
+
+    @property
+    def unchecked(self) -> Bool[np.ndarray, "D"]:
+        """Which fitted values cannot be checked: nothing else that is known tells what they should read."""
+        return self.left < CHECKED
+
+
+def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> RowTests:
+    """Test a shift of each value by itself, the parameters profiled out: is that value wrong?
+
+    With C the covariance of the errors, r = predicted - measured, J the Jacobian, P what the priors know, and e the
+    value's unit vector,
+
+        z = e' C^-1 r / (e' C^-1 V C^-1 e)^1/2,        V = C - J (J' C^-1 J + P)^-1 J',
+
+    which is the score test (`score_tests`) of one more parameter that moves this value only, and of a linear model also
+    the root of what such a parameter would take off the cost. Where errors are independent z is the residual over
+    sigma (1 - h)^1/2, h being the value's leverage. Of a vector all components may be shifted at once: chi-squared.
+
+    Args:
+        problem: its `correlation`, `vectors` and finite `sigma` count.
+        residuals: of the data, made independent, then of the priors, as of `InverseProblem.weigh`.
+        slope: their Jacobian by all that is fitted.
+
+    References:
+        Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic Commission 2(5), 1968. Cook,
+        Weisberg, "Residuals and Influence in Regression", 1982, section 2.2.
+    """
+    count = len(problem.kinds)
+    fitted = np.isfinite(np.asarray(problem.sigma))
+    known = problem.correlation
+    basis, _ = _factors(slope)
+    there = (residuals - basis @ (basis.T @ residuals))[:count]
+    score, absorbed = (part if known is None else known.pull_back(part) for part in (there, basis[:count]))
+    size = np.where(fitted, 1.0 if known is None else known.precision, 0.0)
+    variance = size - (absorbed**2).sum(1)
+    told = fitted & (variance > APART * size)
+    z, left, chance = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
+    z[told] = score[told] / np.sqrt(variance[told])
+    left[fitted] = np.maximum(variance, 0.0)[fitted] / size[fitted]
+    chance[told] = [2 * NormalDist().cdf(-abs(each)) for each in z[told].tolist()]
+    units = np.arange(count) if problem.vectors is None else np.asarray(problem.vectors)
+    for unit in np.flatnonzero(np.bincount(units[fitted]) > 1):
+        own = np.flatnonzero(fitted & (units == unit))
+        chance[own], left[own] = _of_vector(problem, own, score[own], absorbed[own])
+    return RowTests(z, left, chance, units)
+
+
+def blamed(
+    problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]
+) -> tuple[tuple[int, ...], ...]:
+    """Return each value, or vector, without which no other one is too far off; none of many that are.
+
+    A wrong value pulls the fit, so that right ones may look wrong as well. Where several are returned, the data can't
+    tell which of them is wrong.
+
+    Args:
+        problem: as of `row_tests`.
+        residuals: as there.
+        slope: as there.
+
+    Returns:
+        Places of the value, or of the vector's components.
+    """
+    tests = row_tests(problem, residuals, slope)
+    found, sigma = [], np.asarray(problem.sigma)
+    units = np.unique(tests.units[tests.outliers])
+    for unit in units if len(units) <= BLAMED else ():
+        own = np.flatnonzero((tests.units == unit) & np.isfinite(sigma))
+        shifts = np.zeros((len(residuals), len(own)))
+        shifts[own, np.arange(len(own))] = 1.0
+        if problem.correlation is not None:
+            shifts[: len(sigma)] = problem.correlation.whiten(shifts[: len(sigma)])
+        if not row_tests(problem, residuals, np.hstack([slope, shifts])).outliers.any():
+            found.append(tuple(own.tolist()))
+    return tuple(found)
+
+
+def _of_vector(
+    problem: InverseProblem,
+    own: Int[np.ndarray, "n"],
+    score: Float[np.ndarray, "n"],
+    absorbed: Float[np.ndarray, "n K"],
+) -> tuple[float, float]:
+    """Return the chance of the scores of a vector's components, NaN where they can't be tested, and what is left."""
+    from scipy.special import chdtrc
+
+    size = np.eye(len(own))
+    if problem.correlation is not None:
+        shifts = np.zeros((len(problem.kinds), len(own)))
+        shifts[own, np.arange(len(own))] = 1.0
+        whitened = problem.correlation.whiten(shifts)
+        size = whitened.T @ whitened
+    # in directions in which errors are independent of one size, so that what is left of them is a share
+    L = np.linalg.inv(np.linalg.cholesky(size))
+    share, ways = np.linalg.eigh(np.eye(len(own)) - (L @ absorbed) @ (L @ absorbed).T)
+    told = share > APART
+    if not told.any():
+        return math.nan, 0.0
+    squares = (ways.T @ (L @ score))[told] ** 2 / share[told]
+    return float(chdtrc(told.sum(), squares.sum())), float(share.max())
 
 
 def _factors(slope: Float[np.ndarray, "R P"]) -> tuple[Float[np.ndarray, "R K"], Float[np.ndarray, "P R"]]:

@@ -14,7 +14,7 @@ IMPROBABLE = 1e-3
 """Chance of so large a chi-squared below which model or sigmas are called wrong; of so small a one, sigmas or rows."""
 
 
-def rare(chances: Sequence[float]) -> Bool[np.ndarray, "n"]:
+def rare(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
     """Tell which of several chances are too small, with one false alarm in 1 / RARE sets of them at most (`holm`)."""
     return holm(chances) < RARE
 
@@ -29,11 +29,6 @@ def holm(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Float[np.ndarray,
     order = np.argsort(single)
     stepwise = np.maximum.accumulate(single[order] * np.arange(len(single), 0, -1))
     return np.minimum(stepwise, 1.0)[np.argsort(order)]
-
-
-def outlying(residuals: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
-    """Tell which of several normal residuals [sd] are too large for so many."""
-    return rare([2 * NormalDist().cdf(-abs(z)) for z in residuals.tolist()])
 
 
 def farthest(count: int) -> float:

@@ -9,6 +9,7 @@ from arms import DATA, lcd_arm
 from scipy.optimize import least_squares
 
 from ident.identify.fit import fit_campaign, units_of
+from ident.identify.setups import vector_of, vectors_of
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
@@ -74,4 +75,9 @@ def test_a_gross_error_is_named_and_hardly_moves_the_answer():
 def test_components_of_a_vector_and_rows_of_a_group_are_one_unit():
     rows = read_campaign(DATA / "lcd_arm" / "campaign.csv").of_kind("deflection").measurements
     along = [replace(rows[0], setup="tracker", direction=d) for d in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
-    assert units_of(Campaign(measurements=(*rows, *along))).tolist() == [0, 1, 2, 3, 4, 4]
+    campaign = Campaign(measurements=(*rows, *along))
+    assert units_of(campaign).tolist() == [0, 1, 2, 3, 4, 4]
+    assert vectors_of(campaign).tolist() == [0, 1, 2, 3, 4, 4]
+    assert vectors_of(Campaign(measurements=rows)) is None
+    assert vector_of(rows[0]) is None
+    assert vector_of(replace(along[0], group="a")) == vector_of(along[1]), "rows of a group are judged each by itself"

@@ -1,19 +1,22 @@
-"""Score tests and shifts, against fits of linear models in which the amount is a parameter."""
+"""Score tests and shifts, against fits of linear models in which the amount is a parameter, or a value may be off."""
 
 import math
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.stats import kstest, norm
+from scipy.stats import binom, chi2, kstest, norm
 
+from ident.inference.correlation import correlation
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
-from ident.inference.score import asked_for, score_tests
+from ident.inference.score import asked_for, blamed, row_tests, score_tests
+from ident.inference.verdicts import farthest
 
-pytestmark = pytest.mark.slow
+slow = pytest.mark.slow  # those that search, and so compile
 
 
 class Linear(eqx.Module):
@@ -43,6 +46,7 @@ def linear():
     return A, d, sigma, measured
 
 
+@slow
 @pytest.mark.parametrize("prior", [(math.inf, math.inf), (0.5, 2.0)])
 def test_of_a_linear_model_the_score_is_the_amount_that_fits_best_in_its_own_sd(linear, prior):
     A, d, sigma, measured = linear
@@ -54,6 +58,7 @@ def test_of_a_linear_model_the_score_is_the_amount_that_fits_best_in_its_own_sd(
     assert test.p_value == pytest.approx(2 * norm.sf(abs(amount / sd)), rel=1e-6)
 
 
+@slow
 def test_the_shift_is_how_the_fit_moves_where_the_amount_is_modelled(linear):
     A, d, sigma, measured = linear
     without = fitted(A, measured, sigma, (0.5, 2.0))
@@ -63,6 +68,7 @@ def test_the_shift_is_how_the_fit_moves_where_the_amount_is_modelled(linear):
     np.testing.assert_allclose(test.shift, within.best.theta - without.best.theta, rtol=1e-7)
 
 
+@slow
 def test_what_the_parameters_can_make_up_for_cannot_be_told(linear):
     A, d, sigma, measured = linear
     changes = np.array([A @ [2.0, -1.0], d, np.zeros(9)])
@@ -75,6 +81,7 @@ def test_what_the_parameters_can_make_up_for_cannot_be_told(linear):
     assert late.separable, "once it is not fitted"
 
 
+@slow
 def test_an_amount_that_cannot_be_negative_is_asked_for_above_zero_only(linear):
     A, d, sigma, _ = linear
     for sign in (1, -1):
@@ -85,6 +92,7 @@ def test_an_amount_that_cannot_be_negative_is_asked_for_above_zero_only(linear):
         assert asked_for([one]) == ((0,) if sign > 0 else ())
 
 
+@slow
 def test_the_amount_that_is_there_is_asked_for_most(linear):
     A, _, sigma, _ = linear
     changes = np.random.default_rng(2).normal(size=(4, 9))
@@ -92,6 +100,7 @@ def test_the_amount_that_is_there_is_asked_for_most(linear):
     assert asked_for(score_tests(found, changes, np.ones(4), [False] * 4))[0] == 2
 
 
+@slow
 def test_kinds_whose_derivatives_are_not_known_do_not_count(linear):
     A, d, sigma, measured = linear
     kinds = ("value",) * 6 + ("other",) * 3
@@ -102,6 +111,7 @@ def test_kinds_whose_derivatives_are_not_known_do_not_count(linear):
     assert part.sd == pytest.approx(1 / np.linalg.norm(scaled - Q @ (Q.T @ scaled)), rel=1e-9)
 
 
+@slow
 def test_its_p_is_uniform_where_all_is_right_and_truths_come_from_the_prior():
     rng = np.random.default_rng(100)
     A, d = rng.normal(size=(8, 2)), rng.normal(size=8)
@@ -110,3 +120,148 @@ def test_its_p_is_uniform_where_all_is_right_and_truths_come_from_the_prior():
         measured = A @ (rng.normal(size=2) * [0.5, 2.0]) + rng.normal(size=8)
         chances.append(score_tests(fitted(A, measured, np.ones(8), (0.5, 2.0)), d[None], np.ones(1), [True])[0].p_value)
     assert kstest(chances, "uniform").pvalue > 0.01
+
+
+COUNT = 12
+GROUPED = (1, 3, 4, 9)
+"""Values with correlated errors; of the vector, one is among them."""
+VECTOR = (4, 5, 6)
+
+
+def rows_of(prior_sd, correlated=False, vector=False, left_out=()):
+    """Return a linear problem of a few rows, without a search: what `row_tests` needs, and its dense covariance."""
+    rng = np.random.default_rng(11)
+    A, sigma = rng.normal(size=(COUNT, len(prior_sd))), rng.uniform(0.5, 2.0, COUNT)
+    sigma[list(left_out)] = np.inf
+    root, R = rng.normal(size=(4, 4)) + 1.0, np.eye(COUNT)
+    own = root @ root.T + 0.2 * np.eye(4)
+    own /= np.sqrt(np.outer(np.diag(own), np.diag(own)))
+    if correlated:
+        R[np.ix_(GROUPED, GROUPED)] = own
+    known = correlation([(GROUPED, own)], np.isfinite(sigma)) if correlated else None
+    names = "abcd"[: len(prior_sd)]
+    items = tuple(Parameter((name,), False, 0.0, 0.0, sd) for name, sd in zip(names, prior_sd, strict=True))
+    vectors = np.array([VECTOR[0] if i in VECTOR else i for i in range(COUNT)]) if vector else None
+    problem = InverseProblem(
+        Linear(A), rng.normal(size=COUNT) * 3, sigma, Parameters(items), ("value",) * COUNT, known, vectors
+    )
+    return problem, A, R
+
+
+def at_best(problem, A):
+    """Return residuals and slope at the optimum of a linear problem, by dense algebra."""
+    zero = np.zeros(A.shape[1])
+    residuals, slope = problem.weigh(A @ zero, A, zero)
+    step = np.linalg.lstsq(slope, -residuals, rcond=None)[0]
+    return problem.weigh(A @ step, A, step)
+
+
+def least_cost(problem, A, R, shifted=()):
+    """Return the least sum of squares of data and priors by normal equations, with values that may be off by anything.
+
+    Nothing of the code that is tested is in it: C^-1 is inverted whole, a shifted value has a column of its own.
+    """
+    kept = np.isfinite(problem.sigma)
+    C = R[np.ix_(kept, kept)] * np.outer(problem.sigma[kept], problem.sigma[kept])
+    J = np.column_stack([A, np.eye(len(A))[:, list(shifted)]])[kept]
+    prior = np.append(np.asarray(problem.parameters.column("prior_sd")) ** -2.0, np.zeros(len(shifted)))
+    weight, y = np.linalg.inv(C), problem.measured[kept]
+    best = np.linalg.solve(J.T @ weight @ J + np.diag(prior), J.T @ weight @ y)
+    off = y - J @ best
+    return off @ weight @ off + best @ (prior * best), best
+
+
+@pytest.mark.parametrize("prior", [(math.inf, math.inf, math.inf), (0.5, 2.0, math.inf)], ids=["no prior", "priors"])
+@pytest.mark.parametrize("correlated", [False, True], ids=["independent", "correlated"])
+@pytest.mark.parametrize("left_out", [(), (3, 7)], ids=["all", "some left out"])
+def test_of_a_linear_model_a_rows_score_is_what_a_column_for_its_shift_takes_off_the_cost(prior, correlated, left_out):
+    problem, A, R = rows_of(prior, correlated, left_out=left_out)
+    tests = row_tests(problem, *at_best(problem, A))
+    whole, _ = least_cost(problem, A, R)
+    for i in range(COUNT):
+        if i in left_out:
+            assert np.isnan(tests.z[i])
+            assert not tests.unchecked[i]
+            continue
+        less, best = least_cost(problem, A, R, (i,))
+        assert tests.z[i] ** 2 == pytest.approx(whole - less, rel=1e-9)
+        assert np.sign(tests.z[i]) == -np.sign(best[-1]), "predicted - measured"
+        assert tests.chance[i] == pytest.approx(2 * norm.sf(abs(tests.z[i])), rel=1e-9)
+    assert tests.tested == COUNT - len(left_out)
+
+
+@pytest.mark.parametrize("correlated", [False, True], ids=["independent", "correlated"])
+@pytest.mark.parametrize("left_out", [(), (5,)], ids=["all", "a component left out"])
+def test_a_vector_is_judged_by_the_chi_squared_of_all_its_components(correlated, left_out):
+    problem, A, R = rows_of((0.5, 2.0, math.inf), correlated, vector=True, left_out=left_out)
+    tests = row_tests(problem, *at_best(problem, A))
+    own = [i for i in VECTOR if i not in left_out]
+    gain = least_cost(problem, A, R)[0] - least_cost(problem, A, R, own)[0]
+    np.testing.assert_allclose(tests.chance[own], chi2.sf(gain, len(own)), rtol=1e-8)
+    assert tests.tested == COUNT - len(left_out) - len(own) + 1
+    alone = least_cost(problem, A, R)[0] - least_cost(problem, A, R, (0,))[0]
+    assert tests.z[0] ** 2 == pytest.approx(alone, rel=1e-9)
+    far = replace(problem, measured=problem.measured + 50.0 * np.isin(np.arange(COUNT), own[:1]))
+    found = row_tests(far, *at_best(far, A)).outliers
+    assert found[own].all(), "all components of a vector that is off"
+    assert not found[list(left_out)].any()
+
+
+def test_false_alarms_keep_their_level_and_a_wrong_row_is_noticed_as_often_as_its_leverage_says():
+    """Leverages up to 0.9, where residual / sigma of a row that is 6 sigma off would pass in nearly all campaigns."""
+    rng, draws = np.random.default_rng(3), 300
+    A = rng.normal(size=(20, 6)) * np.geomspace(1.0, 12.0, 20)[:, None]
+    items = tuple(Parameter((name,), False, 0.0, 0.0, 1.0) for name in "abcdef")
+    problem = InverseProblem(Linear(A), np.zeros(20), np.ones(20), Parameters(items), ("value",) * 20)
+    slope = np.vstack([A, np.eye(6)])
+    basis, _ = np.linalg.qr(slope)
+    h = (basis[:20] ** 2).sum(1)
+    assert h.max() > 0.85
+
+    def outliers(wrong=None):
+        errors = rng.normal(size=26)
+        errors[:20] += 6.0 * (np.arange(20) == wrong)
+        return row_tests(problem, errors - basis @ (basis.T @ errors), slope).outliers
+
+    alarms = sum(outliers().any() for _ in range(3000))
+    assert binom.ppf(0.0005, 3000, 0.0014) <= alarms <= binom.ppf(0.9995, 3000, 0.0027)
+    said = norm.cdf(6 * np.sqrt(1 - h) - farthest(20))
+    found = np.array([sum(outliers(i)[i] for _ in range(draws)) for i in range(20)])
+    assert (binom.ppf(2.5e-5, draws, said) <= found).all()
+    assert (found <= binom.ppf(1 - 2.5e-5, draws, said + 0.005)).all(), (
+        "the further limits of Holm's are a little lower"
+    )
+    assert abs(found.mean() / draws - said.mean()) < 0.02
+    by_sigma = norm.cdf((6 * (1 - h) - farthest(20)) / np.sqrt(1 - h))
+    assert by_sigma.mean() < said.mean() - 0.1, "what residual / sigma would notice"
+
+
+def test_a_row_that_nothing_else_measures_cannot_be_checked():
+    problem, A, _ = rows_of((math.inf, math.inf))
+    A = np.where(np.arange(COUNT)[:, None] == 2, [0.0, 1.0], A * [1.0, 0.0])
+    measured = A @ [1.0, 2.0] + 1e3 * (np.arange(COUNT) == 2)
+    problem = replace(problem, model=Linear(A), measured=measured)
+    tests = row_tests(problem, *at_best(problem, A))
+    assert np.flatnonzero(tests.unchecked).tolist() == [2]
+    assert np.isnan(tests.z[2])
+    assert not tests.outliers.any()
+    assert tests.tested == COUNT - 1
+    known = Parameter(("b",), False, 0.0, 0.0, 1.0)
+    told = replace(problem, parameters=Parameters((problem.parameters.items[0], known)))
+    tests = row_tests(told, *at_best(told, A))
+    assert not tests.unchecked.any(), "a prior of the size of the row's error tells as well"
+    assert np.flatnonzero(tests.outliers).tolist() == [2]
+
+
+def test_what_a_wrong_row_pulls_along_is_not_blamed_and_what_cannot_be_told_apart_is():
+    problem, A, _ = rows_of((1e3, 1e3, 1e3))
+    exact = replace(problem, sigma=np.ones(COUNT), measured=A @ [1.0, -1.0, 0.5])
+    far = replace(exact, measured=exact.measured + 60.0 * (np.arange(COUNT) == 6))
+    residuals, slope = at_best(far, A)
+    assert row_tests(far, residuals, slope).outliers.sum() > 1
+    assert blamed(far, residuals, slope) == ((6,),)
+    both = replace(exact, measured=exact.measured + 60.0 * np.isin(np.arange(COUNT), [2, 6]))
+    assert blamed(both, *at_best(both, A)) == (), "no single one explains the other"
+    A = np.where(np.isin(np.arange(COUNT), [2, 6])[:, None], [0.0, 0.0, 1.0], A * [1.0, 1.0, 0.0])
+    pair = replace(exact, model=Linear(A), measured=A @ [1.0, -1.0, 0.5] + 60.0 * (np.arange(COUNT) == 6))
+    assert blamed(pair, *at_best(pair, A)) == ((2,), (6,))

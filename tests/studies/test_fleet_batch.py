@@ -12,6 +12,7 @@ from ident.identify import fleet_batch
 from ident.identify.fleet import SourceFile
 from ident.identify.fleet_batch import Given, robots_together
 from ident.identify.unknowns import Unknowns
+from ident.inference.verdicts import farthest
 from ident.measure import Campaign, read_campaign, write_campaign
 from ident.studies.fleet import FleetOptions, fleet
 
@@ -79,6 +80,22 @@ def test_only_what_nothing_speaks_against_is_fitted_together(given):
     far = given[0].campaign.measurements
     far = Campaign(measurements=(replace(far[0], value=9 * far[0].value), *far[1:]))
     assert "far" not in robots_together([*given, given[0]._replace(name="far", campaign=far)], Unknowns(), 16)
+
+
+def test_a_wrong_row_that_the_fit_follows_is_noticed_together_as_alone(given):
+    """The row of the largest leverage, off by 8 sigma in the direction in which it is off: by sigma it would pass."""
+    from ident.identify.fit import fit_campaign
+
+    rows, tests = given[0].campaign.measurements, fit_campaign(given[0].arm, given[0].campaign, starts=1).row_tests
+    i = int(tests.left.argmin())
+    moved = replace(rows[i], value=rows[i].value - 8 * np.sign(tests.z[i]) * rows[i].sigma)
+    wrong = Campaign(measurements=(*rows[:i], moved, *rows[i + 1 :]))
+    fit = fit_campaign(given[0].arm, wrong, starts=1)
+    assert fit.outliers[i]
+    assert np.abs(fit.residuals).max() < farthest(len(rows))
+    assert "wrong row" not in robots_together(
+        [*given, given[0]._replace(name="wrong row", campaign=wrong)], Unknowns(), 16
+    )
 
 
 def test_other_unknowns_are_integrated_out(given):

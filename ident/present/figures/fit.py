@@ -16,7 +16,6 @@ from ident.identify.fit import CampaignFit
 from ident.inference.cross_prediction import contradicting
 from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.parameters import Parameter
-from ident.measure import Campaign
 from ident.present.figures.style import (
     BLUE,
     FILLED,
@@ -89,7 +88,7 @@ def fit_figure(fit: CampaignFit) -> Figure:
         _values(axes, fit, group, shift=group is moved)
     _directions(directions, fit)
     residuals, words = _stack(figure, columns[1], heights[1])
-    _residuals(residuals, fit.campaign, fit.off, fit.suspicious)
+    _residuals(residuals, fit)
     _write(words, notes)
     return figure
 
@@ -226,14 +225,15 @@ def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:
     return {text: style for text, style in ((solid, FILLED), (hollow, HOLLOW)) if (style is FILLED) in filled}
 
 
-def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray, outliers: np.ndarray) -> None:
-    """Draw measured minus predicted in standard deviations, a row for each measurement, sorted by kind.
+def _residuals(axes: Axes, fit: CampaignFit) -> None:
+    """Draw measured minus predicted in its standard deviations, a row for each measurement, sorted by kind.
 
-    What lies too far off has a black rim.
+    What lies too far off has a black rim; what cannot be checked is hollow.
     """
+    campaign, outliers, unchecked = fit.campaign, fit.suspicious, fit.row_tests.unchecked
     kinds = [kind for kind in KIND_STYLES if any(m.kind == kind for m in campaign)]
     order = sorted(range(len(campaign)), key=lambda i: kinds.index(campaign.measurements[i].kind))
-    z = -np.asarray(residuals)
+    z = -np.nan_to_num(fit.standardised)
     reach = 1.1 * max(3.0, float(np.abs(z).max()))
     if len(order) <= DENSE:
         rows(axes, [cut(short(campaign.measurements[i]), LABEL) for i in order])
@@ -248,13 +248,16 @@ def _residuals(axes: Axes, campaign: Campaign, residuals: np.ndarray, outliers: 
         for y, i in enumerate(order):
             style = KIND_STYLES[campaign.measurements[i].kind]
             axes.plot([0.0, z[i]], [y, y], color=style["color"], linewidth=1.2)
-            axes.plot([z[i]], [y], linestyle="", **{**style, **(RIMMED if outliers[i] else {"markersize": 5})})
+            mark = {**style, **({"markerfacecolor": "white"} if unchecked[i] else {})}
+            axes.plot([z[i]], [y], linestyle="", **{**mark, **(RIMMED if outliers[i] else {"markersize": 5})})
     else:
         _cloud(axes, [campaign.measurements[i].kind for i in order], z[order], outliers[order])
-    axes.set_xlabel("(measured - predicted) / sigma [-]; shaded: within ±2", fontsize=9)
+    axes.set_xlabel("(measured - predicted) / its own sd [-]; shaded: within ±2", fontsize=9)
     keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
     if outliers.any():
         keys["too far off"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
+    if unchecked.any():
+        keys["cannot be checked"] = {**HOLLOW, "markersize": 5}
     heading(axes, "Measured against predicted", keys, columns=3)
 
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 from ident.identify.alternatives import KINDS
 from ident.identify.assumptions import KINDS as ASSUMED
 from ident.identify.data_checks import row_names
-from ident.identify.explanations import SLIP, Change, Explanation, Explanations
+from ident.identify.explanations import MARGIN, SLIP, Change, Explanation, Explanations
 from ident.identify.telling import Telling
 from ident.measure import Campaign
 from ident.present.text.units import in_read_unit
 from ident.present.text.words import cut, describe, percent, three_digits
 
 LISTED, OTHERS = 10, 3
-"""Explanations that fit, and that do not or whose springs soften, which are listed at most."""
+"""Explanations that fit, and that do not, which are listed at most."""
 ROWS = 6
 """Rows that one names, at most."""
 CHECKS = {
@@ -38,11 +38,12 @@ CHECKS = {
 
 def explanations_in_words(found: Explanations, campaign: Campaign) -> Iterator[str]:
     """Say what would reconcile a campaign, most probable first, and what would tell the leading ones apart."""
+    yield f"What would reconcile them (sum of squares {three_digits(found.cost)} as it is{_labels(found.said)})"
     if not found.items:
+        yield f"  Nothing that was tried is more probable than the data as they are, by {MARGIN:g} in left + off by^2."
         return
-    yield f"What would reconcile them (sum of squares {three_digits(found.cost)} as it is)"
     yield "    left   off by     what would have to be otherwise"
-    fitting, wrong = found.fitting, [item for item in found.items if item.fits and item.wrong_sign]
+    fitting = found.fitting
     for number, item in enumerate(fitting[:LISTED], 1):
         yield f"  {_line(item, campaign, f'({number}) ')}"
     if len(fitting) > LISTED:
@@ -51,26 +52,28 @@ def explanations_in_words(found: Explanations, campaign: Campaign) -> Iterator[s
         yield "  Nothing that was tried does, by itself or in pairs; nearest to it come"
         others = [item for item in found.items if not item.fits][:OTHERS]
         yield from (f"  {_line(item, campaign, '')}" for item in others)
-    yield from (f"  {_line(item, campaign, 'WRONG SIGN: ')}" for item in wrong[:OTHERS])
     yield (
         "  left: sum of squares of data and priors with about the least change that suffices; off by: in standard"
         " deviations of what is plausible, squared and added for their order"
-        f" ({_widths(found)}; all assumed), a slip counting as {SLIP:g}."
+        f" ({_widths(found)}all assumed), a slip counting as {SLIP:g}. Listed is what lowers left + off by^2 by"
+        f" {MARGIN:g} at least against the data as they are."
     )
-    if wrong:
-        yield "  WRONG SIGN: a spring would have to soften. Drives harden, and friction stiffens small motion."
     if any(item.linear for item in found.items):
         yield "  ~: estimated along a straight line from the fit."
     yield from _telling(found.telling)
+
+
+def _labels(said: float) -> str:
+    """Say what labels add to a sum of squares, where that matters."""
+    return f", and {three_digits(said)} against the labels" if said > MARGIN else ""
 
 
 def _line(item: Explanation, campaign: Campaign, head: str) -> str:
     words = " and ".join(_words(change, campaign) for change in item.changes)
     slip = all(change.off == SLIP for change in item.changes)
     off = "a slip" if slip else f"{item.off:.1f} sd" if item.off < 100 else "absurd"
-    check = "" if item.wrong_sign else f": {CHECKS[item.changes[0].kind]}"
     left = f"{'~' if item.linear else ''}{three_digits(item.cost)}"
-    return f"{left:>6s}   {off:8s}   {head}{words}{check}"
+    return f"{left:>6s}   {off:8s}   {head}{words}: {CHECKS[item.changes[0].kind]}"
 
 
 def _words(change: Change, campaign: Campaign) -> str:
@@ -129,7 +132,7 @@ def _widths(found: Explanations) -> str:
     kinds = dict.fromkeys(change.kind for item in found.items for change in item.changes)
     widths = {kind: KINDS[kind].plausible for kind in kinds if kind in KINDS}
     widths |= {kind: ASSUMED[kind].plausible for kind in kinds if kind in ASSUMED}
-    return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items())
+    return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items()) + "; " * bool(widths)
 
 
 def _telling(found: Sequence[Telling]) -> Iterator[str]:

@@ -118,7 +118,7 @@ def _doubts(fit: CampaignFit) -> Iterator[str]:
 def _explanation(fit: CampaignFit) -> Iterator[str]:
     yield f"  CONTRADICTION. {dependence_on_priors(fit.cross_predictions)}"
     hint = what_may_be_wrong(fit.cross_predictions)
-    if fit.outliers.sum() == 1 or fit.exchanges or not hint:
+    if len(fit.blamed) == 1 or fit.exchanges or not hint:
         yield "  Check the values named below, their labels, units and load cases first."
         return
     yield from (f"  {line}" for line in hint)

@@ -9,7 +9,6 @@ from ident.identify.loops import is_of_loop
 from ident.inference.fit import Fit
 from ident.inference.information import Information
 from ident.inference.parameters import Parameter
-from ident.inference.verdicts import farthest
 from ident.present.text.units import SETUP, in_read_unit, in_shown_unit, read_unit
 from ident.present.text.words import cut, describe, priors_in_words, shares
 
@@ -28,23 +27,28 @@ ALL_ROWS = "Measurements, each with its row in the file"
 
 def measurements(fit: CampaignFit) -> Iterator[str]:
     """Yield each measurement beside what is predicted for it; of many, those that are farthest off."""
-    count, z, many = len(fit.campaign), fit.off, len(fit.campaign) > EVERY
-    shown = np.sort(np.argsort(-np.abs(z), kind="stable")[:FARTHEST]) if many else np.arange(count)
+    count, off, z, many = len(fit.campaign), fit.off, fit.standardised, len(fit.campaign) > EVERY
+    shown = sorted(fit.farthest_off[:FARTHEST]) if many else range(count)
     head = f"The {FARTHEST} of {count} measurements farthest off, with their rows" if many else ALL_ROWS
-    yield f"{head:57s}  measured  predicted      off by"
-    outliers = fit.suspicious
-    for i in shown.tolist():
+    yield f"{head:56s} measured predicted     off by      z"
+    outliers, unchecked = fit.suspicious, fit.row_tests.unchecked
+    for i in shown:
         m = fit.campaign.measurements[i]
         measured, unit = in_read_unit(m.kind, m.value)
         model, _ = in_read_unit(m.kind, float(fit.predicted[i]))
         row, mark = m.where.rpartition(":")[2], f" <--{_weight(fit, i)}" if outliers[i] else ""
-        numbers = f"{measured:9.4g} {model:10.4g} {unit:3s} {-z[i]:5.2f} sigma{mark}"
-        yield f"  {row:>3s}  {cut(describe(m), 50):50s}  {numbers}"
+        by_itself = f"{-z[i]:6.2f}" if np.isfinite(z[i]) else f"{'-':>6s}"
+        numbers = f"{measured:8.4g} {model:9.4g} {unit:3s} {-off[i]:7.2f} {by_itself}{' ?' * bool(unchecked[i])}{mark}"
+        yield f"  {row:>3s} {cut(describe(m), 50):50s} {numbers}"
     if many:
         yield from _by_kind(fit)
-    yield "  off by: measured less predicted"
+    yield "  off by: measured less predicted, in sigma; z: in its own standard deviation, which is smaller as"
+    yield "  the fit follows the value: by z a value is judged"
+    if unchecked.any():
+        yield "  ? cannot be checked: no other measurement tells the same, and an error would pass unnoticed"
     if fit.weights is None:
-        yield f"  limit for the farthest of {count}: {farthest(count):.1f} sigma; what lies too far off is marked <--"
+        limit = f"{fit.row_tests.limit:.1f}{'; vectors as a whole' if fit.problem.vectors is not None else ''}"
+        yield f"  limit for the farthest z of {fit.row_tests.tested}: {limit}; what lies too far off is marked <--"
         return
     several = int(fit.suspicious.sum())
     yield f"  robust: {several} of {count} values count for less than half, each marked <-- with its weight."

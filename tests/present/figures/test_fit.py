@@ -53,7 +53,7 @@ def test_fit_figure_shows_every_parameter_direction_and_measurement(name, count,
     assert sum(t.get_text() == "open" for t in directions.texts) == sum(not d.seen for d in known.directions)
     residuals = markers(panel(figure, "Measured"))
     assert len(residuals) == count
-    assert sorted(x for x, _, _ in residuals) == pytest.approx(sorted(-result.residuals))
+    assert sorted(x for x, _, _ in residuals) == pytest.approx(sorted(-result.standardised))
     assert labels_have_units(figure)
     assert_tidy(figure)
     save(figure, tmp_path / "new" / f"{name}.png")
@@ -78,12 +78,21 @@ def test_a_fit_in_doubt_says_withheld_and_rims_what_lies_too_far_off():
     assert keys(residuals)[-1] == "too far off"
     rims = [to_rgba(line.get_markeredgecolor()) == to_rgba("black") for line in residuals.lines]
     rimmed = [float(line.get_xdata()[0]) for line, rim in zip(residuals.lines, rims, strict=True) if rim]
-    measured = [line for line in rimmed if abs(line) > 25]
-    assert len(measured) == 2
+    z = -result.standardised[result.outliers]
+    assert len(z) >= 2
+    assert sorted(x for x in rimmed if x) == pytest.approx(sorted(z))  # not the line at zero
     said = " ".join(text.get_text() for axes in figure.axes for text in axes.texts)
-    assert "2 of 20 measurements lie too far from the fit" in said
+    assert f"{len(z)} of 20 measurements lie too far from the fit" in said
     assert "With two values exchanged chi-squared would be 9.5" in said
     assert_tidy(figure)
+
+
+def test_what_cannot_be_checked_is_hollow():
+    result = fitted("table1")
+    residuals = panel(fit_figure(result), "Measured")
+    assert result.row_tests.unchecked.tolist() == [False, True, False]
+    assert [filled for _, _, filled in markers(residuals)] == [True, False, True]
+    assert keys(residuals)[-1] == "cannot be checked"
 
 
 def test_what_the_data_ask_for_is_named():
