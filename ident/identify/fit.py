@@ -202,7 +202,7 @@ def _unit(row: int, m: Measurement) -> Hashable:
 def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:
     """Return which two values may have been exchanged, where data or labels do not fit."""
     odd = fit.mislabelled or fit.improbable or fit.outliers.any()
-    if not (odd and fit.best.converged and fit.degrees_of_freedom > 0) or fit.problem.correlation is not None:
+    if not (odd and fit.best.converged and fit.degrees_of_freedom > 0):
         return ()
     farthest_off = np.argsort(-np.abs(fit.residuals), kind="stable")[:FARTHEST].tolist()
     pairs = list(exchangeable(fit.campaign, [*farthest_off, *fit.renamed[:FARTHEST]]))

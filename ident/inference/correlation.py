@@ -61,6 +61,37 @@ class Correlation(eqx.Module):
             parts.append(mixed.reshape((-1, *x.shape[1:])))
         return np.concatenate(parts)[np.asarray(self.order)]
 
+    def solved(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
+        """Return R^-1 x, by group."""
+        parts = [x[np.asarray(self.single)]]
+        for block in self.blocks:
+            W = np.asarray(block.whitening)
+            mixed = np.einsum("gji,gjk,gk...->gi...", W, W, x[np.asarray(block.rows)], optimize=True)
+            parts.append(mixed.reshape((-1, *x.shape[1:])))
+        return np.concatenate(parts)[np.asarray(self.order)]
+
+    def precision(self, places: Int[np.ndarray, "N K"]) -> Float[np.ndarray, "N K K"]:
+        """Return the elements of R^-1 of each of several sets of values."""
+        found = (places[:, :, None] == places[:, None]).astype(float)
+        for block in self.blocks:
+            W, rows = np.asarray(block.whitening), np.asarray(block.rows)
+            inverse = np.einsum("gji,gjk->gik", W, W)
+            group, member = np.full(len(self.order), -1), np.zeros(len(self.order), int)
+            group[rows], member[rows] = np.arange(len(rows))[:, None], np.arange(rows.shape[1])
+            own, at = group[places], member[places]
+            both = own[:, :, None] == own[:, None]
+            inside = inverse[own[:, :, None], at[:, :, None], at[:, None]]
+            found = np.where(own[:, :, None] < 0, found, np.where(both, inside, 0.0))
+        return found
+
+    def moved(self, source: Int[np.ndarray, "D"]) -> "Correlation":
+        """Return the same for values that come to other places, each with its error: place i gets that of source[i]."""
+        to = np.argsort(source)
+        single = to[np.asarray(self.single)]
+        blocks = tuple(eqx.tree_at(lambda b: b.rows, block, to[np.asarray(block.rows)]) for block in self.blocks)
+        grouped = np.concatenate([block.rows.ravel() for block in blocks])
+        return Correlation(single, blocks, np.argsort(np.concatenate([single, grouped])))
+
     @property
     def log_det(self) -> Any:
         """Half the logarithm of the determinant of the whole correlation."""
