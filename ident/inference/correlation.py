@@ -53,6 +53,14 @@ class Correlation(eqx.Module):
             parts.append(mixed.reshape((-1, *x.shape[1:])))
         return xp.concatenate(parts)[self.order]
 
+    def pull_back(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
+        """Return L'^-1 x for each group: what independent combinations say of each value, the adjoint of `whiten`."""
+        parts = [x[np.asarray(self.single)]]
+        for block in self.blocks:
+            mixed = np.einsum("gji,gj...->gi...", np.asarray(block.whitening), x[np.asarray(block.rows)])
+            parts.append(mixed.reshape((-1, *x.shape[1:])))
+        return np.concatenate(parts)[np.asarray(self.order)]
+
     def color(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
         """Return L x for each group: correlated numbers of independent ones."""
         parts = [x[np.asarray(self.single)]]
@@ -61,17 +69,8 @@ class Correlation(eqx.Module):
             parts.append(mixed.reshape((-1, *x.shape[1:])))
         return np.concatenate(parts)[np.asarray(self.order)]
 
-    def solved(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
-        """Return R^-1 x, by group."""
-        parts = [x[np.asarray(self.single)]]
-        for block in self.blocks:
-            W = np.asarray(block.whitening)
-            mixed = np.einsum("gji,gjk,gk...->gi...", W, W, x[np.asarray(block.rows)], optimize=True)
-            parts.append(mixed.reshape((-1, *x.shape[1:])))
-        return np.concatenate(parts)[np.asarray(self.order)]
-
-    def precision(self, places: Int[np.ndarray, "N K"]) -> Float[np.ndarray, "N K K"]:
-        """Return the elements of R^-1 of each of several sets of values."""
+    def inverse_among(self, places: Int[np.ndarray, "N K"]) -> Float[np.ndarray, "N K K"]:
+        """Return the elements of R^-1 that are between the values of each of several sets."""
         found = (places[:, :, None] == places[:, None]).astype(float)
         for block in self.blocks:
             W, rows = np.asarray(block.whitening), np.asarray(block.rows)

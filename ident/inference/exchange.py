@@ -102,12 +102,11 @@ def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:
         old = np.concatenate([slope[here], residuals[here][:, :, None]], 2)
         squares = squares + np.einsum("nip,niq->npq", new, new) - np.einsum("nip,niq->npq", old, old)
     else:
-        off = fit.predicted - measured
+        R, off = problem.correlation, fit.predicted - measured
         whole = np.concatenate([fit.jacobian, off[:, None]], 1) / sigma[:, None]
         change = new - whole[there]
-        cross = np.einsum("nip,niq->npq", change, problem.correlation.solved(whole)[there])
-        R = problem.correlation.precision(there)
-        own = np.einsum("nip,nij,njq->npq", change, R, change, optimize=True)
+        cross = np.einsum("nip,niq->npq", change, R.pull_back(np.asarray(R.whiten(whole)))[there])
+        own = np.einsum("nip,nij,njq->npq", change, R.inverse_among(there), change, optimize=True)
         squares = squares + cross + cross.swapaxes(1, 2) + own
     A, b, c = squares[:, :-1, :-1], squares[:, :-1, -1], squares[:, -1, -1]
     inverse = np.linalg.pinv(A, rcond=RANK_TOLERANCE, hermitian=True)
