@@ -271,8 +271,8 @@ def modal_test(
     result = ModalResult(arm_file, measured, identified, finished, named, None, files, options)
     if options.no_modes:
         return result
-    every: "tuple[ModalTest | AmbientTest | FinishedTest, ...]" = (*measured, *finished)
-    modes: "tuple[IdentifiedModes | NamedModes, ...]" = (*identified, *named)
+    every: tuple[ModalTest | AmbientTest | FinishedTest, ...] = (*measured, *finished)
+    modes: tuple[IdentifiedModes | NamedModes, ...] = (*identified, *named)
     shown, name = observed_reproducibility(every, modes, reproducibility), f"{folder.absolute().name}.modal"
     campaign = modal_campaign(name, every, modes, shapes=options.shapes, reproducibility=shown)
     return replace(result, campaign=campaign, reproducibility=shown)

@@ -35,6 +35,7 @@ from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
 from ident.jit import jit
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.measure.covariance import Covariance
 from ident.present.text.plan import plan_report
 
 pytestmark = pytest.mark.slow
@@ -195,7 +196,9 @@ def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     assert then.fit is not None
     np.testing.assert_allclose(then.sd[0], then.fit.information.sd, rtol=1e-6)
     np.testing.assert_allclose(then.fit.best.theta, then.known.points[0])
-    again = Campaign(measurements=(*first, *then.campaign()))
+    more = then.campaign()
+    groups = Covariance((*first.covariance.groups, *more.covariance.groups))
+    again = Campaign(measurements=(*first, *more), covariance=groups)
     found = fit(arm_problem(loose_arm(), again, then.parameters), starts=1)
     np.testing.assert_allclose(found.information.sd, then.sd[-1], rtol=1e-4)
 
