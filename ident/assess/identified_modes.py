@@ -1,6 +1,7 @@
 """The modes of each posture of a modal test with their names, and the campaign that they make."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,11 +12,10 @@ from ident.errors import InputError, Problem
 from ident.identify.mode_labels import Measured, ModeLabels, label_modes
 from ident.inference.parameters import Parameters
 from ident.measure import DEFINITIONS, Campaign, Measurement
-from ident.measure.covariance import Covariance, Group
+from ident.measure.covariance import REPRODUCIBILITY, Covariance, Group, Reproducibility
 from ident.modal.ambient_test import AmbientTest
 from ident.modal.estimate import Modes, modes_of, together
 from ident.modal.finished import POLE, FinishedModes, FinishedTest
-from ident.modal.modal_parameters import ModalParameters
 from ident.modal.modal_test import ModalTest
 from ident.modal.operational import OperationalModes, operational_modes
 from ident.text import one_line
@@ -110,20 +110,64 @@ def modal_campaign(
     identified: Sequence[Labelled],
     *,
     shapes: bool = False,
+    reproducibility: Reproducibility | None = None,
 ) -> Campaign:
     """Return the campaign of the modes that have a name; a doubtful one is no row, as it could be matched wrongly.
 
     Of each posture the frequencies, then the damping ratios, then the shapes where they are asked for, whose errors are
-    correlated as the modes' are.
+    correlated as the modes' are. The scatter within a test is its repeatability; what another test of the same posture
+    would differ by comes to it, where that is said.
     """
     rows, groups = list[Measurement](), list[Group]()
     for number, (test, each) in enumerate(zip(tests, identified, strict=True), 1):
         own = [*_rows(test, each), *(_shape_rows(test, each) if shapes else ())]
         if own:
-            group = Group(f"{name} {number}", _correlation(each.modes, _slopes(each, shapes)))
+            slopes = _slopes(each, shapes)
+            covariance = slopes @ each.modes.covariance @ slopes.T
+            if reproducibility is not None:
+                added = reproducibility.covariance([(row.kind, row.value) for row in own])
+                covariance = covariance + added
+                more = np.sqrt(np.diag(added)).tolist()
+                own = [replace(row, sigma=math.hypot(row.sigma, sd)) for row, sd in zip(own, more, strict=True)]
+            group = Group(f"{name} {number}", _correlation(covariance))
             rows += [replace(row, group=group.name, member=place) for place, row in enumerate(own, 1)]
             groups.append(group)
     return Campaign(name=name, measurements=tuple(rows), covariance=Covariance(tuple(groups)) if groups else None)
+
+
+def observed_reproducibility(
+    tests: Sequence[ModalTest | AmbientTest | FinishedTest], identified: Sequence[Labelled], known: Reproducibility
+) -> Reproducibility:
+    """Return the reproducibility that tests of the same posture, load and drives show, by modes that have a name.
+
+    The variance of the logarithms about their mean, over all modes and postures, less the mean variance within a test.
+    """
+    states: dict[Hashable, list[Labelled]] = {}
+    for test, each in zip(tests, identified, strict=True):
+        states.setdefault((tuple(np.round(test.posture, 5)), test.load, test.drives), []).append(each)
+    for k, kind in enumerate(REPRODUCIBILITY):
+        squares, freedom = 0.0, 0
+        for own in states.values():
+            labels = dict.fromkeys(str(label) for each in own for label in each.labels.given if label is not None)
+            for values, within in (_repeated(own, label, k) for label in labels):
+                if len(values) < 2:
+                    continue
+                squares += float(((values - values.mean()) ** 2).sum() - (len(values) - 1) * (within**2).mean())
+                freedom += len(values) - 1
+        known = known.after(kind, squares, freedom)
+    return known
+
+
+def _repeated(tests: Sequence[Labelled], label: str, kind: int) -> tuple[Float[np.ndarray, "n"], ...]:
+    """Return the logarithms of a mode's frequencies, or damping ratios, in several tests, and their sds in each."""
+    found = []
+    for each in tests:
+        for i in _named(each) if kind == 0 else _damped(each):
+            if str(each.labels.given[i]) == label:
+                value = (each.modes.frequency, each.modes.damping)[kind][i]
+                found.append((np.log(value), each.modes.sigma[kind][i] / value))
+    values, within = np.array(found, float).reshape(-1, 2).T
+    return values, within
 
 
 def _named(each: Labelled) -> list[int]:
@@ -164,11 +208,8 @@ def _ratios(shape: Complex[np.ndarray, "O"]) -> tuple[int, Float[np.ndarray, "r"
     return largest, ratio[others], ((parts - np.outer(ratio, parts[largest])) / turned.real[largest])[others]
 
 
-def _correlation(
-    modes: ModalParameters | FinishedModes, slopes: Float[np.ndarray, "r n"]
-) -> tuple[tuple[float, ...], ...]:
-    """Return the correlation of numbers that have these derivatives."""
-    covariance = slopes @ modes.covariance @ slopes.T
+def _correlation(covariance: Float[np.ndarray, "r r"]) -> tuple[tuple[float, ...], ...]:
+    """Return the correlation of numbers of this covariance."""
     sd = np.sqrt(np.diag(covariance))
     whole = covariance / np.outer(sd, sd)
     np.fill_diagonal(whole, 1.0)

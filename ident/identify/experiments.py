@@ -14,6 +14,7 @@ from ident.identify.candidate_predictions import CandidatePredictions
 from ident.inference.optimal_design import Experiments
 from ident.inference.prior_information import fisher
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.measure.covariance import COMMON
 from ident.text import did_you_mean
 
 SIGMA = {"frequency": 0.005, "deflection": 0.02}
@@ -29,6 +30,8 @@ PARTS = {
     "dial": "a dial gauge",
     "load": "a load",
 }
+MOST_COMMON = 0.99
+"""Common share of a variance at most: what is left is noise, which every reading has."""
 CLOSE = 0.05
 """Frequencies nearer to each other than this share may come in another order on the arm than in the model."""
 
@@ -42,17 +45,23 @@ class Instruments:
         loads: the load cases.
         sigma: by kind, the standard deviation as a share of the value.
         costs: of the parts of an experiment, in one unit, see `COSTS`.
+        common: share of the variance that all frequencies of a posture have in common, and all deflections: a repeat
+            there makes it no smaller.
     """
 
     modes: int = 4
     loads: tuple[Load, ...] = (OWN_WEIGHT,)
     sigma: Mapping[str, float] = field(default_factory=lambda: SIGMA)
     costs: Mapping[str, float] = field(default_factory=lambda: COSTS)
+    common: float = COMMON
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sigma", _complete("sigma", self.sigma, SIGMA, above=0.0))
         object.__setattr__(self, "costs", _complete("cost", self.costs, COSTS))
         object.__setattr__(self, "loads", tuple(dict.fromkeys(self.loads)))
+        if not 0 <= self.common <= MOST_COMMON:
+            expected = f"a share from 0 to {MOST_COMMON:g}"
+            raise InputError(Problem("common_share", f"{self.common:g}", expected, "0.5 for half of the variance"))
         if self.modes < 1:
             raise InputError(Problem("modes", f"{self.modes}", "at least one", "ask for more"))
 
@@ -99,11 +108,26 @@ def relative_sigma(campaign: Campaign, given: Mapping[str, float] | None = None)
     return SIGMA | measured | dict(given or {})
 
 
+def common_share(campaign: Campaign, given: float | None = None) -> float:
+    """Return the common share of the frequencies' variance: as given, as in the campaign (the median), or assumed."""
+    if given is not None:
+        return given
+    rows = campaign.measurements
+    shares = [
+        matrix[i][j]
+        for places, matrix in campaign.correlated
+        for i, a in enumerate(places)
+        for j, b in enumerate(places[:i])
+        if rows[a].kind == rows[b].kind == "frequency"
+    ]
+    return float(np.clip(np.median(shares), 0.0, MOST_COMMON)) if shares else COMMON
+
+
 def candidate_experiments(
     predictions: CandidatePredictions, instruments: Instruments
 ) -> tuple[tuple[Experiment, ...], Experiments]:
-    """Return all experiments, and what each would tell."""
-    rows, counted = row_information(predictions, instruments), counted_modes(predictions)
+    """Return all experiments, and what each would tell; those at one posture have errors in common."""
+    rows, counted = whole_information(predictions, instruments), counted_modes(predictions)
     by_way = []
     for hammer, labelled, dial in WAYS:
         modes = (rows[:-1] * counted[int(labelled)][..., None, None]).sum(0)
@@ -114,14 +138,26 @@ def candidate_experiments(
         for way in WAYS
         for g, s in places
     )
-    information = np.concatenate([part.reshape(len(places), *part.shape[2:]) for part in by_way])
-    return experiments, Experiments(
-        information, np.array([experiment.cost(instruments.costs) for experiment in experiments])
-    )
+    whole = np.concatenate([part.reshape(len(places), *part.shape[2:]) for part in by_way])
+    cost = np.array([experiment.cost(instruments.costs) for experiment in experiments])
+    group = np.array([experiment.place for experiment in experiments], int)
+    return experiments, Experiments.with_common_errors(whole, predictions.jacobian.shape[1], group, cost)
+
+
+def whole_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T Q Q"]:
+    """Return the information of each frequency, and last of the deflection, on the parameters and on common errors.
+
+    A value is off by sqrt(c) sigma u + sqrt(1 - c) sigma e with the common share c; u is one number for all frequencies
+    of a posture, and another one for its deflections: the last two of the Q coordinates.
+    """
+    scaled = np.moveaxis(predictions.jacobian, 1, -1) / sigmas(predictions, instruments)[..., None]
+    both = np.zeros((*scaled.shape[:-1], 2))
+    both[:-1, ..., 0] = both[-1, ..., 1] = np.sqrt(instruments.common)
+    return fisher(np.concatenate([scaled, both], -1)[..., None, :]) / (1 - instruments.common)
 
 
 def row_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T P P"]:
-    """Return the Fisher information of each frequency, and last of the deflection."""
+    """Return the Fisher information of each frequency, and last of the deflection, as the only value."""
     scaled = np.moveaxis(predictions.jacobian, 1, -1) / sigmas(predictions, instruments)[..., None]
     return fisher(scaled[..., None, :])
 

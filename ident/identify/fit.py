@@ -224,7 +224,7 @@ def units_of(campaign: Campaign) -> Int[np.ndarray, "D"]:
 def _suspected(fit: CampaignFit) -> tuple[Exchange, ...]:
     """Return which two values may have been exchanged, where data or labels do not fit."""
     odd = fit.mislabelled or fit.improbable or fit.outliers.any()
-    if not (odd and fit.best.converged and fit.degrees_of_freedom > 0) or fit.problem.correlation is not None:
+    if not (odd and fit.best.converged and fit.degrees_of_freedom > 0):
         return ()
     pairs = list(exchangeable(fit.campaign, [*fit.farthest_off[:FARTHEST], *fit.renamed[:FARTHEST]]))
     suspected = [pair for pair in pairs if set(pair) <= set(fit.renamed)]

@@ -1,7 +1,7 @@
 """Planning in one call: an arm, and what is measured already, in; the experiments that tell most for their cost out."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,16 +17,26 @@ from ident.identify.experiments import (
     Instruments,
     any_campaign,
     candidate_experiments,
+    common_share,
     expected_rows,
     modes_of,
     relative_sigma,
-    row_information,
+    whole_information,
 )
 from ident.identify.fit import CampaignFit
 from ident.identify.posture_grid import STEP, posture_grid
 from ident.identify.setups import is_of_readings
 from ident.identify.unknowns import Unknowns
-from ident.inference.optimal_design import D_OPTIMAL, Experiments, Step, criterion, gains, greedy, information_gain
+from ident.inference.optimal_design import (
+    D_OPTIMAL,
+    Experiments,
+    Step,
+    criterion,
+    gains,
+    greedy,
+    information_gain,
+    without_common,
+)
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.prior_information import (
     DRAWS,
@@ -35,7 +45,8 @@ from ident.inference.prior_information import (
     prior_information,
     sds,
 )
-from ident.measure import OWN_WEIGHT, Campaign, Load
+from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.measure.covariance import Covariance, Group
 
 
 @dataclass(frozen=True)
@@ -51,6 +62,7 @@ class PlanSettings:
         loads: load cases that can be had.
         sigma: by kind, the standard deviation of a value as a share of it; as in the campaign where not given.
         costs: of the parts of an experiment, in place of `COSTS`.
+        common: share of a value's variance that is common to its posture; None for that of the campaign, or assumed.
         draws: points of the parameters, beside the best estimate, over which gains are averaged.
         seed: of draws and sampled postures.
     """
@@ -63,6 +75,7 @@ class PlanSettings:
     loads: tuple[Load, ...] = (OWN_WEIGHT,)
     sigma: Mapping[str, float] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)
+    common: float | None = None
     draws: int = DRAWS
     seed: int = 0
 
@@ -77,7 +90,8 @@ class PlanSettings:
         Raises:
             InputError: unknown kinds or parts, or numbers that can't be.
         """
-        return Instruments(self.modes, self.loads, relative_sigma(campaign, self.sigma), self.costs)
+        common = common_share(campaign, self.common)
+        return Instruments(self.modes, self.loads, relative_sigma(campaign, self.sigma), self.costs, common)
 
 
 DEFAULT = PlanSettings()
@@ -155,6 +169,24 @@ class CampaignPlan:
         return tuple(name for name, is_wide in zip(self.known.sought, wide, strict=True) if is_wide)
 
     @property
+    def at_draws(self) -> Float[np.ndarray, "draws sought"]:
+        """Standard deviations of each sought theta at the end of the batch, at the other draws."""
+        return (self.steps[-1].sd if self.steps else self.known.sd)[1:]
+
+    @property
+    def missed_at_draws(self) -> Int[np.ndarray, "sought"]:
+        """At how many of the other draws each standard deviation is above the target at the end of the batch."""
+        return ((self.at_draws > self.settings.target) & (self.settings.target > 0)).sum(0)
+
+    def best_for(self, place: int) -> tuple[int, float]:
+        """Return the experiment after the batch that tells most of one sought parameter, and its sd then."""
+        chosen = [step.experiment for step in self.steps]
+        information = self.known.information[0] + self.candidates.together(chosen)[0]
+        after = sds(self.known.of_sought(information + self.candidates.after(chosen)[:, 0]))[:, place]
+        best = int(np.argmin(after))
+        return best, float(after[best])
+
+    @property
     def experiments(self) -> tuple[Experiment, ...]:
         """All that could be done, `(C,)`."""
         return self._offered[0]
@@ -211,15 +243,16 @@ class CampaignPlan:
         """Return the batch as a campaign of the values that are expected.
 
         Experiments to one posture under one load become one: a value that is taken n times is to be entered once, as a
-        mean, since rows without label in one state are different modes.
+        mean, since rows without label in one state are different modes. The errors that the values of a posture have in
+        common are their correlation.
         """
-        point = self.arm.points[-1].name
+        point, common = self.arm.points[-1].name, self.instruments.common
         measured = {(m.posture, m.load) for m in self.fit.campaign} if self.fit else set()
         states: dict[tuple[int, int], list[Experiment]] = {}
         for experiment in self.batch:
             states.setdefault((experiment.place, experiment.case), []).append(experiment)
-        rows = []
-        for experiments in states.values():
+        rows: dict[int, list[tuple[Measurement, float]]] = {}
+        for (place, _), experiments in states.items():
             hammer, labelled, dial = (
                 sum(getattr(v, part) for v in experiments) for part in ("hammer", "labelled", "dial")
             )
@@ -229,22 +262,50 @@ class CampaignPlan:
                 note = f"mean of {n} readings. " * (n > 1)
                 if (row.posture, row.load) in measured:
                     note += "measured before: put the mean in place of the row that is there. "
-                rows.append(replace(row, sigma=row.sigma / math.sqrt(n), note=note.strip()))
-        return Campaign(f"{self.name}.plan", measurements=tuple(rows))
+                mean = replace(row, sigma=row.sigma * math.sqrt(common + (1 - common) / n), note=note.strip())
+                rows.setdefault(place, []).append((mean, math.sqrt(common) * row.sigma / mean.sigma))
+        return _grouped(f"{self.name}.plan", list(rows.values()), common > 0)
 
     def value_gains(self, step: int) -> list[tuple[str, float]]:
         """Return each value of a step's experiment that counts, with the nats it would give as the only one."""
         experiment = self.batch[step]
-        before = self.known.information + sum(self.candidates.information[s.experiment] for s in self.steps[:step])
-        rows = row_information(self.predictions, self.instruments)[:, experiment.place, experiment.case]
+        chosen = [each.experiment for each in self.steps[:step]]
+        before, count = self.known.information + self.candidates.together(chosen), len(self.known.names)
+        here = [i for i in chosen if self.experiments[i].place == experiment.place]
+        rows = whole_information(self.predictions, self.instruments)[:, experiment.place, experiment.case]
+        assert self.candidates.whole is not None
+        there = self.candidates.whole[here].sum(0)
+        added = without_common(there + rows, count) - without_common(there, count)
         sought = self.known.of_sought
-        alone = information_gain(sought(before), sought(before + rows)).mean(-1)
+        alone = information_gain(sought(before), sought(before + added)).mean(-1)
         frequencies = [
             (str(label), float(nats))
             for (label, counts), nats in zip(modes_of(self.predictions, experiment), alone[:-1], strict=True)
             if experiment.hammer and counts
         ]
         return frequencies + ([("deflection", float(alone[-1]))] if experiment.dial else [])
+
+
+def _grouped(name: str, rows: Sequence[Sequence[tuple[Measurement, float]]], common: bool) -> Campaign:
+    """Return the rows of each posture as a campaign, with the correlation of their errors where they have some.
+
+    Args:
+        name: of the campaign.
+        rows: of each posture, with the share of their standard deviation that those of a kind have in common.
+        common: whether they have any in common.
+    """
+    measurements, groups = list[Measurement](), list[Group]()
+    for number, own in enumerate(rows, 1):
+        kinds, share = np.array([row.kind for row, _ in own]), np.array([each for _, each in own])
+        matrix = np.where(kinds[:, None] == kinds, np.outer(share, share), 0.0)
+        np.fill_diagonal(matrix, 1.0)
+        group = Group(f"{name} {number}", tuple(map(tuple, matrix.tolist())))
+        together = common and len(own) > 1
+        groups += [group] * together
+        measurements += [
+            replace(row, group=group.name * together, member=place * together) for place, (row, _) in enumerate(own, 1)
+        ]
+    return Campaign(name, measurements=tuple(measurements), covariance=Covariance(tuple(groups)) if groups else None)
 
 
 def plan_campaign(

@@ -72,6 +72,28 @@ class Correlation(eqx.Module):
             parts.append(mixed.reshape((-1, *x.shape[1:])))
         return np.concatenate(parts)[np.asarray(self.order)]
 
+    def inverse_among(self, places: Int[np.ndarray, "N K"]) -> Float[np.ndarray, "N K K"]:
+        """Return the elements of R^-1 that are between the values of each of several sets."""
+        found = (places[:, :, None] == places[:, None]).astype(float)
+        for block in self.blocks:
+            W, rows = np.asarray(block.whitening), np.asarray(block.rows)
+            inverse = np.einsum("gji,gjk->gik", W, W)
+            group, member = np.full(len(self.order), -1), np.zeros(len(self.order), int)
+            group[rows], member[rows] = np.arange(len(rows))[:, None], np.arange(rows.shape[1])
+            own, at = group[places], member[places]
+            both = own[:, :, None] == own[:, None]
+            inside = inverse[own[:, :, None], at[:, :, None], at[:, None]]
+            found = np.where(own[:, :, None] < 0, found, np.where(both, inside, 0.0))
+        return found
+
+    def moved(self, source: Int[np.ndarray, "D"]) -> "Correlation":
+        """Return the same for values that come to other places, each with its error: place i gets that of source[i]."""
+        to = np.argsort(source)
+        single = to[np.asarray(self.single)]
+        blocks = tuple(eqx.tree_at(lambda b: b.rows, block, to[np.asarray(block.rows)]) for block in self.blocks)
+        grouped = np.concatenate([block.rows.ravel() for block in blocks])
+        return Correlation(single, blocks, np.argsort(np.concatenate([single, grouped])))
+
     @property
     def precision(self) -> Float[np.ndarray, "D"]:
         """Diagonal of the inverse of the whole correlation; 0 of a value within a group that does not count."""

@@ -103,9 +103,6 @@ def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> In
         if not NARROWEST <= width <= WIDEST:
             expected, remedy = f"a width from {NARROWEST:g} to {WIDEST:g}", f"as {kind}:0.1 for ten percent"
             raise InputError(Problem("", f"a discrepancy of width {width:g}", expected, remedy))
-    if widths and problem.correlation is not None:
-        remedy = "leave the discrepancy out, or the covariance"
-        raise InputError(Problem("", "a discrepancy beside correlated errors", "one of both", remedy))
     more = tuple(Parameter((PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
     if not more:
         return problem

@@ -53,9 +53,9 @@ def exchanges(
 ) -> tuple[Exchange, ...]:
     """Return the exchanges after which nothing speaks against the fit any more, of the least chi-squared first.
 
-    Values change places together with their sigmas. All pairs are compared by the least squares of the model along
-    a straight line from the optimum; the best ones are fitted anew from there. It is a hint where to look: two values
-    that were not exchanged may look so, where both are wrong.
+    Values change places together with their sigmas, and with what their errors have in common with others. All pairs
+    are compared by the least squares of the model along a straight line from the optimum; the best ones are fitted anew
+    from there. It is a hint where to look: two values that were not exchanged may look so, where both are wrong.
 
     Args:
         fit: of data that do not fit.
@@ -69,9 +69,9 @@ def exchanges(
     found = []
     for pair in dict.fromkeys([*suspected[:TRIED], *nearest]):
         problem = _moved(fit.problem, moves(pair))
-        end, sigma = solve(problem, fit.best.theta), np.asarray(problem.sigma)
-        residuals = (end.predicted - np.asarray(problem.measured)) / sigma
-        chi_squared = float(residuals @ residuals)
+        end = solve(problem, fit.best.theta)
+        independent = problem.scaled(end.predicted - np.asarray(problem.measured))
+        chi_squared = float(independent @ independent)
         if _fits(fit, problem, end, chi_squared):
             found.append(Exchange(pair, chi_squared, float(end.cost + np.sum(end.choice.cost))))
     return tuple(sorted(found, key=lambda each: each.chi_squared))
@@ -92,17 +92,28 @@ def _fits(fit: Fit, problem: InverseProblem, end: End, chi_squared: float) -> bo
 def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:
     """Return the least cost of each exchange where predictions change along a straight line.
 
-    With r the residuals and S their slope, it is r'r - (S'r)' (S'S)^+ S'r, of which an exchange changes a few rows.
+    With r the residuals and S their slope, it is r'r - (S'r)' (S'S)^+ S'r. An exchange changes a few rows of both: a
+    value that comes to another row keeps its error, and is compared with that row's prediction. With X = [S, r] in
+    sigmas, R the correlation of the errors and D what changes, the squares are (X + D)' R^-1 (X + D).
     """
     problem = fit.problem
     residuals, slope = problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta)
     measured, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
+    rows = np.concatenate([slope, residuals[:, None]], 1)
     here, there = _aligned(moves)
-    old = np.concatenate([slope[here], residuals[here][:, :, None]], 2)
     moved = (fit.predicted[here] - measured[there]) / sigma[there]
     new = np.concatenate([fit.jacobian[here] / sigma[there][:, :, None], moved[:, :, None]], 2)
-    rows = np.concatenate([slope, residuals[:, None]], 1)
-    squares = rows.T @ rows + np.einsum("nip,niq->npq", new, new) - np.einsum("nip,niq->npq", old, old)
+    squares = rows.T @ rows
+    if problem.correlation is None:
+        old = np.concatenate([slope[here], residuals[here][:, :, None]], 2)
+        squares = squares + np.einsum("nip,niq->npq", new, new) - np.einsum("nip,niq->npq", old, old)
+    else:
+        R, off = problem.correlation, fit.predicted - measured
+        whole = np.concatenate([fit.jacobian, off[:, None]], 1) / sigma[:, None]
+        change = new - whole[there]
+        cross = np.einsum("nip,niq->npq", change, R.pull_back(np.asarray(R.whiten(whole)))[there])
+        own = np.einsum("nip,nij,njq->npq", change, R.inverse_among(there), change, optimize=True)
+        squares = squares + cross + cross.swapaxes(1, 2) + own
     A, b, c = squares[:, :-1, :-1], squares[:, :-1, -1], squares[:, -1, -1]
     inverse = np.linalg.pinv(A, rcond=RANK_TOLERANCE, hermitian=True)
     return np.asarray(c - np.einsum("np,npq,nq->n", b, inverse, b))
@@ -119,4 +130,7 @@ def _moved(problem: InverseProblem, moves: Moves) -> InverseProblem:
     source = np.arange(len(problem.kinds))
     source[list(moves)] = list(moves.values())
     values = [jax.device_put(np.asarray(x)[source]) for x in (problem.measured, problem.sigma)]
-    return eqx.tree_at(lambda p: (p.measured, p.sigma), problem, tuple(values))
+    moved = eqx.tree_at(lambda p: (p.measured, p.sigma), problem, tuple(values))
+    if problem.correlation is None:
+        return moved
+    return eqx.tree_at(lambda p: p.correlation, moved, jax.device_put(problem.correlation.moved(source)))

@@ -185,10 +185,14 @@ def _searched_in_parts(
     weight: np.ndarray,
 ) -> tuple[End, bool]:
     """Search among data so many that the model predicts them part by part."""
+    weighed: list[tuple[Any, tuple[np.ndarray, np.ndarray]]] = []
+    by_problem = problem.weigh  # looked up once: equinox makes a module of a method each time
 
     def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
-        residuals, slope = problem.weigh(end.predicted, end.jacobian, end.theta)
-        return weight * np.asarray(residuals), weight * np.asarray(slope)
+        if not (weighed and weighed[0][0] is end.predicted):  # where a search looks it weighs a second time, to step
+            residuals, slope = by_problem(end.predicted, end.jacobian, end.theta)
+            weighed[:] = [(end.predicted, (weight * np.asarray(residuals), weight * np.asarray(slope)))]
+        return weighed[0][1]
 
     def look_there(theta: Float[np.ndarray, "P"], held: Any) -> End:
         predicted, jacobian, choice = _in_parts(large, theta, held)

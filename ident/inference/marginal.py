@@ -29,6 +29,9 @@ class Marginal(eqx.Module):
     exp(-(A (exp(2 u) - 1) - 2 B (exp(u) - 1)) / 2 - u^2 / (2 s^2)): Gauss-Hermite about its peak (Liu, Pierce, "A note
     on Gauss-Hermite quadrature", Biometrika 81(3), 1994). Values of either sign and sigmas of any size are welcome.
 
+    Where errors are correlated, m and y - (the predictions of other kinds) are made independent first. The integrals
+    over several factors are then no product, so that several ones are sampled like any other unknown.
+
     Attributes:
         posterior: the whole posterior.
     """
@@ -38,8 +41,10 @@ class Marginal(eqx.Module):
     @property
     def integrated(self) -> np.ndarray:
         """Which of the posterior's unknowns are integrated out."""
-        factors = isinstance(self.posterior.problem.model, Discrepant)
-        return np.array([factors and name.startswith(PREFIX) for name in self.posterior.parameters.names])
+        problem = self.posterior.problem
+        out = np.array([name.startswith(PREFIX) for name in self.posterior.parameters.names])
+        separate = problem.correlation is None or out.sum() == 1
+        return out & (isinstance(problem.model, Discrepant) and separate)
 
     @property
     def parameters(self) -> Parameters:
@@ -55,8 +60,13 @@ class Marginal(eqx.Module):
         sigma = problem.sigma[:, None] * at.scale
         predicted, measured = at.predicted / sigma, problem.measured[:, None] / sigma
         rows = [np.flatnonzero(np.array(problem.kinds) == kind) for kind in self._kinds]
-        A = jnp.stack([(predicted[own] ** 2).sum(0) for own in rows])
-        B = jnp.stack([(predicted[own] * measured[own]).sum(0) for own in rows])
+        if problem.correlation is None:
+            A = jnp.stack([(predicted[own] ** 2).sum(0) for own in rows])
+            B = jnp.stack([(predicted[own] * measured[own]).sum(0) for own in rows])
+        else:
+            factored = jnp.zeros_like(predicted).at[rows[0]].set(predicted[rows[0]])
+            m, y = (problem.correlation.whiten(x) for x in (factored, measured - (predicted - factored)))
+            A, B = (m**2).sum(0)[None], (m * y).sum(0)[None]
         gain = jnp.stack([_log_integral(a, b, width) for a, b, width in zip(A, B, self.widths, strict=True)]).sum(0)
         value = jnp.where(jnp.isfinite(at.log_density), at.log_density + gain, -jnp.inf)
         return Integrated(value, value - self.parameters.log_prior(theta), at.log_density, A, B)

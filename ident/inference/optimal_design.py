@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from itertools import combinations, islice
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ident.errors import InputError, Problem
-from ident.inference.prior_information import PriorInformation, fisher, sds
+from ident.inference.prior_information import PriorInformation, fisher, marginal, sds
 from ident.text import did_you_mean, quoted
 
 D_OPTIMAL, A_OPTIMAL = "d", "a"
@@ -38,12 +38,17 @@ class Experiments:
     """What could be measured: each experiment is a set of values that are taken together, and paid together.
 
     Attributes:
-        information: (C, T, P, P) what each would add at each point of `PriorInformation`.
+        information: (C, T, P, P) what each alone would add at each point of `PriorInformation`.
         cost: (C,) in any one unit.
+        group: (C,) experiments of one number have errors in common; None where all are independent.
+        whole: (C, T, P+S, P+S) information of each on the parameters and on the S errors that those of its group have
+            in common, each in its standard deviation, without what is known of these; None likewise.
     """
 
     information: Float[np.ndarray, "C T P P"]
     cost: Float[np.ndarray, "C"]
+    group: Int[np.ndarray, "C"] | None = None
+    whole: Float[np.ndarray, "C T Q Q"] | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.cost).all() and (self.cost > 0).all()):
@@ -52,6 +57,38 @@ class Experiments:
 
     def __len__(self) -> int:
         return len(self.cost)
+
+    @classmethod
+    def with_common_errors(
+        cls, whole: Float[np.ndarray, "C T Q Q"], count: int, group: Int[np.ndarray, "C"], cost: Float[np.ndarray, "C"]
+    ) -> "Experiments":
+        """Return experiments with so many parameters, and errors that those of a group have in common."""
+        return cls(without_common(whole, count), cost, group, whole)
+
+    def after(self, chosen: Sequence[int]) -> Float[np.ndarray, "C T P P"]:
+        """Return what each would add after those chosen: less where it shares an error with some of them."""
+        if self.group is None or self.whole is None:
+            return self.information
+        added, count = self.information, self.information.shape[-1]
+        for group in {int(self.group[i]) for i in chosen}:
+            before = self.whole[[i for i in chosen if self.group[i] == group]].sum(0)
+            own = self.group == group
+            added = np.where(own[:, None, None, None], 0.0, added)
+            added[own] = without_common(before + self.whole[own], count) - without_common(before, count)
+        return added
+
+    def together(self, chosen: Sequence[int]) -> Float[np.ndarray, "T P P"]:
+        """Return what those chosen add together."""
+        added = np.zeros(self.information.shape[1:])
+        for place, i in enumerate(chosen):
+            added = added + self.after(chosen[:place])[i]
+        return added
+
+
+def without_common(whole: Float[np.ndarray, "*batch Q Q"], count: int) -> Float[np.ndarray, "*batch P P"]:
+    """Return the information on the first parameters, whatever the common errors after them are: normal, of sd 1."""
+    known = np.diag(np.where(np.arange(whole.shape[-1]) < count, 0.0, 1.0))
+    return marginal(whole + known, range(count))
 
 
 def bundle(scaled: Float[np.ndarray, "T D P"], rows: Sequence[Sequence[int]], cost: Sequence[float]) -> Experiments:
@@ -105,13 +142,15 @@ def variance_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 def gains(known: PriorInformation, experiments: Experiments, gain: Gain) -> Float[np.ndarray, "C"]:
     """Return what each experiment alone would gain, averaged over the points."""
-    return _gains(known, known.information, experiments, gain)
+    return _gains(known, known.information, experiments.information, gain)
 
 
 def greedy(
     known: PriorInformation, experiments: Experiments, count: int, gain: Gain = information_gain, *, target: float = 0.0
 ) -> tuple[Step, ...]:
     """Choose experiments one by one, each the one with most gain per cost after those before it; none is barred twice.
+
+    Errors that experiments have in common are no smaller in a repeat, so that the next one goes elsewhere.
 
     At equal costs the information gain of the batch is at least 1 - 1/e (63 %) of what the best one of its size has,
     as ln det is submodular; in practice it is within a few percent.
@@ -130,9 +169,10 @@ def greedy(
     steps: list[Step] = []
     information = known.information
     while len(steps) < count and not (sds(known.of_sought(information[0])) < target).all():
-        per_cost = _gains(known, information, experiments, gain) / experiments.cost
+        added = experiments.after([step.experiment for step in steps])
+        per_cost = _gains(known, information, added, gain) / experiments.cost
         best = int(np.argmax(per_cost))
-        after = information + experiments.information[best]
+        after = information + added[best]
         sought = known.of_sought(after)
         nats = float(information_gain(known.of_sought(information), sought).mean())
         cost = float(experiments.cost[best])
@@ -145,7 +185,7 @@ def fewest(known: PriorInformation, experiments: Experiments, target: float, mos
     """Search all sets of 1, 2, ... different experiments for the smallest that brings all sds below a target.
 
     The sds are those at the first point. Of the sets of that size it is the one whose largest sd is smallest; None if
-    `most` do not suffice.
+    `most` do not suffice. Common errors are not looked at.
 
     Raises:
         InputError: there are too many sets.
@@ -162,8 +202,8 @@ def fewest(known: PriorInformation, experiments: Experiments, target: float, mos
     return None
 
 
-def _gains(known: PriorInformation, information: np.ndarray, experiments: Experiments, gain: Gain) -> np.ndarray:
-    after = known.of_sought(information + experiments.information)
+def _gains(known: PriorInformation, information: np.ndarray, added: np.ndarray, gain: Gain) -> np.ndarray:
+    after = known.of_sought(information + added)
     return gain(known.of_sought(information), after).mean(-1)
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.measure import Campaign
     from ident.measure.channels import ChannelTable
+    from ident.measure.covariance import Reproducibility
     from ident.modal.ambient_test import AmbientTest
     from ident.modal.finished import FinishedTest
     from ident.modal.modal_test import ModalTest, Processing
@@ -65,6 +66,20 @@ class ModalOptions(ProblemOptions):
     frequency_is: str | None = option(
         None, "what the frequencies of finished modes are, where their file does not say it", choices=FINISHED
     )
+    reproducibility: dict[str, float] = option(
+        {},
+        "how far a value differs when the test is set up from the start, as a share: 0.002 of each frequency, or"
+        " frequency=0.002, damping_ratio=0.05; 0 for none; default: these, which are assumed, and what repeated tests"
+        " of one posture show",
+        repeated=True,
+        read=reading.shares,
+    )
+    common_share: float = option(
+        0.5,
+        "share of that variance which all frequencies of a test have in common, and all damping ratios; assumed",
+        low=0.0,
+        high=1.0,
+    )
     shapes: bool = option(False, "write the measured shapes into the campaign, as data of a fit")
 
     @property
@@ -73,6 +88,13 @@ class ModalOptions(ProblemOptions):
         from ident.modal.modal_test import Processing
 
         return Processing(self.estimator, self.window_end, self.rest, self.band)
+
+    @property
+    def known_reproducibility(self) -> "Reproducibility":
+        """What is known of the reproducibility of tests before any is seen."""
+        from ident.measure.covariance import Reproducibility
+
+        return Reproducibility.of(self.reproducibility, self.common_share)
 
 
 @dataclass(frozen=True)
@@ -104,6 +126,7 @@ class ModalResult(Result):
         campaign: the modes that have a name, with the correlation of their errors; None where none were asked for.
         files: recordings, by name, and the channel table.
         options: what was asked for.
+        reproducibility: what the campaign's sigmas have beside the scatter within a test; None without a campaign.
     """
 
     arm: "ArmFile"
@@ -114,8 +137,9 @@ class ModalResult(Result):
     campaign: "Campaign | None" = None
     files: Mapping[str, SourceFile] = field(default_factory=dict)
     options: ModalOptions = field(default_factory=ModalOptions)
+    reproducibility: "Reproducibility | None" = None
 
-    form = "ident-modal/3"
+    form = "ident-modal/4"
     suffix = ".nc"
     shown = ("tests", "identified", "finished", "named", "campaign")
     summary = ("hits", "rejected")
@@ -156,6 +180,13 @@ class ModalResult(Result):
 
         return any(isinstance(each.modes, Modes) and not each.modes.converged for each in self.identified)
 
+    def report(self) -> str:
+        """Return the printed report."""
+        from ident.present.text.modal import modal_report
+
+        parts = self.tests, self.identified, self.finished, self.named, self.campaign
+        return modal_report(*parts, self.reproducibility)
+
     def figures(self) -> "dict[str, Figure]":
         """Return for each posture its responses, how its modes were chosen (`modes`), and `shapes`."""
         from ident.present.figures.argand import argand_figure
@@ -184,7 +215,7 @@ class ModalResult(Result):
         tables = self._beside(path, ".csv"), self._beside(path, ".covariance.csv")
         if not self.campaign:
             return path, document
-        write_campaign_file(self.campaign, head, tables[0])
+        write_campaign_file(self.campaign, head, tables[0], self.reproducibility)
         return *tables, path, document
 
     def _inputs(self) -> Mapping[str, Any]:
@@ -216,6 +247,7 @@ def modal_test(
     """
     from dataclasses import replace
 
+    from ident.assess.identified_modes import modal_campaign, observed_reproducibility
     from ident.assess.places import in_base_frame, with_places
     from ident.measure.channel_template import check_folder, recordings_of
     from ident.measure.channels import ChannelTable, read_channels
@@ -223,6 +255,7 @@ def modal_test(
     from ident.modal.measured import measured_tests
 
     options, folder = ModalOptions.of(options), Path(tests)
+    reproducibility = options.known_reproducibility  # refused before any file is read
     check_folder(folder)
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
     recordings = recordings_of(folder, table)
@@ -236,30 +269,34 @@ def modal_test(
     files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
     if not measured and not finished:
         raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
-    identified, named, campaign = _identified(folder.absolute().name, placed, (measured, finished), options)
+    identified, named = _identified(placed, (measured, finished), options)
     arm_file = replace(arm_file, arm=placed)
-    return ModalResult(arm_file, measured, identified, finished, named, campaign, files, options)
+    result = ModalResult(arm_file, measured, identified, finished, named, None, files, options)
+    if options.no_modes:
+        return result
+    every: tuple[ModalTest | AmbientTest | FinishedTest, ...] = (*measured, *finished)
+    modes: tuple[IdentifiedModes | NamedModes, ...] = (*identified, *named)
+    shown, name = observed_reproducibility(every, modes, reproducibility), f"{folder.absolute().name}.modal"
+    campaign = modal_campaign(name, every, modes, shapes=options.shapes, reproducibility=shown)
+    return replace(result, campaign=campaign, reproducibility=shown)
 
 
 def _identified(
-    name: str,
     arm: "Arm",
     tests: "tuple[tuple[ModalTest | AmbientTest, ...], tuple[FinishedTest, ...]]",
     options: ModalOptions,
-) -> "tuple[tuple[IdentifiedModes, ...], tuple[NamedModes, ...], Campaign | None]":
-    """Return the modes of each test, those of files of finished ones and their campaign, where they are asked for."""
-    from ident.assess.identified_modes import identify_modes, modal_campaign, name_modes
+) -> "tuple[tuple[IdentifiedModes, ...], tuple[NamedModes, ...]]":
+    """Return the modes of each test, and those of files of finished ones, where they are asked for."""
+    from ident.assess.identified_modes import identify_modes, name_modes
     from ident.identify.unknowns import stiffness_parameters
 
     if options.no_modes:
-        return (), (), None
+        return (), ()
     near = {int(number): frequencies for number, frequencies in options.modes.items()}
     parameters = stiffness_parameters(arm, options.unknowns)
     measured, finished = tests
     identified = identify_modes(arm, measured, parameters, near=near, seed=options.seed) if measured else ()
-    named = name_modes(arm, finished, parameters, seed=options.seed)
-    campaign = modal_campaign(f"{name}.modal", (*measured, *finished), (*identified, *named), shapes=options.shapes)
-    return identified, named, campaign
+    return identified, name_modes(arm, finished, parameters, seed=options.seed)
 
 
 modal = modal_test

@@ -50,6 +50,13 @@ class PlanOptions(FitOptions):
         repeated=True,
         read=reading.numbers,
     )
+    common_share: float | None = option(
+        None,
+        "share of a value's variance that is common to its posture, so that a repeat there makes it no smaller;"
+        " default: the campaign's, or 0.5, which is assumed",
+        low=0.0,
+        high=0.99,
+    )
     sensors: int = option(
         0,
         "channels of accelerometers at hand: says where to put them, and where to hit how often; 0 to leave that out",
@@ -74,6 +81,7 @@ class PlanOptions(FitOptions):
             loads=(OWN_WEIGHT, *(Load.parse(text) for text in self.load)),
             sigma=self.sigma,
             costs=self.cost,
+            common=self.common_share,
             draws=self.draws,
             seed=self.seed,
         )
@@ -134,8 +142,8 @@ class PlanResult(Result):
     @property
     def sd_at_draws(self) -> Mapping[str, tuple[float, ...]]:
         """Standard deviation at the end of the batch, at other draws of what is not known: of ln(value) [-]."""
-        names, end = self.plan.known.sought, self.plan.steps[-1].sd if self.plan.steps else self.plan.known.sd
-        return {name: tuple(map(float, column[1:])) for name, column in zip(names, end.T, strict=True)}
+        names, end = self.plan.known.sought, self.plan.at_draws
+        return {name: tuple(map(float, column)) for name, column in zip(names, end.T, strict=True)}
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the plan, and a campaign to fill in unless the batch is empty."""

@@ -47,6 +47,12 @@ def numbers(texts: Sequence[str], flag: str) -> dict[str, float]:
     return once(flag, [(name, number(value, f"{flag} {text}")) for text, name, value in pairs])
 
 
+def shares(texts: Sequence[str], flag: str) -> dict[str, float]:
+    """Read NAME=NUMBER, with commas between several, each name once; a number alone is of frequencies."""
+    parts = [part.strip() for text in texts for part in text.split(",")]
+    return numbers([part if "=" in part else f"frequency={part}" for part in parts], flag)
+
+
 def frequencies(texts: Sequence[str], flag: str) -> dict[str, tuple[float, ...]]:
     """Read NUMBER=HERTZ,HERTZ,..., each number once."""
     pairs = [(text, *named(text, f"{flag} {text}")) for text in texts]

@@ -35,6 +35,8 @@ from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
 from ident.jit import jit
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.measure.covariance import Covariance
+from ident.present.text.plan import plan_report
 
 pytestmark = pytest.mark.slow
 
@@ -65,6 +67,33 @@ def test_one_value_taken_n_times_divides_its_variance_by_n():
     steps = greedy(vague, experiments_of([[10.0]]), 7)
     np.testing.assert_allclose([step.sd[0, 0] for step in steps], [0.1 / math.sqrt(n) for n in range(1, 8)], rtol=1e-9)
     np.testing.assert_allclose([s.nats for s in steps[1:]], [0.5 * math.log(n / (n - 1)) for n in range(2, 8)])
+
+
+def shared(rows, groups, share):
+    """One experiment for each row; a share of its variance is common to its group."""
+    both = np.column_stack([rows, np.full(len(rows), math.sqrt(share))])
+    whole = np.einsum("ip,iq->ipq", both, both)[:, None] / (1 - share)
+    return Experiments.with_common_errors(whole, both.shape[1] - 1, np.array(groups), np.ones(len(rows)))
+
+
+def test_a_repeat_does_not_average_what_is_common_to_its_group():
+    """sigma^2 (c + (1 - c) / n) for n values of one group: the closed form."""
+    experiments = shared([[10.0]], [0], 0.3)
+    assert experiments.information[0, 0, 0, 0] == pytest.approx(100.0)
+    steps = greedy(known(np.diag([1e-12])), experiments, 5)
+    expected = [0.1 * math.sqrt(0.3 + 0.7 / n) for n in range(1, 6)]
+    np.testing.assert_allclose([step.sd[0, 0] for step in steps], expected, rtol=1e-6)
+
+
+def test_a_batch_spreads_over_groups_where_their_values_share_an_error():
+    """Of four postures that tell the same, the best one is measured four times only where repeats are independent."""
+    rows = [[10.0 + 0.1 * (3 - i)] for i in range(4)]
+    repeated = greedy(known(np.eye(1)), experiments_of(rows), 4)
+    spread = greedy(known(np.eye(1)), shared(rows, range(4), 0.5), 4)
+    assert [step.experiment for step in repeated] == [0, 0, 0, 0]
+    assert [step.experiment for step in spread] == [0, 1, 2, 3]
+    together = shared(rows, range(4), 0.5).together([0, 1, 2, 3])[0, 0, 0]
+    assert together == pytest.approx(sum(row[0] ** 2 for row in rows))
 
 
 def test_a_single_value_on_one_parameter_gains_what_shannon_says():
@@ -147,7 +176,7 @@ def test_promised_and_realised_standard_deviations_agree():
     rng = np.random.default_rng(11)
     ends = []
     for _ in range(600):
-        noisy = jnp.asarray(value + sigma * rng.standard_normal(len(value)))
+        noisy = jnp.asarray(value + sigma * problem.correlated(rng.standard_normal(len(value))))
         end = solve(eqx.tree_at(lambda p: p.measured, problem, noisy), start)
         assert np.abs(end.gradient).max() < 1e-4 * (1 + end.cost)
         ends.append(np.asarray(end.theta))
@@ -167,7 +196,9 @@ def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     assert then.fit is not None
     np.testing.assert_allclose(then.sd[0], then.fit.information.sd, rtol=1e-6)
     np.testing.assert_allclose(then.fit.best.theta, then.known.points[0])
-    again = Campaign(measurements=(*first, *then.campaign()))
+    more = then.campaign()
+    groups = Covariance((*first.covariance.groups, *more.covariance.groups))
+    again = Campaign(measurements=(*first, *more), covariance=groups)
     found = fit(arm_problem(loose_arm(), again, then.parameters), starts=1)
     np.testing.assert_allclose(found.information.sd, then.sd[-1], rtol=1e-4)
 
@@ -210,7 +241,9 @@ def test_visits_to_one_state_are_entered_once_as_means():
         times = {"frequency": sum(v.hammer for v in there), "deflection": sum(v.dial for v in there)}
         assert sum(m.kind == "frequency" for m in rows) == 4 * (times["frequency"] > 0)
         for m in rows:
-            assert m.sigma / m.value == pytest.approx(plan.instruments.sigma[m.kind] / times[m.kind] ** 0.5, rel=1e-3)
+            share, n = plan.instruments.common, times[m.kind]
+            of_mean = plan.instruments.sigma[m.kind] * math.sqrt(share + (1 - share) / n)
+            assert m.sigma / m.value == pytest.approx(of_mean, rel=1e-3)
     found = fit(arm_problem(loose_arm(), campaign, plan.parameters), starts=1)
     np.testing.assert_allclose(found.information.sd, plan.sd[-1], rtol=1e-3)
 
@@ -411,6 +444,32 @@ def test_a_missed_target_is_named():
     assert missed.missed == tuple(n for n, sd in zip(missed.known.names, missed.sd[-1], strict=True) if sd > 0.01) != ()
     assert plan_campaign(loose_arm(), settings=dataclasses.replace(settings, target=9.0)).missed == ()
     assert plan_campaign(loose_arm(), settings=dataclasses.replace(settings, target=0.0)).missed == ()
+
+
+def test_whether_a_target_is_reached_is_said_and_what_stays_loose():
+    """At the best estimate and at the other draws; a parameter that is known to a factor only is named."""
+    settings = PlanSettings(step=math.radians(90.0), draws=4, count=1, target=0.05)
+    one = plan_campaign(loose_arm(), settings=settings)
+    report = " ".join(plan_report(one).split())
+    assert "The target of 5.13 % is MISSED for" in report
+    loose = [name for name, sd in zip(one.known.sought, one.sd[-1], strict=True) if sd >= 0.3]
+    assert loose
+    for name in loose:
+        assert f"After the batch {name} is still known to a factor" in report
+    best, after = one.best_for(one.known.sought.index(loose[0]))
+    more = [*(step.experiment for step in one.steps), best]
+    information = one.known.information[0] + one.candidates.together(more)[0]
+    place = one.known.sought.index(loose[0])
+    assert math.sqrt(np.linalg.inv(information)[place, place]) == pytest.approx(after)
+    widest = max(one.at_draws.max(), one.sd[-1].max()) + 1
+    reached = dataclasses.replace(one, settings=dataclasses.replace(settings, target=widest))
+    words = "reached at the best estimate It is reached at each of 4 other draws"
+    assert words in " ".join(plan_report(reached).split())
+    limit = float(one.sd[-1].max()) + 1e-9
+    at_best = dataclasses.replace(one, settings=dataclasses.replace(settings, target=limit))
+    assert not at_best.missed
+    said = "NOT reached" in plan_report(at_best)
+    assert said == bool((one.at_draws > limit).any())
 
 
 def with_limits(*limits):

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import ks_2samp, kstest, norm
 
+from ident.inference.correlation import correlation
 from ident.inference.discrepancy import with_discrepancy
 from ident.inference.fit import fit
 from ident.inference.marginal import Marginal
@@ -22,14 +23,17 @@ def compliant(p):
     return jnp.stack([(a + b) ** -0.5, (a + 2 * b) ** -0.5, a + b, a - 2 * b])
 
 
-def problem(sigma: float, width: float) -> InverseProblem:
+def without_factors(sigma: float) -> InverseProblem:
     items = tuple(Parameter((name,), True, 1.0, 1.0, 0.5) for name in "ab")
     measured = np.asarray(compliant({"a": 1.3, "b": 0.8})) * np.array([1.1, 1.1, 0.8, 0.8])
     kinds = ("frequency", "frequency", "deflection", "deflection")
-    plain = InverseProblem(
+    return InverseProblem(
         compliant, jnp.asarray(measured), jnp.asarray(sigma * abs(measured)), Parameters(items), kinds
     )
-    return with_discrepancy(plain, {"frequency": width, "deflection": width / 2})
+
+
+def problem(sigma: float, width: float) -> InverseProblem:
+    return with_discrepancy(without_factors(sigma), {"frequency": width, "deflection": width / 2})
 
 
 @pytest.mark.parametrize("noise", [(), ("deflection",)])
@@ -49,6 +53,25 @@ def test_each_factor_is_integrated_as_scipy_does(sigma, width, noise):
     for i in range(6):
         gain = sum(_integral(A[i, k], B[i, k], sd) for k, sd in enumerate((width, width / 2)))
         assert value[i, 0] == pytest.approx(at_one[i, 0] + gain, abs=1e-6)
+
+
+def test_a_factor_is_integrated_among_correlated_errors():
+    """By SciPy over the whole posterior; with two factors, which correlated errors tie, both stay unknowns."""
+    R, width = np.array([[1.0, 0.6, 0.3], [0.6, 1.0, -0.2], [0.3, -0.2, 1.0]]), 0.3
+    own = correlation([((0, 2, 3), R)], np.ones(4, bool))
+    plain = eqx.tree_at(lambda p: p.correlation, without_factors(0.05), own, is_leaf=lambda x: x is None)
+    whole = posterior(with_discrepancy(plain, {"deflection": width}), ())
+    target, theta = Marginal(whole), np.log([[1.3, 0.8], [1.1, 1.0], [1.6, 0.7]])
+    assert target.integrated.tolist() == [False, False, True]
+    ours = evaluate(target.itself, theta, 3).log_density
+    grid = np.linspace(-1.5, 1.5, 4001)
+    for theta_i, value in zip(theta, ours, strict=True):
+        points = np.column_stack([np.tile(theta_i, (len(grid), 1)), grid])
+        log = np.asarray(evaluate(whole, points, len(grid)).log_density)
+        expected = log.max() + np.log(np.trapezoid(np.exp(log - log.max()), grid))
+        assert value == pytest.approx(expected, abs=1e-6)
+    both = posterior(with_discrepancy(plain, {"deflection": width, "frequency": width}), ())
+    assert not Marginal(both).integrated.any()
 
 
 def _integral(A: float, B: float, sd: float) -> float:

@@ -7,7 +7,7 @@ import pytest
 
 from ident.errors import InputError
 from ident.measure import Campaign, Measurement, read_campaign, write_campaign
-from ident.measure.covariance import Covariance, Group
+from ident.measure.covariance import Covariance, Group, Reproducibility
 
 ROWS = """kind,q1 [deg],value,unit,sigma,group
 frequency,0,4.1,Hz,0.02,first hit
@@ -113,3 +113,43 @@ def test_a_group_without_a_correlation_is_refused():
     row = Measurement(kind="frequency", posture=(0.0,), value=4.1, sigma=0.02, group="a", member=1)
     with pytest.raises(InputError, match="got the group 'a', expected a correlation of its errors"):
         Campaign(measurements=(row,))
+
+
+def test_reproducibility_is_in_part_common_to_the_values_of_a_kind():
+    """Variances and covariances of draws: one number for all frequencies, and one for each value."""
+    known = Reproducibility.of({"frequency": 0.01}, 0.3)
+    values = [("frequency", 4.0), ("frequency", 10.0), ("damping_ratio", 0.02), ("shape", 0.5)]
+    rng, share = np.random.default_rng(0), np.array([0.01, 0.01, 0.05, 0.0])
+    both, own = rng.standard_normal((400000, 2))[:, [0, 0, 1, 1]], rng.standard_normal((400000, 4))
+    drawn = share * np.array([v for _, v in values]) * (np.sqrt(0.3) * both + np.sqrt(0.7) * own)
+    covariance = known.covariance(values)
+    scale = np.sqrt(np.outer(*[np.maximum(np.diag(covariance), 1e-12)] * 2))
+    np.testing.assert_allclose(np.cov(drawn.T) / scale, covariance / scale, atol=0.01)
+    assert covariance[0, 1] > 0
+    assert not covariance[:2, 2].any(), "another kind has its own"
+
+
+@pytest.mark.parametrize(
+    ("said", "common", "words"),
+    [
+        ({"freq": 0.01}, 0.5, "got 'freq', expected one of frequency, damping_ratio"),
+        ({"frequency": -0.1}, 0.5, "got frequency=-0.1, expected a share from 0, below 1"),
+        ({"frequency": 2.0}, 0.5, "got frequency=2, expected a share from 0, below 1"),
+        ({"frequency": float("nan")}, 0.5, "got frequency=nan"),
+        ({}, 1.5, "common: got 1.5, expected a share from 0 to 1"),
+    ],
+)
+def test_a_reproducibility_that_cannot_be_is_refused(said, common, words):
+    with pytest.raises(InputError, match=words):
+        Reproducibility.of(said, common)
+
+
+def test_repeated_tests_count_the_more_the_more_there_are():
+    assumed = Reproducibility.of({})
+    assert assumed.after("frequency", 0.0, 0) is assumed
+    few, many = (assumed.after("frequency", n * 0.01**2, n) for n in (2, 400))
+    assert 0.002 < few.share["frequency"] < many.share["frequency"] < 0.01
+    assert many.share["frequency"] == pytest.approx(0.01, rel=0.01)
+    assert many.freedom == {"frequency": 400}
+    said = Reproducibility.of({"frequency": 0.002})
+    assert said.after("frequency", 400 * 0.01**2, 400) is said

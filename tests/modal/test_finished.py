@@ -78,7 +78,7 @@ def test_modes_of_a_csv_file_are_named_and_become_a_campaign(folder, known, tmp_
     frequencies = [m for m in campaign if m.kind == "frequency"]
     assert [m.of for m in campaign if m.kind != "damping_ratio"] == ["pole"] * (3 + 6)
     np.testing.assert_allclose([m.value for m in frequencies], known.modes.frequency[:3], rtol=1e-10)
-    np.testing.assert_allclose([m.sigma for m in frequencies], 0.01)
+    np.testing.assert_allclose([m.sigma for m in frequencies], np.hypot(0.01, 0.002 * known.modes.frequency[:3]))
     shape = [m for m in campaign if m.kind == "shape" and m.mode == str(known.labels[1])]
     moved = known.modes.motion[:, -1, 1]
     for m in shape:
@@ -89,6 +89,26 @@ def test_modes_of_a_csv_file_are_named_and_become_a_campaign(folder, known, tmp_
     again = ident.load(next((tmp_path / "out").glob("*.modal.nc")))
     assert again.report() == result.report()
     assert again.campaign == result.campaign
+
+
+def test_repeated_files_of_a_posture_show_the_reproducibility(folder, known, tmp_path):
+    """Three tests whose frequencies differ by 1 %: it is estimated, unless it is said; their rows agree in a fit."""
+    csv_file(folder, known)
+    for number, factor in ((2, 0.99), (3, 1.01)):
+        lines = (folder / "modes.csv").read_text().splitlines()
+        rows = [line.partition(",") for line in lines[1:]]
+        text = [lines[0], *(f"{float(hertz) * factor},{rest}" for hertz, _, rest in rows)]
+        (folder / f"modes.{number}.csv").write_text("\n".join(text) + "\n")
+    result = modal(folder, frequency_is="pole")
+    found = result.reproducibility
+    within = np.mean([(0.01 / f) ** 2 for f in known.modes.frequency[:3]])
+    scatter = 3 * (np.log([0.99, 1.0, 1.01]).var(ddof=1) - within) * 2
+    assert found.share["frequency"] == pytest.approx(np.sqrt((4 * 0.002**2 + scatter) / (4 + 6)), rel=1e-3)
+    assert found.freedom["frequency"] == 6
+    assert "of each frequency (from repeated tests, 6 d.o.f.)" in " ".join(result.report().split())
+    assert len(result.campaign.correlated) == 3, "each test has a common part of its own"
+    said = modal(folder, frequency_is="pole", reproducibility={"frequency": 0.003})
+    assert said.reproducibility.share["frequency"] == 0.003
 
 
 def test_modes_of_a_universal_file_are_those_of_their_poles(folder, known):

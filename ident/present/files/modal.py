@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from ident.assess.identified_modes import IdentifiedModes, Labelled, NamedModes
 from ident.measure import Campaign, write_campaign
-from ident.measure.covariance import covariance_path
+from ident.measure.covariance import Reproducibility, covariance_path
 from ident.modal.ambient_test import AmbientTest
 from ident.modal.finished import FinishedTest
 from ident.modal.modal_test import ModalTest
+from ident.present.text.modal import reproducibility_in_words
 from ident.present.text.places import place_in_words
 
 if TYPE_CHECKING:
@@ -44,12 +45,15 @@ def modal_rows(
     ]
 
 
-def write_campaign_file(campaign: Campaign, head: Mapping[str, Any], path: Path) -> None:
+def write_campaign_file(
+    campaign: Campaign, head: Mapping[str, Any], path: Path, reproducibility: Reproducibility | None = None
+) -> None:
     """Write the campaign, and beside it how the errors of the rows of a posture are correlated."""
     comments = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",
         "Modes of a modal test that have a name. of: pole, the undamped frequency is |pole| / 2 pi.",
         f"The errors of the rows of one group are correlated: see {covariance_path(path).name}.",
+        *([f"sigma: {reproducibility_in_words(reproducibility)}."] if reproducibility else []),
     ]
     write_campaign(campaign, path, header_comments=comments)
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,10 @@ from ident.text import one_line
 def write_form(plan: CampaignPlan, path: Path) -> None:
     """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes."""
     _refuse_filled(path)
-    table = list(csv.DictReader(io.StringIO(format_campaign(plan.campaign(), relative_sigma=True))))
+    campaign = plan.campaign()
+    rows = tuple(replace(m, group="", member=0) for m in campaign)  # a row may be left out: groups count their rows
+    alone = replace(campaign, measurements=rows, covariance=None)
+    table = list(csv.DictReader(io.StringIO(format_campaign(alone, relative_sigma=True))))
     text = io.StringIO()
     text.write("# Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement.\n")
     if not any(experiment.labelled for experiment in plan.batch):

@@ -7,6 +7,7 @@ import numpy as np
 
 from ident.assess.identified_modes import IdentifiedModes, Labelled, NamedModes
 from ident.measure import Campaign
+from ident.measure.covariance import Reproducibility
 from ident.modal.ambient_test import AmbientTest
 from ident.modal.estimate import Modes
 from ident.modal.finished import POLE, FinishedTest
@@ -25,15 +26,20 @@ def modal_report(
     finished: Sequence[FinishedTest] = (),
     named: Sequence[NamedModes] = (),
     campaign: Campaign | None = None,
+    reproducibility: Reproducibility | None = None,
 ) -> str:
     """Return the report: a heading, each posture with its modes, files of finished ones, then what the campaign has."""
     postures = [
-        chain(_state(number, test), _test(test), _modes(each) if each else ())
+        chain(_state(number, test), _test(test), _modes(each, reproducibility) if each else ())
         for number, (test, each) in enumerate(zip_longest(tests, identified), 1)
     ]
-    postures += [chain(_finished(test), _named(each) if each else ()) for test, each in zip_longest(finished, named)]
+    postures += [
+        chain(_finished(test), _named(each, reproducibility) if each else ())
+        for test, each in zip_longest(finished, named)
+    ]
     every: tuple[Labelled, ...] = (*identified, *named)
-    return paragraphs([_heading(tests, finished), *postures, _campaign(every, campaign) if campaign else ()])
+    last = _campaign(every, campaign, reproducibility) if campaign else ()
+    return paragraphs([_heading(tests, finished), *postures, last])
 
 
 def _heading(tests: Sequence[ModalTest | AmbientTest], finished: Sequence[FinishedTest]) -> Iterator[str]:
@@ -99,10 +105,10 @@ def _finished(test: FinishedTest) -> Iterator[str]:
     yield f"  {len(test.modes.frequency)} modes at {places}; frequencies: {test.modes.of}"
 
 
-def _modes(each: IdentifiedModes) -> Iterator[str]:
+def _modes(each: IdentifiedModes, reproducibility: Reproducibility | None) -> Iterator[str]:
     """Yield the modes of a posture, each with its name or what is in doubt, and how sure they are."""
     modes = each.modes
-    yield from _named(each)
+    yield from _named(each, reproducibility)
     yield from _reliance(modes) if isinstance(modes, Modes) else ambient_reliance(modes)
     for pole in modes.rejected:
         yield f"  no mode at {pole.frequency:.2f} Hz: {pole.why}"
@@ -120,20 +126,35 @@ def _reliance(modes: Modes) -> Iterator[str]:
         yield "  WARNING: the search for the most probable modes has not ended"
 
 
-def _named(each: Labelled) -> Iterator[str]:
-    """Yield the modes of a posture, each with its name or what is in doubt."""
+def _named(each: Labelled, reproducibility: Reproducibility | None) -> Iterator[str]:
+    """Yield the modes of a posture, each with its name or what is in doubt; both parts of its standard deviations."""
     modes, labels = each.modes, each.labels
-    yield f"  {'mode':>6s}{'frequency':>12s}{'sd':>9s}{'damping':>10s}{'sd':>9s}  {'MAC':>5s}  name"
+    share = reproducibility.share if reproducibility else {}
+    head = f"{'repeat':>9s}{'reprod':>8s}" if share else f"{'sd':>9s}"
+    yield f"  {'mode':>6s}{'frequency':>12s}{head}{'damping':>10s}{head}  {'MAC':>5s}  name"
     for i, (label, why) in enumerate(zip(labels.given, labels.why, strict=True)):
         frequency, damping = modes.frequency[i], 100 * modes.damping[i]
+        again = [f"{share[kind] * x:8.{digits}f}" if share else "" for kind, x, digits in
+                 (("frequency", frequency, 4), ("damping_ratio", damping, 3))]  # fmt: skip
         sd = modes.sigma[0, i], 100 * modes.sigma[1, i]
-        numbers = f"{frequency:9.4f} Hz{sd[0]:9.4f}{damping:8.3f} %{sd[1]:9.3f}"
+        numbers = f"{frequency:9.4f} Hz{sd[0]:9.4f}{again[0]}{damping:8.3f} %{sd[1]:9.3f}{again[1]}"
         yield f"  {i + 1:6d}{numbers}  {float(labels.mac[i].max()):5.2f}  {label or '-'}"
         if why:
             yield f"         NO NAME for mode {i + 1}: {why}"
 
 
-def _campaign(identified: Sequence[Labelled], made: Campaign) -> Iterator[str]:
+def reproducibility_in_words(known: Reproducibility) -> str:
+    """Say what the sigmas of a campaign are made of, and where that is from."""
+    parts = []
+    for kind, share in known.share.items():
+        freedom = known.freedom.get(kind, 0)
+        origin = "given" if kind in known.said else f"from repeated tests, {freedom} d.o.f." if freedom else "assumed"
+        parts.append(f"{100 * share:.2g} % of each {kind.replace('_', ' ')} ({origin})")
+    common = f"{100 * known.common:.3g} % of its variance common to a test"
+    return f"repeatability (scatter within the test) and reproducibility: {', '.join(parts)}; {common}"
+
+
+def _campaign(identified: Sequence[Labelled], made: Campaign, reproducibility: Reproducibility | None) -> Iterator[str]:
     """Yield what the campaign has, and which of its errors are correlated most."""
     named = sum(label is not None for each in identified for label in each.labels.given)
     every = sum(len(each.labels.given) for each in identified)
@@ -142,6 +163,8 @@ def _campaign(identified: Sequence[Labelled], made: Campaign) -> Iterator[str]:
     yield f"Campaign: {named} of {every} modes have a name: rows of frequency{of}{shapes}"
     if not named:
         return
+    if reproducibility:
+        yield f"  sigma: {reproducibility_in_words(reproducibility)} (--reproducibility, --common-share)"
     pairs = [
         (value, (places[j], places[i]))
         for places, matrix in made.correlated

@@ -17,6 +17,10 @@ from ident.present.text.words import cut, degrees, drive_states, kept, paragraph
 
 RANKED = 8
 """Postures that are listed."""
+LOOSE = 0.3
+"""Standard deviation of ln(value) from which a parameter is known to a factor only."""
+LITTLE = 0.9
+"""Share of its standard deviation above which the best further experiment tells little of a parameter."""
 COLUMNS = 4
 """Standard deviations that are shown of each parameter, from now on; the last one always is."""
 
@@ -145,17 +149,54 @@ def _intervals(plan: CampaignPlan) -> Iterator[str]:
     shown = sorted({*range(min(COLUMNS, len(plan.sd))), len(plan.sd) - 1})
     steps = "".join(f"{f'after {i}' if i else 'now':>11s}" for i in shown)
     yield f"{'What the sd will be':{width + 2}s}{steps}   then, at other draws"
-    last = plan.steps[-1].sd if plan.steps else plan.known.sd
+    last = plan.at_draws
     for place, item in enumerate(items):
         row = "".join(f"{sd_in_words(item, float(sd)):>11s}" for sd in plan.sd[shown, place])
-        ends = (last[1:, place].min(), last[1:, place].max()) if len(last) > 1 else ()
+        ends = (last[:, place].min(), last[:, place].max()) if len(last) else ()
         spread = _from_to([sd_in_words(item, float(sd)) for sd in ends])
         yield f"  {cut(item.name, 38):{width}s}{row}   {spread}".rstrip()
+    yield from _target(plan)
+    yield from _loose(plan)
+    yield "  A 95 % interval reaches 1.96 sd to each side, in ln(value)."
+
+
+def _target(plan: CampaignPlan) -> Iterator[str]:
+    """Say whether the target is reached, at the best estimate and at the other draws."""
+    if not plan.settings.target:
+        return
+    target = f"{100 * math.expm1(plan.settings.target):.3g} %"
     if plan.missed:
-        target = f"{100 * math.expm1(plan.settings.target):.3g} %"
         yield f"  The target of {target} is MISSED for {', '.join(plan.missed)}: ask for a larger batch"
         yield "  (--count), other loads (--load) or more modes (--modes)"
-    yield "  A 95 % interval reaches 1.96 sd to each side, in ln(value)."
+    else:
+        yield f"  The target of {target} is reached at the best estimate"
+    draws, missed = len(plan.at_draws), plan.missed_at_draws
+    if missed.any():
+        worst = plan.at_draws.max(0)
+        cells = [
+            f"{item.name} at {missed[place]} (up to {sd_in_words(item, float(worst[place]))})"
+            for place, item in enumerate(plan.sought)
+            if missed[place]
+        ]
+        other = "NOT reached" if not plan.missed else "missed"
+        yield f"  Of {draws} other draws of what is not known, it is {other} for {', '.join(map(kept, cells))}"
+    elif draws:
+        yield f"  It is reached at each of {draws} other draws of what is not known, too"
+
+
+def _loose(plan: CampaignPlan) -> Iterator[str]:
+    """Say which parameters the batch leaves known to a factor only, and what would tell more of each."""
+    for place, item in enumerate(plan.sought):
+        sd = float(plan.sd[-1, place])
+        if not item.positive or sd < LOOSE:
+            continue
+        best, after = plan.best_for(place)
+        experiment = plan.experiments[best]
+        where = f"{experiment_in_words(experiment)} at {degrees(experiment.posture)}"
+        better = f"next, {where} makes it {sd_in_words(item, after)}"
+        if after > LITTLE * sd:
+            better = "no experiment offered here tells much of it: other loads (--load) or more modes (--modes)"
+        yield f"  After the batch {item.name} is still known to a {scatter(sd)} only (1 sd); {better}"
 
 
 def _from_to(ends: Sequence[str]) -> str:
@@ -194,6 +235,8 @@ def _assumptions(plan: CampaignPlan) -> Iterator[str]:
     yield "Assumed"
     shares = ", ".join(f"{100 * share:.2g} % of each {kind}" for kind, share in instruments.sigma.items())
     yield f"  sd {shares}, and {1e6 * RESOLUTION:.0f} um of a dial gauge (--sigma)"
+    common = f"{100 * instruments.common:.3g} % of their variance is common to a posture"
+    yield f"  {common}: a repeat there does not average it (--common-share)"
     costs = ", ".join(f"{PARTS[part]} {cost:g}" for part, cost in instruments.costs.items())
     yield f"  minutes (--cost): {costs}"
     yield f"  a hammer test gives the {len(plan.predictions.frequency)} lowest frequencies (--modes); one nearer than"
