@@ -114,7 +114,7 @@ def _standing_out(fleet: Fleet, population: Population) -> Iterator[str]:
             words, healthy = stiffness_words(fleet.names[i]), f"{low:+.0f} to {high:+.0f} %"
             yield f"    {words:30s}{change:>18s}{healthy:>25s}{percent(chance[r, i]):>9s}"
     yield "  chance: that any stiffness of a fleet of healthy robots differs so much from the other robots';"
-    yield f"  below {FALSE_ALARM:.0%} it stands out, and is left out of the population"
+    yield f"  below {percent(FALSE_ALARM)} it stands out, and the population is that of the others"
 
 
 def _failed(fleet: Fleet) -> Iterator[str]:
