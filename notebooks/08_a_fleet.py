@@ -54,13 +54,14 @@ print("\n".join(result.report().splitlines()[:36]))
 # %% [markdown]
 # ## Who was found
 #
-# A robot stands out from a probability of 30 % on that one of its stiffnesses is none of the fleet's. A loose bolt
-# takes away five times the spread of healthy robots here, from whatever that robot had before: one that was weak anyway
-# is found at once, one that was strong is hard to tell from a weak one without a fault.
+# A robot stands out where a stiffness differs so much from the other robots' that a fleet of healthy ones shows as much
+# with a chance below 3 %. A loose bolt takes away five times the spread of healthy robots here, from whatever that
+# robot had before: one that was weak anyway is found at once, one that was strong is hard to tell from a weak one.
 
 # %%
-for name, probability in result.standing_out.items():
-    print(f"{name}: {probability:.0%}, {'faulty in ' + faulty[name] if name in faulty else 'a FALSE ALARM'}")
+for name, changes in result.standing_out.items():
+    words = ", ".join(f"{stiffness} {change:+.0%}" for stiffness, change in changes.items())
+    print(f"{name}: {words}; {'faulty in ' + faulty[name] if name in faulty else 'a FALSE ALARM'}")
 print("missed:", [name for name in faulty if name not in result.standing_out] or "none")
 
 # %%

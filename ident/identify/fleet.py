@@ -1,8 +1,9 @@
 """Many robots of one design: what each one's data say, and the population of their stiffnesses."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -12,15 +13,13 @@ from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
 from ident.inference.fit import Fit
 from ident.inference.parameters import Parameters
-from ident.inference.population import Population, population
+from ident.inference.population import Deviations, Population, deviations, population
 from ident.inference.population_chains import Draws, Likelihood, Under
 
 FEWEST = 3
 """Robots that a spread needs."""
 WIDEST = 10.0
 """Width in theta of the prior of a population's mean where the robots' own fits have none."""
-STANDS_OUT = 0.3
-"""Probability that one of its stiffnesses is off, from which a robot stands out: see tests/benchmarks/README.md."""
 
 
 @dataclass(frozen=True)
@@ -100,13 +99,26 @@ class Fleet:
         """Robots whose data contradict the model or each other: they are no part of the population."""
         return tuple(robot for robot in self.robots if robot.doubts and not robot.failed)
 
+    @cached_property
+    def deviations(self) -> Deviations | None:
+        """Each member judged by the other members; None of fewer than three members."""
+        if len(self.members) < FEWEST:
+            return None
+        return deviations([self.robots[i].likelihood for i in self.members], *self.search_prior)
+
     @property
-    def standing_out(self) -> tuple[int, ...]:
-        """Members, by their place among these, of which a stiffness is off, from the most probable on."""
-        if self.population is None:
-            return ()
-        order = np.argsort(-self.population.any_off, kind="stable")
-        return tuple(int(r) for r in order if self.population.any_off[r] > STANDS_OUT)
+    def search_prior(self) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "P"]]:
+        """Mean and standard deviation in theta from which the population's means are searched: the interim prior's."""
+        first = self.robots[self.members[0]]
+        return first.prior_mean, np.minimum(first.prior_sd, WIDEST)
+
+    @property
+    def standing_out(self) -> Mapping[int, tuple[int, ...]]:
+        """Places of the stiffnesses that stand out, by the robot's place among the members; the clearest first."""
+        out: dict[int, tuple[int, ...]] = {}
+        for robot, stiffness in self.deviations.named if self.deviations else ():
+            out[robot] = (*out.get(robot, ()), stiffness)
+        return out
 
 
 @dataclass(frozen=True)
@@ -233,13 +245,12 @@ def fleet(robots: Iterable[Robot], *, seed: int = 0, redraw: Redraw | None = Non
     names = most[0][0] if most else ()
     robots = tuple(_of_the_fleet(robot, names) for robot in robots)
     members = tuple(i for i, robot in enumerate(robots) if not (robot.failed or robot.doubts))
-    inferred = None
-    if len(members) >= FEWEST:
-        first, known = robots[members[0]], tuple(robots[i].likelihood for i in members)
-        again = (lambda which, under: redraw([robots[members[r]] for r in which], under)) if redraw else None
-        width = np.minimum(first.prior_sd, WIDEST)
-        inferred = population(known, first.prior_mean, width, seed=seed, redraw=again)
-    return Fleet(robots=robots, members=members, names=names, population=inferred)
+    found = Fleet(robots=robots, members=members, names=names, population=None)
+    if found.deviations is None:
+        return found
+    known, off = tuple(robots[i].likelihood for i in members), found.deviations.off
+    again = (lambda which, under: redraw([robots[members[r]] for r in which], under)) if redraw else None
+    return replace(found, population=population(known, *found.search_prior, seed=seed, off=off, redraw=again))
 
 
 def _of_the_fleet(robot: Robot, names: tuple[str, ...]) -> Robot:

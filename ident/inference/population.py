@@ -1,8 +1,10 @@
-"""Many posteriors, one population: mean and spread of each parameter over a fleet, and who stands out.
+"""Many posteriors, one population: who stands out in a fleet, then mean and spread of each parameter over the others.
 
-Each parameter theta_rj of robot r, mostly the logarithm of a stiffness, is healthy with probability 1 - share, normal
-about mean_j with sd_j, or else off, normal about the same mean with the width `FAULT`. So faulty robots do not widen
-the population (the mixture for outliers of Hogg, Bovy and Lang, 2010, arXiv:1008.4686, equation 17).
+Who stands out is judged first, each robot by the others (`deviations`), with a chance of a false alarm that holds for
+the whole fleet. What stands out is off in the population, and so does not widen it. Each parameter theta_rj of robot r,
+mostly the logarithm of a stiffness, is healthy with probability 1 - share, normal about mean_j with sd_j, or else off,
+normal about the same mean with the width `FAULT`: a fault too small to stand out does not widen the population either
+(the mixture for outliers of Hogg, Bovy and Lang, 2010, arXiv:1008.4686, equation 17).
 
 In two stages (Lunn, Barrett, Sweeting and Thompson, 2013, J. R. Stat. Soc. C 62, 551): each robot's posterior under a
 wide interim prior first, then the population from these with the interim prior divided out. Of a normal approximation
@@ -13,11 +15,14 @@ is: they are made under the population that is known by then, and made again whe
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.special import ndtr
 
-from ident.inference.population_chains import FAULT, Chains, Draws, Likelihood, Robot, Under
+from ident.inference.population_chains import FAULT, SHARE, Chains, Draws, Likelihood, Robot, Under
 
 WARM_UP, STEPS = 500, 1500
 STEPS_OF_DRAWS = 4
@@ -29,6 +34,52 @@ ROUNDS = 3
 """Times that a robot is drawn."""
 WIDER, LEAST_SHARE = 2.0, 0.05
 """Factor on the population's spread under which it is drawn again, and share that is off there at least."""
+FALSE_ALARM = 0.03
+"""Chance that anything stands out in a fleet of healthy robots: below the 5 % that are wanted, as spreads that are very
+unlike take it up to 5 % (tests/benchmarks/README.md)."""
+SPREADS = (0.003, 1.0)
+"""Spreads [theta] between which a population's is searched."""
+TYPICAL, UNLIKE = (0.01, 0.5), 0.5
+"""Prior of the spreads of one design's parameters, assumed: log-normal about one typical spread between these, with a
+standard deviation of their logarithms that is half-normal with this width."""
+GRID = 60
+"""Values of a spread over which it is integrated."""
+HIDDEN, FEW = 2, 60
+"""Robots that may be off among those that another one is compared with, so that they hide each other, and robots above
+which that is not looked for: they hide nothing."""
+SETTLING = 3
+"""Rounds between a population and what each parameter's data say in its light."""
+DOUBTED = 0.01
+"""p value below which another parameter of the same robot is judged as if this one could be anything."""
+FAR = 18.0
+"""Logarithm of a spread's likelihood against the best one's, from which on it is none."""
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Each robot judged by the others.
+
+    Attributes:
+        difference: (R, P) own value less the other robots' mean [theta]; 0 where its data say nothing.
+        sd: (R, P) standard deviation of that difference for a healthy robot.
+        p: (R, P) chance that a healthy robot differs as far either way; 1 where its data say nothing.
+        named: places (robot, parameter) of what stands out, the clearest first.
+        chance: of each of these, the chance that any parameter of a healthy fleet differs as far.
+    """
+
+    difference: Float[np.ndarray, "R P"]
+    sd: Float[np.ndarray, "R P"]
+    p: Float[np.ndarray, "R P"]
+    named: tuple[tuple[int, int], ...]
+    chance: tuple[float, ...]
+
+    @property
+    def off(self) -> Bool[np.ndarray, "R P"]:
+        """Tell what stands out."""
+        off = np.zeros(self.p.shape, bool)
+        for place in self.named:
+            off[place] = True
+        return off
 
 
 @dataclass(frozen=True)
@@ -115,6 +166,7 @@ def population(
     prior_sd: Float[np.ndarray, "P"],
     *,
     seed: int = 0,
+    off: Bool[np.ndarray, "R P"] | None = None,
     redraw: Redraw | None = None,
     steps: int = STEPS,
 ) -> Population:
@@ -125,22 +177,28 @@ def population(
         prior_mean: in theta, of the population's means.
         prior_sd: of the same.
         seed: of the chains.
+        off: what is known to be off, see `deviations`.
         redraw: draws each robot that is known by a normal approximation, or whose weights can't be trusted; without,
             normal approximations do.
         steps: of each chain that are kept, where no robot is known by draws.
     """
-    robots, result = tuple(robots), _sampled(tuple(robots), prior_mean, prior_sd, steps, seed)
+    robots = tuple(robots)
+
+    def sampled(robots: tuple[Robot, ...], seed: int) -> Population:
+        return _sampled(Chains(robots, prior_mean, prior_sd, np.random.default_rng(seed), off), steps)
+
+    result = sampled(robots, seed)
     unsound = _unsound(result, range(len(robots)))
     for attempt in range(ROUNDS):
         if not unsound or redraw is None:
             break
         drawn = dict(zip(unsound, redraw(unsound, _wider(result)), strict=True))
         robots = tuple(drawn.get(r) or each for r, each in enumerate(robots))
-        result = _sampled(robots, prior_mean, prior_sd, steps, seed + attempt + 1)
+        result = sampled(robots, seed + attempt + 1)
         unsound = _unsound(result, unsound)
     instead = tuple(_normal(each) if r in unsound else each for r, each in enumerate(robots))
     if any(isinstance(robots[r], Draws) for r in unsound):
-        result = replace(_sampled(instead, prior_mean, prior_sd, steps, seed + ROUNDS + 1), weights=result.weights)
+        result = replace(sampled(instead, seed + ROUNDS + 1), weights=result.weights)
     return replace(result, normal=tuple(r for r, each in enumerate(instead) if isinstance(each, Likelihood)))
 
 
@@ -167,10 +225,7 @@ def weighed(draws: Draws, under: Under) -> Weights:
     return Weights(float(k), effective, 1 / effective - 1 / len(smoothed))
 
 
-def _sampled(
-    robots: tuple[Robot, ...], prior_mean: np.ndarray, prior_sd: np.ndarray, steps: int, seed: int
-) -> Population:
-    chains = Chains(robots, prior_mean, prior_sd, np.random.default_rng(seed))
+def _sampled(chains: Chains, steps: int) -> Population:
     longer = STEPS_OF_DRAWS if chains.drawn else 1
     for _ in range(WARM_UP * longer):
         chains.step()
@@ -218,3 +273,191 @@ class _Sums:
         }
         off, any_off = self.off / count, self.any_off / count
         return Population(mean, sd, share, self.origin + away, robot_sd, off, any_off, r_hat, weights)
+
+
+def deviations(
+    robots: Sequence[Likelihood],
+    prior_mean: Float[np.ndarray, "P"],
+    prior_sd: Float[np.ndarray, "P"],
+    false_alarm: float = FALSE_ALARM,
+) -> Deviations:
+    """Judge each robot by the others, and name what stands out.
+
+    Robot r's parameter j is compared with what the other robots let expect: given their spread tau_j, normal with
+    the variance tau_j^2 + s_rj^2 + var(mean_j), s_rj by its own data and mean_j by theirs. Integrated over the
+    posterior of tau_j that is a t test which knows the errors of the data, and learns from the other parameters what
+    spreads this design has (a moderated t test: Smyth, 2004, Stat. Appl. Genet. Mol. Biol. 3, 3).
+
+    The smallest p value is judged first, against the chance of a false alarm over the number of them (Holm, 1979,
+    Scand. J. Stat. 6, 65). What stands out is left out of all references, and the rest is judged again: a fault makes
+    no healthy robot look odd, and hides no smaller one. Two or three that are alike would hide each other: so the
+    reference is a mixture over which of the farthest others are off, as rare and as wide as in the population.
+
+    Args:
+        robots: three at least.
+        prior_mean: in theta, from which the population is searched.
+        prior_sd: of the same.
+        false_alarm: chance that anything stands out in a fleet of healthy robots.
+    """
+    precision, shift = np.array([each.precision for each in robots]), np.array([each.shift for each in robots])
+    own = np.linalg.solve(precision + np.diag(prior_sd**-2.0), (shift + prior_mean / prior_sd**2)[..., None])[..., 0]
+    mean = np.median(own, 0)
+    spread = np.clip(1.5 * np.median(np.abs(own - mean), 0), 0.02, 0.5)
+    off, named, chance = np.zeros(own.shape, bool), list[tuple[int, int]](), list[float]()
+    difference, sd, p = np.zeros(own.shape), np.zeros(own.shape), np.ones(own.shape)
+    rounds = SETTLING
+    while True:
+        for _ in range(rounds):
+            value, known = _of_each_parameter(precision, shift, mean, np.where(off | (p < DOUBTED), FAULT, spread))
+            mean, spread, *judged = _by_the_others(value, known, off)
+            difference, sd, p = (np.where(off, *each) for each in zip((difference, sd, p), judged, strict=True))
+        tested = np.where(off, 1.0, p)
+        corrected = tested * (tested < 1.0).sum()
+        # The clearest of its robot and of its parameter: these tell nothing of each other.
+        clearest = (tested == tested.min(0)) & (tested == tested.min(1, keepdims=True))
+        found = np.argwhere(clearest & (tested < 1.0) & (corrected <= false_alarm))
+        if not len(found):
+            return Deviations(difference, sd, p, tuple(named), tuple(chance))
+        for r, j in sorted(found.tolist(), key=lambda place: float(p[tuple(place)])):
+            named.append((r, j))
+            chance.append(max(float(corrected[r, j]), *chance[-1:], 0.0))
+            off[r, j] = True
+        rounds = 2
+
+
+def _of_each_parameter(
+    precision: np.ndarray, shift: np.ndarray, mean: np.ndarray, width: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return each robot's own value of each parameter and its precision, (R, P), the others integrated out.
+
+    These are normal about the population's mean with a width, (R, P). Precision 0 where the data say nothing.
+    """
+    weight = 1 / (width**2 * (1 + 1 / len(width)))  # the population's mean is known as well as the robots are many
+    covariance = np.linalg.inv(precision + weight[..., None] * np.eye(len(mean)))
+    variance = np.einsum("rpp->rp", covariance)
+    centre = np.einsum("rpq,rq->rp", covariance, shift + weight * mean)
+    known = 1 / variance - weight  # the parameter's own prior divided out
+    known = np.where(known > 1e-6 * weight, known, 0.0)
+    return np.divide(centre / variance - weight * mean, known, out=np.zeros_like(known), where=known > 0), known
+
+
+def _by_the_others(
+    value: np.ndarray, known: np.ndarray, off: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return mean and spread of the population, (P,), and difference, sd and p of each robot by the others, (R, P).
+
+    Args:
+        value: (R, P) own values.
+        known: (R, P) their precision.
+        off: (R, P) what is left out.
+    """
+    used = (known > 0) & ~off
+    middle = np.array([np.median(own[some]) if some.any() else 0.0 for own, some in zip(value.T, used.T, strict=True)])
+    away, own = np.where(known > 0, value - middle, 0.0), 1 / np.where(known > 0, known, 1.0)
+    values, each = _Values(away, own, used, _suspects(away, own, used)), np.arange(len(middle))
+    coarse = np.tile(np.linspace(np.log(SPREADS[0]), np.log(SPREADS[1]), GRID), (len(middle), 1))
+    likely = [
+        ref.log_evidence > ref.log_evidence.max((0, -1), keepdims=True) - FAR for ref in values.references(coarse)
+    ]
+    some = np.any([part.any((0, 1)) for part in likely], axis=0)
+    first, last = some.argmax(1), GRID - 1 - some[:, ::-1].argmax(1)
+    low, high = coarse[each, np.maximum(first - 1, 0)], coarse[each, np.minimum(last + 1, GRID - 1)]
+    grid = np.linspace(low, high, GRID, axis=1)
+    whole, others = values.references(grid)
+    prior = _prior_of_spreads(np.logaddexp.reduce(whole.log_evidence[:, 0], axis=0), grid)
+
+    def weights(log_evidence: np.ndarray) -> np.ndarray:
+        weight = np.exp(log_evidence - log_evidence.max((0, -1), keepdims=True)) * prior
+        return np.asarray(weight / weight.sum((0, -1), keepdims=True))
+
+    weight = weights(whole.log_evidence)[:, 0]
+    mean, spread = middle + (weight * whole.mean[:, 0]).sum((0, -1)), np.exp((weight * grid).sum((0, -1)))
+    weight = weights(others.log_evidence)
+    difference = away[..., None] - others.mean
+    variance = np.exp(2 * grid) + own[..., None] + others.variance
+    told = (known > 0) & (used.sum(0) - used >= 2)
+    p = np.where(told, (weight * 2 * ndtr(-np.abs(difference) / np.sqrt(variance))).sum((0, -1)), 1.0)
+    between = (weight * difference).sum((0, -1))
+    sd = np.sqrt((weight * (variance + (difference - between[..., None]) ** 2)).sum((0, -1)))
+    return mean, spread, np.where(told, between, 0.0), sd, p
+
+
+def _suspects(away: np.ndarray, own: np.ndarray, used: np.ndarray) -> list[np.ndarray]:
+    """Return sets of the farthest robots of each parameter that may be off together, (size, P) each: none, one, two."""
+    count = len(away)
+    most = min(HIDDEN, (count - 2) // 3) if count <= FEW else 0
+    scale = np.median(np.abs(away), 0) + 1e-3
+    far = np.where(used, np.abs(away) / np.sqrt(own + scale**2), -1.0)
+    farthest = np.argsort(-far, 0, kind="stable")[: most + 1]
+    sets = [list(some) for size in range(most + 1) for some in combinations(range(most + 1), size)]
+    return [farthest[some] for some in sets]
+
+
+class _Reference(NamedTuple):
+    """What some robots say of a population's mean, for each set of others that are off and each spread of a grid.
+
+    Attributes:
+        log_evidence: (C, ..., P, G) logarithm of the likelihood of both, the mean integrated out.
+        mean: (C, ..., P, G) of the mean.
+        variance: (C, ..., P, G) of the same.
+    """
+
+    log_evidence: np.ndarray
+    mean: np.ndarray
+    variance: np.ndarray
+
+
+class _Values(NamedTuple):
+    """Each robot's own values, as the others are compared with them.
+
+    Attributes:
+        away: (R, P) from their middle.
+        variance: (R, P) by the robot's data.
+        used: (R, P) whether a value tells of the population.
+        sets: (size, P) robots each that may be off, so that they can't hide each other.
+    """
+
+    away: np.ndarray
+    variance: np.ndarray
+    used: np.ndarray
+    sets: list[np.ndarray]
+
+    def references(self, grid: np.ndarray) -> tuple[_Reference, _Reference]:
+        """Return the reference of all robots, (C, 1, P, G), and those of all but one, (C, R, P, G)."""
+        variance = np.exp(2 * grid) + self.variance[..., None]
+        weight, x = self.used[..., None] / variance, self.away[..., None]
+        parts = np.stack([self.used[..., None] * np.log(variance), weight, weight * x, weight * x**2])
+        total, each = parts.sum(1, keepdims=True), np.arange(len(grid))
+        found = []
+        for off in self.sets:
+            left = total - parts[:, off, each].sum(1, keepdims=True)
+            whole, others = self._reference(left, off), self._reference(left - parts, off)
+            itself = (off[:, None] == np.arange(len(x))[:, None]).any(0)
+            found.append(
+                (whole, others._replace(log_evidence=np.where(itself[..., None], -np.inf, others.log_evidence)))
+            )
+        whole, others = (_Reference(*map(np.stack, zip(*some, strict=True))) for some in zip(*found, strict=True))
+        return whole, others
+
+    def _reference(self, sums: np.ndarray, off: np.ndarray) -> _Reference:
+        """Return what is told by robots of these sums, (4, ..., P, G), and some that are off, (size, P)."""
+        weight = np.maximum(sums[1], 1e-12)  # of a parameter that no robot's data tell of
+        mean = sums[2] / weight
+        log_evidence = -(sums[0] + np.log(weight) + np.maximum(sums[3] - weight * mean**2, 0.0)) / 2
+        each = np.arange(off.shape[1])
+        for x, own in zip(self.away[off, each], self.variance[off, each], strict=True):
+            variance = FAULT**2 + own[:, None] + 1 / weight
+            log_evidence = log_evidence - (np.log(variance) + (x[:, None] - mean) ** 2 / variance) / 2
+        return _Reference(log_evidence + len(off) * np.log(SHARE[0] / SHARE[1]), mean, 1 / weight)
+
+
+def _prior_of_spreads(log_evidence: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Return the density of each parameter's spread by those of the other parameters, (P, G), up to a factor."""
+    low, high = np.log(TYPICAL)
+    typical, unlike = map(np.ravel, np.meshgrid(np.linspace(low, high, 25), np.linspace(0.1, 3 * UNLIKE, 15)))
+    density = np.exp(-(((grid[..., None] - typical) / unlike) ** 2) / 2) / unlike
+    likelihood = np.exp(log_evidence - log_evidence.max(-1, keepdims=True)) * (grid[:, 1:2] - grid[:, :1])
+    each = np.log((likelihood[..., None] * density).sum(1) + 1e-300)
+    others = each.sum(0) - each - (unlike / UNLIKE) ** 2 / 2
+    weight = np.exp(others - others.max(-1, keepdims=True))
+    return np.asarray((density * weight[:, None]).sum(-1))

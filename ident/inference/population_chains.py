@@ -94,7 +94,12 @@ class Chains:
     """Gibbs chains over means, spreads, share, each robot's theta and what is off; `(chain, robot, parameter)`."""
 
     def __init__(
-        self, robots: tuple[Robot, ...], prior_mean: np.ndarray, prior_sd: np.ndarray, rng: np.random.Generator
+        self,
+        robots: tuple[Robot, ...],
+        prior_mean: np.ndarray,
+        prior_sd: np.ndarray,
+        rng: np.random.Generator,
+        known_off: np.ndarray | None = None,
     ):
         self.robots, self.rng = robots, rng
         self.prior_mean, self.prior_precision = np.asarray(prior_mean), 1 / np.square(prior_sd)
@@ -107,7 +112,8 @@ class Chains:
         self.mean = np.tile(self.prior_mean, (CHAINS, 1))
         self.sd = np.tile(rng.uniform(0.1, 0.9, (CHAINS, 1)) * FAULT, (1, count))
         self.share = np.full(CHAINS, SHARE[0] / sum(SHARE))
-        self.off = np.zeros((CHAINS, len(robots), count), bool)
+        self.known_off = np.zeros((len(robots), count), bool) if known_off is None else known_off
+        self.off = np.tile(self.known_off, (CHAINS, 1, 1))
         self.theta = np.zeros((CHAINS, len(robots), count))
         self.weighed = list(self.drawn)
         self._take_the_draws()
@@ -162,16 +168,20 @@ class Chains:
             return
         each, picked = np.arange(len(self.counts)), self._picked()
         theta, log_prior, now = self.draws[each, picked], self.log_prior[each, picked], self.theta[:, self.weighed]
-        under = self.mean[:, None], self.sd[:, None], self.share[:, None, None]
-        gain = (log_density(theta, *under) - log_density(now, *under)).sum(-1) - log_prior + self.at
+        gain = (self._log_density(theta) - self._log_density(now)).sum(-1) - log_prior + self.at
         taken = np.log(self.rng.uniform(size=gain.shape)) < gain
         self.theta[:, self.weighed] = np.where(taken[..., None], theta, now)
         self.at = np.where(taken, log_prior, self.at)
 
+    def _log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Return the log density of each drawn robot's theta; what is known to be off can't be healthy."""
+        healthy, off = log_parts(theta, self.mean[:, None], self.sd[:, None], self.share[:, None, None])
+        return np.where(self.known_off[self.weighed], off, np.logaddexp(healthy, off))
+
     def _what_is_off(self) -> None:
         share = self.share[:, None, None]
         healthy, off = log_parts(self.theta, self.mean[:, None], self.sd[:, None], share)
-        self.off = np.log(self.rng.uniform(size=off.shape)) < off - np.logaddexp(healthy, off)
+        self.off = (np.log(self.rng.uniform(size=off.shape)) < off - np.logaddexp(healthy, off)) | self.known_off
 
     def _mean(self) -> None:
         weight = self._width() ** -2

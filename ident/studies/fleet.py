@@ -57,8 +57,8 @@ class FleetOptions(EngineOptions, FitOptions):
 class FleetResult(Result):
     """A fleet: what each robot's data say, and the population of their stiffnesses.
 
-    Its table has a row for each robot and stiffness: its own estimate, the shrunk one, and the probability that it is
-    off. Its figure shows both beside the population.
+    Its table has a row for each robot and stiffness: its own estimate, the shrunk one, and the chance that a healthy
+    robot differs as far from the others. Its figure shows both beside the population.
 
     Attributes:
         label: what the fleet is called.
@@ -76,13 +76,18 @@ class FleetResult(Result):
     summary = ("standing_out", "failed", "priors")
 
     @property
-    def standing_out(self) -> Mapping[str, float]:
-        """Robots of which a stiffness is off, with the probability [-] of that, from the most probable on."""
-        fleet = self.fleet
-        if fleet.population is None:
+    def standing_out(self) -> Mapping[str, Mapping[str, float]]:
+        """Robots that stand out, the clearest first: which stiffness, and its change [-] against the fleet's median."""
+        import numpy as np
+
+        fleet, population = self.fleet, self.fleet.population
+        if population is None:
             return {}
-        probability = fleet.population.any_off
-        return {fleet.robots[fleet.members[r]].name: float(probability[r]) for r in fleet.standing_out}
+        change = np.expm1(population.robot_mean - population.next_mean)
+        return {
+            fleet.robots[fleet.members[r]].name: {fleet.names[i]: float(change[r, i]) for i in which}
+            for r, which in fleet.standing_out.items()
+        }
 
     @property
     def failed(self) -> Mapping[str, str]:

@@ -69,7 +69,9 @@ def test_what_it_says(result, robots):
     report = result.report()
     assert report.startswith("Fleet of 9 robots\n  8 make the population; left out: 1 failed\n")
     assert list(result.standing_out) == [worn]
-    assert f"STANDS OUT: {worn}" in report
+    change = 100 * result.standing_out[worn][robots[1][worn]]
+    assert list(result.standing_out[worn]) == [robots[1][worn]]
+    assert f"STANDS OUT: {worn} (joint2 in torsion {change:+.1f} %)" in report
     assert list(result.failed) == ["broken"]
     assert "broken.csv" in result.failed["broken"]
     assert result.short
@@ -77,8 +79,9 @@ def test_what_it_says(result, robots):
     rows = result.table()
     assert len(rows) == 8 * 6
     assert_plain(rows)
-    off = max(rows, key=lambda row: row["probability_off"])
+    (off,) = (row for row in rows if row["stands_out"])
     assert (off["robot"], off["parameter"]) == (worn, robots[1][worn])
+    assert off == min(rows, key=lambda row: row["chance_if_healthy"])
     assert off["against_fleet_log"] < np.log(0.75)
 
 
@@ -115,11 +118,14 @@ def test_its_page_leads_to_one_of_each_robot(result, robots, tmp_path):
         own = (tmp_path / unquote(address)).read_text()
         assert f"<h1>Robot {name}</h1>" in own
         assert f'href="../{page.name}"' in own
-    assert "stands out" in text
+    assert re.search(rf"{worn} \(joint2 in torsion -\d+\.\d %\) stands out", text)
     assert "kind,value" not in text
     assert "The arm that all of them are fitted to" in text
     assert "It has no fit" in (tmp_path / f"{result.name}.pages" / "broken.html").read_text()
-    assert "none of the fleet" in (tmp_path / f"{result.name}.pages" / f"{worn}.html").read_text()
+    assert (
+        "the chance that a fleet of healthy robots shows as much"
+        in (tmp_path / f"{result.name}.pages" / f"{worn}.html").read_text()
+    )
     assert "<script" not in text
 
 

@@ -4,14 +4,13 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.stats import t as student_t
 
-from ident.inference.population import population
+from ident.inference.population import FALSE_ALARM, Deviations, deviations, population
 from ident.inference.population_chains import FAULT, SHARE, Draws, Likelihood
 
 OFF_BY = 6.0
 """A fault of the small form, in combined standard deviations of robot and population."""
-LIKELY = 0.3
-"""Probability from which a robot stands out."""
 
 
 @dataclass
@@ -92,31 +91,31 @@ class GaussianFleet:
     covered: np.ndarray
     own_error: float
     shrunk_error: float
-    any_off: np.ndarray
+    judged: Deviations
     if_known: np.ndarray
     faulty: int
 
-    @property
-    def found(self):
-        return self.any_off[self.faulty] > LIKELY
+    def found(self, chance=FALSE_ALARM):
+        return self.faulty in {robot for robot, _ in named(self.judged, chance)}
 
-    @property
-    def false_alarms(self):
-        return int((np.delete(self.any_off, self.faulty) > LIKELY).sum())
+    def false_alarms(self, chance=FALSE_ALARM):
+        return len({robot for robot, _ in named(self.judged, chance)} - {self.faulty})
 
     @classmethod
     def tried(cls, seed, off_by=OFF_BY, steps=600):
         """Make the fleet of a seed, and infer its population."""
         rng = np.random.default_rng(seed)
         fleet = gaussian_fleet(rng, faulty=7, off_by=off_by)
-        result = population(fleet.likelihoods, np.zeros(4), np.ones(4), seed=seed, steps=steps)
+        judged = deviations(fleet.likelihoods, np.zeros(4), np.ones(4), 0.1)
+        off = deviations(fleet.likelihoods, np.zeros(4), np.ones(4)).off
+        result = population(fleet.likelihoods, np.zeros(4), np.ones(4), seed=seed, off=off, steps=steps)
         covered = []
         for draws, truth in ((result.mean, fleet.mean), (result.sd, fleet.sd)):
             low, high = np.quantile(draws, [0.025, 0.975], 0)
             covered.append((low < truth) & (truth < high))
         known = np.array([off_if_known(fleet, r) for r in range(len(fleet.likelihoods))])
         own, shrunk = (np.mean((x - fleet.theta) ** 2) for x in (own_estimates(fleet), result.robot_mean))
-        return cls(np.array(covered), float(own), float(shrunk), result.any_off, known, 7)
+        return cls(np.array(covered), float(own), float(shrunk), judged, known, 7)
 
 
 def joint_nuts(fleet, seed, count=1500):
@@ -148,3 +147,44 @@ def joint_nuts(fleet, seed, count=1500):
     )
     chains.run(jax.random.PRNGKey(seed))
     return {name: np.asarray(values) for name, values in chains.get_samples().items()}
+
+
+SPREADS = {
+    "as data/fleet": lambda rng: np.array([0.06, 0.06, 0.06, 0.1, 0.1, 0.1]),
+    "3 to 15 %": lambda rng: rng.uniform(0.03, 0.15, 6),
+    "all 1 %": lambda rng: np.full(6, 0.01),
+    "all 30 %": lambda rng: np.full(6, 0.3),
+    "five 2 %, one 20 %": lambda rng: np.array([0.02, 0.02, 0.02, 0.02, 0.02, 0.2]),
+}
+"""Spreads of six parameters from robot to robot."""
+
+
+def judged_fleet(rng, spread, faults=(), good=True, robots=8):
+    """Make robots of six parameters, faults at (robot, parameter) each a factor of 0.6 lower; judge each by the others.
+
+    Returns:
+        What `deviations` says at a chance of a false alarm of 10 %, of which the first suffice for each smaller one;
+        and the p values of leave-one-out t tests of the robots' own estimates.
+    """
+    theta = spread * rng.standard_normal((robots, 6))
+    for place in faults:
+        theta[place] += np.log(0.6)
+    size = np.full(robots, 40.0) if good else rng.choice([4.0, 15.0], robots)
+    A = size[:, None, None] * rng.standard_normal((robots, 8, 6))
+    y = np.einsum("rdp,rp->rd", A, theta) + rng.standard_normal((robots, 8))
+    likelihoods = [Likelihood(a.T @ a, a.T @ b) for a, b in zip(A, y, strict=True)]
+    own = np.array([np.linalg.solve(each.precision, each.shift) for each in likelihoods])
+    return deviations(likelihoods, np.zeros(6), np.ones(6), 0.1), leave_one_out_t(own)
+
+
+def leave_one_out_t(own):
+    """Return the two-sided p values of each robot's estimates, (R, P), against the other robots' mean and spread."""
+    count = len(own) - 1
+    mean = (own.sum(0) - own) / count
+    variance = ((own**2).sum(0) - own**2 - count * mean**2) / (count - 1)
+    return 2 * student_t.sf(np.abs(own - mean) / np.sqrt(variance * (1 + 1 / count)), count - 1)
+
+
+def named(judged, chance):
+    """Return what stands out at a chance of a false alarm."""
+    return [place for place, own in zip(judged.named, judged.chance, strict=True) if own <= chance]

@@ -34,7 +34,7 @@ def fleet_figure(fleet: Fleet) -> Figure:
     height = PANEL[1] * math.ceil(count / columns) + 1.1
     figure = titled((PANEL[0] * columns, height), f"A fleet of {len(fleet.robots)} robots")
     axes = np.atleast_1d(figure.subplots(math.ceil(count / columns), columns, squeeze=False)).ravel()
-    shown = _shown(population)
+    shown = _shown(fleet)
     for i, panel in enumerate(axes):
         if i < count:
             _panel(panel, fleet, population, i, shown)
@@ -49,13 +49,15 @@ def fleet_figure(fleet: Fleet) -> Figure:
 def stiffness_figure(fleet: Fleet, population: Population, i: int) -> Figure:
     """Draw one stiffness of all robots."""
     figure = titled((6.4, 3.6), "")
-    _panel(figure.subplots(), fleet, population, i, _shown(population))
+    _panel(figure.subplots(), fleet, population, i, _shown(fleet))
     key_below(figure, _handles(), "")
     return figure
 
 
-def _shown(population: Population) -> np.ndarray:
-    return np.sort(np.argsort(-population.any_off, kind="stable")[:MOST])
+def _shown(fleet: Fleet) -> np.ndarray:
+    judged = fleet.deviations
+    least = judged.p.min(1) if judged else np.zeros(0)
+    return np.sort(np.argsort(least, kind="stable")[:MOST])
 
 
 def _handles() -> list[Artist]:
@@ -63,7 +65,7 @@ def _handles() -> list[Artist]:
         Patch(color=PALE_BLUE, alpha=0.5, linewidth=0, label="95 % of healthy robots"),
         Line2D([], [], color=PALE, marker="_", linestyle="", markersize=8, label="own fit, 95 %"),
         Line2D([], [], color=BLUE, marker="o", linestyle="", markersize=4, label="shrunk, 95 %"),
-        Line2D([], [], color=ORANGE, marker="o", linestyle="", markersize=4, label="probably off"),
+        Line2D([], [], color=ORANGE, marker="o", linestyle="", markersize=4, label="stands out"),
     ]
 
 
@@ -83,7 +85,7 @@ def _panel(axes: Axes, fleet: Fleet, population: Population, i: int, shown: np.n
     low, high = (np.exp(own + sign * 1.96 * own_sd)[drawn] * scale for sign in (-1, 1))
     axes.vlines(x[drawn] - 0.2, low, high, color=PALE, linewidth=1.2)
     axes.scatter(x[drawn] - 0.2, np.exp(own[drawn]) * scale, color=PALE, marker="_", s=20)
-    off = population.off[shown, i] > 0.5
+    off = np.array([i in fleet.standing_out.get(int(r), ()) for r in shown])
     for which, colour in ((~off, BLUE), (off, ORANGE)):
         low, high = (np.exp(shrunk + sign * 1.96 * sd)[which] * scale for sign in (-1, 1))
         axes.vlines(x[which], low, high, color=colour, linewidth=1.4)

@@ -9,10 +9,10 @@ from ident.present.text.units import unit_of
 
 
 def fleet_rows(fleet: Fleet) -> list[dict[str, Any]]:
-    """Return a row for each member and stiffness: its own estimate, the shrunk one, and the probability of a fault."""
-    if fleet.population is None:
+    """Return a row for each member and stiffness: own and shrunk estimate, and how far it is from the others."""
+    population, judged = fleet.population, fleet.deviations
+    if population is None or judged is None:
         return []
-    population = fleet.population
     middle = population.next_mean
     return [
         {
@@ -24,7 +24,10 @@ def fleet_rows(fleet: Fleet) -> list[dict[str, Any]]:
             "shrunk": float(np.exp(population.robot_mean[r, i])),
             "shrunk_sd_log": float(population.robot_sd[r, i]),
             "against_fleet_log": float(population.robot_mean[r, i] - middle[i]),
-            "probability_off": float(population.off[r, i]),
+            "against_others_log": float(judged.difference[r, i]),
+            "healthy_sd_log": float(judged.sd[r, i]),
+            "chance_if_healthy": float(judged.p[r, i]),
+            "stands_out": i in fleet.standing_out.get(r, ()),
         }
         for r, place in enumerate(fleet.members)
         for i, name in enumerate(fleet.names)

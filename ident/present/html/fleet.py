@@ -9,16 +9,16 @@ from urllib.parse import quote
 import numpy as np
 
 from ident.assess.arm_view import ArmView
-from ident.identify.fleet import FEWEST, STANDS_OUT, Fleet, Robot
-from ident.inference.population import Population
+from ident.identify.fleet import FEWEST, Fleet, Robot
+from ident.inference.population import FALSE_ALARM, Population
 from ident.present.figures.fleet import stiffness_figure
 from ident.present.figures.narrow import narrowed
 from ident.present.files.fleet import fleet_priors
 from ident.present.html.arm_section import arm_section
 from ident.present.html.page import Page, Picture, Section, Table, Verdict
 from ident.present.html.picture import picture
-from ident.present.text.compare import ratio_words, stiffness_words
-from ident.present.text.fleet import known_by
+from ident.present.text.compare import stiffness_words
+from ident.present.text.fleet import known_by, outlying
 from ident.present.text.units import in_shown_unit
 from ident.present.text.words import cut, percent
 
@@ -68,7 +68,7 @@ def _verdict(fleet: Fleet) -> str:
     if fleet.population is None:
         return f"No population: it takes {FEWEST} robots whose data fit, and there are {len(fleet.members)}."
     counts = {
-        "stands out": [fleet.robots[fleet.members[r]].name for r in fleet.standing_out],
+        "stands out": [f"{fleet.robots[fleet.members[r]].name} ({said})" for r, said in outlying(fleet).items()],
         "failed": [robot.name for robot in fleet.failed],
         "has data in doubt": [robot.name for robot in fleet.doubted],
     }
@@ -82,7 +82,7 @@ def _of(words: str, count: int) -> str:
 
 
 def _some(names: list[str], most: int = 5) -> str:
-    shown, more = ", ".join(cut(name, 30) for name in names[:most]), len(names) - most
+    shown, more = ", ".join(cut(name, 90) for name in names[:most]), len(names) - most
     return f"{shown} and {more} more" if more > 0 else shown
 
 
@@ -101,7 +101,10 @@ def _robots(fleet: Fleet, pages: str) -> Section:
     note = "Against the fleet's median, by the robot's own data and the fleet's, ± standard deviation. A robot's name "
     head = ("robot", "", *(f"{stiffness_words(name)} [%]" for name in names))
     links = tuple(f"{pages}/{quote(file_name(fleet.robots[i]))}" for i in (*odd, *rest))
-    said = f"A robot stands out where one of its stiffnesses is none of the fleet's, from {percent(STANDS_OUT)} on."
+    said = (
+        "A robot stands out where a stiffness differs so much from the other robots' that the chance of it in a fleet "
+        f"of healthy ones is below {percent(FALSE_ALARM)}."
+    )
     table = Table("The robots", head, rows, note + "leads to its own page.", tuple(range(len(odd))), links)
     return Section("The robots", (said,), tables=(table,))
 
@@ -112,9 +115,7 @@ def _state(fleet: Fleet, i: int, r: int | None) -> str:
         return "failed"
     if robot.doubts:
         return "data in doubt"
-    if fleet.population is not None and r in fleet.standing_out:
-        return f"stands out: {percent(float(fleet.population.any_off[r]))}"
-    return ""
+    return f"stands out: {outlying(fleet)[r]}" if r is not None and r in fleet.standing_out else ""
 
 
 def _against(population: Population | None, r: int | None, count: int) -> tuple[str, ...]:
@@ -178,7 +179,7 @@ def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above:
     return Page(
         f"Robot {cut(robot.name, 60)}",
         f"of the fleet {cut(label, 60)}; {head['created'][:10]}",
-        Verdict(kind, _of_robot(fleet, robot, r, out)),
+        Verdict(kind, _of_robot(fleet, robot, r)),
         (),
         tuple(sections),
         Table(
@@ -192,42 +193,46 @@ def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above:
     )
 
 
-def _of_robot(fleet: Fleet, robot: Robot, r: int | None, out: bool) -> str:
-    population = fleet.population
+def _of_robot(fleet: Fleet, robot: Robot, r: int | None) -> str:
     if robot.failed:
         return "It has no fit: see below."
     if robot.doubts:
         return "Its data contradict the model or each other; it is no part of the population."
-    if population is None or r is None:
+    judged = fleet.deviations
+    if judged is None or r is None:
         return "There is no population to compare it with."
-    if not out:
+    if r not in fleet.standing_out:
         return "Nothing stands out."
-    worst = int(population.off[r].argmax())
-    away = ratio_words(float(population.robot_mean[r, worst] - population.next_mean[worst]))
+    chance = max(p for place, p in zip(judged.named, judged.chance, strict=True) if place[0] == r)
     return (
-        f"{stiffness_words(fleet.names[worst])} is {away} against the fleet's median; with a probability of "
-        f"{percent(float(population.any_off[r]))} one of its stiffnesses is none of the fleet's."
+        f"{outlying(fleet)[r]} against the fleet's median; the chance that a fleet of healthy robots shows as much "
+        f"is {percent(chance)}."
     )
 
 
 def _stiffnesses(fleet: Fleet, robot: Robot, r: int | None) -> Section:
-    population, unit = fleet.population, in_shown_unit(robot.names[0], 1.0)[1]
+    population, judged, unit = fleet.population, fleet.deviations, in_shown_unit(robot.names[0], 1.0)[1]
     own = [f"{in_shown_unit(n, float(np.exp(x)))[0]:#.4g}" for n, x in zip(robot.names, robot.theta, strict=True)]
     words, sd = [stiffness_words(name) for name in robot.names], [percent(float(x)) for x in robot.sd]
     head: tuple[str, ...] = (f"stiffness [{unit}]", "own fit", "± sd of ln")
     rows = list(zip(words, own, sd, strict=True))
-    if population is None or r is None:
+    if population is None or judged is None or r is None:
         return Section("Stiffnesses", (), tables=(Table("By its own data", head, tuple(rows)),))
     shrunk = [
         f"{in_shown_unit(n, float(np.exp(x)))[0]:#.4g}"
         for n, x in zip(robot.names, population.robot_mean[r], strict=True)
     ]
-    against, off = _against(population, r, len(own)), [percent(float(p)) for p in population.off[r]]
-    head = (*head, "with the fleet", "against its median [%]", "off with probability")
-    full = tuple((*row, *more) for row, *more in zip(rows, shrunk, against, off, strict=True))
-    odd = tuple(int(i) for i in np.flatnonzero(population.off[r] > STANDS_OUT))
-    note = "With the fleet: by its own data, in place of a prior what the other robots are like."
-    return Section("Stiffnesses", (), tables=(Table("Own fit and fleet", head, full, note, odd),))
+    against, chance = _against(population, r, len(own)), [percent(float(p)) for p in judged.p[r]]
+    head = (*head, "with the fleet", "against its median [%]", "chance if healthy")
+    full = tuple((*row, *more) for row, *more in zip(rows, shrunk, against, chance, strict=True))
+    note = (
+        "With the fleet: by its own data, in place of a prior what the other robots are like. Chance if healthy: that "
+        "this stiffness of a healthy robot differs as far from the other robots'; many are compared, so that one of "
+        f"{len(own) * len(fleet.members)} below {percent(FALSE_ALARM / len(own) / len(fleet.members))} stands out."
+    )
+    return Section(
+        "Stiffnesses", (), tables=(Table("Own fit and fleet", head, full, note, fleet.standing_out.get(r, ())),)
+    )
 
 
 def _sentence(text: str) -> str:

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.identify.fleet import FEWEST, STANDS_OUT, Fleet, Robot
-from ident.inference.population import LARGEST_K, LEAST_EFFECTIVE, Population
+from ident.identify.fleet import FEWEST, Fleet, Robot
+from ident.inference.population import FALSE_ALARM, LARGEST_K, LEAST_EFFECTIVE, Population
 from ident.present.files.fleet import fleet_priors
 from ident.present.text.compare import ratio_words, stiffness_words
 from ident.present.text.units import in_shown_unit
@@ -35,7 +35,8 @@ def _heading(fleet: Fleet) -> Iterator[str]:
         yield f"  NO population: it takes {FEWEST} robots"
         return
     if fleet.standing_out:
-        yield f"  STANDS OUT: {_some([_member(fleet, r).name for r in fleet.standing_out])}"
+        said = [f"{_member(fleet, r).name} ({words})" for r, words in outlying(fleet).items()]
+        yield f"  STANDS OUT: {_some(said, 90)}"
     else:
         yield "  No robot stands out."
     if fleet.population.r_hat > MIXED:
@@ -46,9 +47,21 @@ def _member(fleet: Fleet, place: int) -> Robot:
     return fleet.robots[fleet.members[place]]
 
 
-def _some(names: list[str]) -> str:
+def outlying(fleet: Fleet) -> dict[int, str]:
+    """Say of each member that stands out which stiffness does and by how much: `joint2 in torsion -46.3 %`."""
+    population = fleet.population
+    if population is None:
+        return {}
+    away = population.robot_mean - population.next_mean
+    return {
+        r: ", ".join(f"{stiffness_words(fleet.names[i])} {ratio_words(float(away[r, i]))}" for i in which)
+        for r, which in fleet.standing_out.items()
+    }
+
+
+def _some(names: list[str], length: int = 30) -> str:
     more = len(names) - LISTED
-    return ", ".join(cut(name, 30) for name in names[:LISTED]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(cut(name, length) for name in names[:LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _population(fleet: Fleet, population: Population) -> Iterator[str]:
@@ -88,17 +101,20 @@ def known_by(fleet: Fleet, population: Population) -> Iterator[str]:
 
 
 def _standing_out(fleet: Fleet, population: Population) -> Iterator[str]:
-    if not fleet.standing_out:
+    judged = fleet.deviations
+    if judged is None or not judged.named:
         return
-    yield f"{'Stands out':34s}{'against the fleet':>18s}{'probability':>13s}"
-    for r in fleet.standing_out[:LISTED]:
-        robot, off = _member(fleet, r), population.off[r]
-        yield f"  {cut(robot.name, 32):32s}{'':18s}{percent(float(population.any_off[r])):>13s}"
-        for i in np.argsort(-off, kind="stable"):
-            if off[i] > STANDS_OUT / len(off):
-                change = ratio_words(float(population.robot_mean[r, i] - population.next_mean[i]))
-                yield f"    {stiffness_words(fleet.names[i]):30s}{change:>18s}{percent(float(off[i])):>13s}"
-    yield f"  probability that one of its stiffnesses is none of the population's, from {STANDS_OUT:.0%} on"
+    chance = dict(zip(judged.named, judged.chance, strict=True))
+    yield f"{'Stands out':34s}{'against the fleet':>18s}{'95 % of healthy robots':>25s}{'chance':>9s}"
+    for r, which in list(fleet.standing_out.items())[:LISTED]:
+        yield f"  {cut(_member(fleet, r).name, 32)}"
+        for i in which:
+            change = ratio_words(float(population.robot_mean[r, i] - population.next_mean[i]))
+            low, high = (100 * float(np.expm1(sign * 1.96 * judged.sd[r, i])) for sign in (-1, 1))
+            words, healthy = stiffness_words(fleet.names[i]), f"{low:+.0f} to {high:+.0f} %"
+            yield f"    {words:30s}{change:>18s}{healthy:>25s}{percent(chance[r, i]):>9s}"
+    yield "  chance: that any stiffness of a fleet of healthy robots differs so much from the other robots';"
+    yield f"  below {percent(FALSE_ALARM)} it stands out, and the population is that of the others"
 
 
 def _failed(fleet: Fleet) -> Iterator[str]:
