@@ -47,9 +47,9 @@ def test_it_is_the_fit_of_the_campaign(result, table_1):
 
 
 def test_what_the_data_ask_for_counts_as_a_doubt_that_withholds_nothing():
-    """A base thirty times as stiff as joint 1, seen by exact data of small sigmas."""
+    """A base forty times as stiff as joint 1, seen by exact data of small sigmas."""
     height = 0.5 * np.hypot(0.992855, 0.12)
-    soft = on_soft_base(lcd_arm(), height).replace({"base.k_bend": 30 * 7.173e5, "base.k_tors": 1e12})
+    soft = on_soft_base(lcd_arm(), height).replace({"base.k_bend": 40 * 7.173e5, "base.k_tors": 1e12})
     rows = ident.read_campaign(DATA / "lcd_arm" / "campaign.csv").measurements
     exact = eqx.filter_jit(predict)(soft, {}, bind(soft, ident.Campaign(measurements=rows))).tolist()
     relative = {"frequency": 1e-3, "deflection": 4e-3}
