@@ -137,9 +137,9 @@ class CampaignFit(Fit):
             each = " or ".join(f"row{'s' * (',' in unit)} {unit}" for unit in units)
             yield f"without {each} no other lies too far off: look there first"
         if own := np.flatnonzero(self.row_tests.unchecked).tolist():
-            rows = ", ".join(names[i] for i in own[:NAMED])
-            rows += f" and {len(own) - NAMED} more" if len(own) > NAMED else ""
-            yield f"row{'s' * (len(own) > 1)} {rows} cannot be checked: no other measurement tells the same"
+            several = ", ".join(names[i] for i in own[:NAMED])
+            several += f" and {len(own) - NAMED} more" if len(own) > NAMED else ""
+            yield f"row{'s' * (len(own) > 1)} {several} cannot be checked: no other measurement tells the same"
 
     def _exchanges(self, names: Sequence[str]) -> Iterator[str]:
         """Say of each pair of rows that the data would fit with its two values exchanged."""
