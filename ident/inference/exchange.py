@@ -54,8 +54,9 @@ def exchanges(
     """Return the exchanges after which nothing speaks against the fit any more, of the least chi-squared first.
 
     Values change places together with their sigmas, and with what their errors have in common with others. All pairs
-    are compared by the least squares of the model along a straight line from the optimum; the best ones are fitted anew
-    from there. It is a hint where to look: two values that were not exchanged may look so, where both are wrong.
+    are compared by the least squares of the model along a straight line from the optimum; the best ones are fitted
+    again from there, and from the parameters' starting values. It is a hint where to look: two values that were not
+    exchanged may look so, where both are wrong.
 
     Args:
         fit: of data that do not fit.
@@ -66,14 +67,18 @@ def exchanges(
     blocks = [pairs[i : i + BLOCK] for i in range(0, len(pairs), BLOCK)]
     costs = np.concatenate([np.zeros(0), *(_costs(fit, [moves(pair) for pair in block]) for block in blocks)])
     nearest = [pairs[i] for i in np.argsort(costs, kind="stable")[:TRIED]]
+    known = fit.problem.parameters
+    starts = fit.best.theta, np.asarray(known.theta(known.column("start")))  # the data have led the first one astray
     found = []
     for pair in dict.fromkeys([*suspected[:TRIED], *nearest]):
         problem = _moved(fit.problem, moves(pair))
-        end = solve(problem, fit.best.theta)
-        independent = problem.scaled(end.predicted - np.asarray(problem.measured))
-        chi_squared = float(independent @ independent)
-        if _fits(fit, problem, end, chi_squared):
-            found.append(Exchange(pair, chi_squared, float(end.cost + np.sum(end.choice.cost))))
+        for start in starts:
+            end = solve(problem, start)
+            independent = problem.scaled(end.predicted - np.asarray(problem.measured))
+            chi_squared = float(independent @ independent)
+            if _fits(fit, problem, end, chi_squared):
+                found.append(Exchange(pair, chi_squared, float(end.cost + np.sum(end.choice.cost))))
+                break
     return tuple(sorted(found, key=lambda each: each.chi_squared))
 
 

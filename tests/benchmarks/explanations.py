@@ -223,6 +223,7 @@ def once(name: str, words: str, draw: int, seed: int) -> dict[str, bool]:
     from ident.identify.assumptions import assumptions
     from ident.identify.build_problem import build_problem
     from ident.identify.exchangeable import exchangeable, moves_of
+    from ident.identify.mode_assignment import FAR
     from ident.inference.descent import ended
     from ident.inference.exchange import exchanges
     from ident.inference.fit import Fit
@@ -245,8 +246,10 @@ def once(name: str, words: str, draw: int, seed: int) -> dict[str, bool]:
     off = np.abs(np.nan_to_num(fit.row_tests.z))
     swaps = ()
     if (labels or chi_squared or fit.outliers.any()) and fit.degrees_of_freedom > 0:
-        pairs = list(exchangeable(campaign, np.argsort(-off)[:20].tolist()))
-        swaps = exchanges(fit, pairs, moves=moves_of(campaign)) if words == "two values swapped" else ()
+        renamed = set(np.flatnonzero(np.asarray(fit.choice.cost) >= FAR).tolist())
+        pairs = list(exchangeable(campaign, [*np.argsort(-off)[:20].tolist(), *renamed]))
+        suspected = [pair for pair in pairs if set(pair) <= renamed]
+        swaps = exchanges(fit, pairs, suspected, moves_of(campaign)) if words == "two values swapped" else ()
     return {
         "rows": bool(fit.outliers.any()),
         "rows by sigma": by_sigma,
