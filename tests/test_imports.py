@@ -26,7 +26,6 @@ ONLY_IN = {
     "dynesty": "inference/evidence",
     "emcee": "inference",
     "jinja2": "present/html",
-    "lvm_read": "measure/recordings",
     "matplotlib": "present",
     "nptdms": "measure/recordings",
     "optimistix": "inference/levenberg_marquardt",

@@ -192,7 +192,8 @@ def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path,
     """
     with together():
         with TIMES.on("writing"):
-            kept, paths = set_aside(result, out), result.save(out)
+            kept = set_aside(result, out)
+            paths = result.save(out / f"{result.name}{result.suffix}")
         with TIMES.on("drawing"):
             paths = (*paths, *(path for each in more for path in each(out)))
     if kept:

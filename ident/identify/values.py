@@ -180,7 +180,7 @@ class Robot:
         value = self.numbers.get(path, self.numbers.get(quantity))
         if value is None or isinstance(value, float):
             return value
-        return float(np.asarray(value)[COMPONENTS[component]])
+        return float(np.asarray(value)[COMPONENTS[component]]) if component in COMPONENTS else None
 
     def differences(self, other: "Robot", but: Collection[str] = ()) -> dict[str, str]:
         """Return in which quantities another robot differs, each in words: `link2.mass (3 kg there, 5 kg here)`.

@@ -113,7 +113,6 @@ class Population:
         robot_mean: (R, P) shrunk estimates in theta: posterior means by the robot's own data and the fleet.
         robot_sd: (R, P) their standard deviations.
         off: (R, P) probability that a parameter of a robot is off.
-        any_off: (R,) probability that any of its parameters is.
         r_hat: largest over means and spreads: 1 where the chains agree.
         weights: by robot's number, of those that are, or were, known by draws.
         normal: numbers of robots that are taken by a normal approximation.
@@ -125,7 +124,6 @@ class Population:
     robot_mean: Float[np.ndarray, "R P"]
     robot_sd: Float[np.ndarray, "R P"]
     off: Float[np.ndarray, "R P"]
-    any_off: Float[np.ndarray, "R"]
     r_hat: float
     weights: Mapping[str, Weights]
     normal: tuple[int, ...] = ()
@@ -243,7 +241,7 @@ class _Sums:
         self.chains = chains
         self.kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self.theta, self.squares = np.zeros(chains.theta.shape[1:]), np.zeros(chains.theta.shape[1:])
-        self.off, self.any_off = np.zeros(chains.theta.shape[1:]), np.zeros(chains.theta.shape[1])
+        self.off = np.zeros(chains.theta.shape[1:])
         self.origin = chains.theta.mean(0)
 
     def add(self) -> None:
@@ -254,7 +252,6 @@ class _Sums:
         self.theta += away.sum(0)
         self.squares += (away**2).sum(0)
         self.off += chains.off.sum(0)
-        self.any_off += chains.off.any(-1).sum(0)
 
     def result(self) -> Population:
         """Return the population that the chains have drawn."""
@@ -271,8 +268,8 @@ class _Sums:
             str(r): weighed(each, Under(mean.mean(0), np.exp(np.log(sd).mean(0)), float(share.mean())))
             for r, each in self.chains.drawn.items()
         }
-        off, any_off = self.off / count, self.any_off / count
-        return Population(mean, sd, share, self.origin + away, robot_sd, off, any_off, r_hat, weights)
+        off = self.off / count
+        return Population(mean, sd, share, self.origin + away, robot_sd, off, r_hat, weights)
 
 
 def deviations(

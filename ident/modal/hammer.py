@@ -61,7 +61,7 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
         if not any(hit.end for hit in each):
             remedy = "look at the cable of the hammer and which channel is the force, or hit harder"
             raise InputError(Problem(one_line(source.file), "no pulse of the force", "at least one hit", remedy))
-    count = min(_samples(hit) for each in hits for hit in each if not hit.flaw or hit.end) if any(hits) else 0
+    count = min(_samples(hit) for each in hits for hit in each if not hit.flaw or hit.end)
     if count < FEWEST:
         got = f"{max(count, 0)} samples behind a hit"
         raise InputError(

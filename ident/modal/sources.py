@@ -343,7 +343,8 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
             problems.append(Problem(same[1].where, got, "each channel once", "keep one", "channel"))
     counts = Counter((channel.name, channel.reference) for channel in recording.channels)
     twice = {channel for (channel, _), count in counts.items() if count > 1}
-    flawed = {channel.name: channel for channel in recording.channels if channel.flaw}
+    sound = {channel.name for channel in recording.channels if not channel.flaw}
+    flawed = {channel.name: channel for channel in recording.channels if channel.flaw and channel.name not in sound}
     for channel, (row, *_) in by_name.items():
         if channel in twice and row.role != IGNORED:
             got, remedy = (

@@ -17,7 +17,10 @@ from ident.units import USUAL, stiffness_in
 BESIDE = ("covariance", "bushings")
 """What may be read because it lies beside an input: attributes of that input, in whose name they are called."""
 
-SHOWING = ("report", "figures", "html", "save_pdf", "frequency_figure", "path_figure", "animation", "_write")
+SHOWING = (
+    *("report", "figures", "html", "save_pdf", "save_figures"),
+    *("frequency_figure", "path_figure", "animation", "_write"),
+)
 """Methods that show stiffnesses to people."""
 R = TypeVar("R")
 """What such a method returns."""

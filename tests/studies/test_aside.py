@@ -6,6 +6,7 @@ import pytest
 from commands import ARM
 
 import ident
+from ident.cli.command import write
 from ident.studies.aside import set_aside
 
 CAMPAIGN = ARM.with_name("campaign.csv")
@@ -71,3 +72,12 @@ def test_the_command_says_what_it_keeps(run):
     assert [fit(1), fit(1), fit(2)] == [False, False, True]
     assert ident.load("out/campaign.fit.1.json").options.starts == 1
     assert ident.load("out/campaign.fit.json").options.starts == 2
+
+
+def test_results_of_two_robots_stay_side_by_side(tmp_path):
+    """Both of one name in one folder, written by the command: the first is kept, and all files are there."""
+    for robot in ("a", "b"):
+        (tmp_path / robot).mkdir()
+        (tmp_path / robot / "arm.toml").write_text(ARM.read_text() + f"# robot {robot}\n")
+        write(ident.predict(tmp_path / robot / "arm.toml"), tmp_path / "out")
+    assert len(list((tmp_path / "out").iterdir())) == 2

@@ -188,6 +188,8 @@ def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
     findings = Findings()
     where, cell = next(every, (place, ""))
     findings.attempt(where, "", parse_number, cell, mark)
+    if where != rows[0][0]:
+        raise InputError(findings[0])
     remedy = f"{findings[0].remedy}; or begin lines above the header with #"
     raise InputError(replace(findings[0], expected=f"{findings[0].expected} ({above})", remedy=remedy))
 

@@ -30,28 +30,27 @@ def read(path: Path, data: bytes) -> Contents:
         damaged(path, KIND, f"{len(data)} bytes")
     try:
         file = TdmsFile.read(io.BytesIO(data))
-        every = [(group.name, channel) for group in file.groups() for channel in group.channels()]
-        first = _first_time(every)
-        found = [_channel(name, channel, first) for name, channel in every]
+        named = ((group.name, channel) for group in file.groups() for channel in group.channels())
+        every = [(name, channel, np.asarray(channel[:])) for name, channel in named]
+        sampled = [each for each in every if each[2].dtype.kind in "iuf" and each[2].size > 1]
+        first = _first_time([channel for _, channel, _ in sampled])
+        found = tuple(_channel(*each, first) for each in sampled)
     except Exception as error:  # npTDMS lets ValueError, struct and EOF errors of damaged files through
         damaged(path, KIND, error)
     if file.file_status.incomplete_final_segment:
         damaged(path, KIND, "its last segment is cut off")
-    return tuple(each for each in found if each is not None), (), {}
+    return found, (), {}
 
 
-def _first_time(every: list[tuple[str, Any]]) -> np.datetime64 | None:
+def _first_time(every: list[Any]) -> np.datetime64 | None:
     """Return the earliest time at which a channel's clock started; None where some channel does not say it."""
-    times = [channel.properties.get("wf_start_time") for _, channel in every]
+    times = [channel.properties.get("wf_start_time") for channel in every]
     said = [time.astype("datetime64[us]") for time in times if isinstance(time, np.datetime64) and not np.isnat(time)]
     return min(said) if said and len(said) == len(times) else None
 
 
-def _channel(group: str, channel: Any, first: np.datetime64 | None) -> Channel | None:
+def _channel(group: str, channel: Any, values: np.ndarray, first: np.datetime64 | None) -> Channel:
     """Return a channel, whose start counts from the earliest clock of the file."""
-    values = np.asarray(channel[:])
-    if values.dtype.kind not in "iuf" or values.size < 2:
-        return None
     said = channel.properties
     unit = next((str(said[name]) for name in UNITS if said.get(name)), "")
     step, start = said.get("wf_increment"), float(said.get("wf_start_offset") or 0.0)

@@ -227,8 +227,9 @@ def _stiffnesses(fleet: Fleet, robot: Robot, r: int | None) -> Section:
     full = tuple((*row, *more) for row, *more in zip(rows, shrunk, against, chance, strict=True))
     note = (
         "With the fleet: by its own data, in place of a prior what the other robots are like. Chance if healthy: that "
-        "this stiffness of a healthy robot differs as far from the other robots'; many are compared, so that one of "
-        f"{len(own) * len(fleet.members)} below {percent(FALSE_ALARM / len(own) / len(fleet.members))} stands out."
+        "this stiffness of a healthy robot differs as far from the other robots'. "
+        f"{len(own) * len(fleet.members)} are compared, so one stands out below about "
+        f"{percent(FALSE_ALARM / len(own) / len(fleet.members))}."
     )
     return Section(
         "Stiffnesses", (), tables=(Table("Own fit and fleet", head, full, note, fleet.standing_out.get(r, ())),)

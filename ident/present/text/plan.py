@@ -174,12 +174,11 @@ def _target(plan: CampaignPlan) -> Iterator[str]:
     if missed.any():
         worst = plan.at_draws.max(0)
         cells = [
-            f"{item.name} at {missed[place]} (up to {sd_in_words(item, float(worst[place]))})"
+            f"{item.name} at {missed[place]} of {draws} (up to {sd_in_words(item, float(worst[place]))})"
             for place, item in enumerate(plan.sought)
             if missed[place]
         ]
-        other = "NOT reached" if not plan.missed else "missed"
-        yield f"  Of {draws} other draws of what is not known, it is {other} for {', '.join(map(kept, cells))}"
+        yield f"  At other draws of what is not known it is MISSED: {', '.join(map(kept, cells))}"
     elif draws:
         yield f"  It is reached at each of {draws} other draws of what is not known, too"
 
