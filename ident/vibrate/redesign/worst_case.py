@@ -75,27 +75,27 @@ def minimum_change(search: Search, starts: Sequence[Point], limit: float) -> Set
         starts: of least amplitude; the first one of all.
         limit: [m], kept by `MARGIN` more than asked for: it shall hold by the exact equations, and as it is printed.
     """
-    aim, still = limit * (1 - MARGIN), np.zeros_like(starts[0])
+    wanted, still = limit * (1 - MARGIN), np.zeros_like(starts[0])
     if worst_amplitude(search, still) <= limit:
         return search, still, True
-    if worst_amplitude(search, starts[0]) > aim:
+    if worst_amplitude(search, starts[0]) > wanted:
         return search, None, True
     size, best, closed = search.objective.change_norm, starts[0], list[bool]()
     for start in starts:
         u: Point | None = start
+        aim = wanted
         for left in reversed(range(LONGER + 1)):
             u = search.minimum_change(start if u is None else u, aim)
             if u is None:
                 break
-            best = min(best, _moved(search, u, starts[0], limit * (1 - MARGIN)), key=size)
-            is_closed = size(best) <= size(u) * (1 + GAP)
+            best = min(best, _moved(search, u, starts[0], wanted), key=size)
+            is_closed = size(best) <= size(u) * (1 + GAP) and (aim > wanted * (1 - CLOSE) or not search.cuts)
             if is_closed or not left:
                 closed.append(is_closed)
                 break
-            further, _ = worst(search, u)
-            if further is search:  # of an RMS the phases of the file are seen, and their mean counts
-                aim *= aim / worst_amplitude(search, u)
-            search = further
+            search, _ = worst(search, u)
+            # The worst phases give a little more than a simulation with them, of second order; an RMS is a mean of all.
+            aim = wanted * min(1.0, search.objective.largest(u) / worst_amplitude(search, u))
     return search, best, bool(closed) and all(closed)
 
 

@@ -99,6 +99,7 @@ class Toy(Search):
 
     evaluator: Any = None
     required: Requirements = NOTHING
+    cuts: Any = ({},)
     seen: tuple[int, ...] = (0,)
     off: float = 0.0
     learns: bool = True
@@ -109,6 +110,9 @@ class Toy(Search):
 
     def change_norm(self, u: np.ndarray) -> float:
         return float(np.sqrt(u @ u))
+
+    def largest(self, u: np.ndarray) -> float:
+        return float(self.amplitudes(u)[list(self.seen)].max())
 
     def amplitudes(self, u: np.ndarray) -> np.ndarray:
         return 1.0 - SLOPES @ u + 0.1 * (u @ u)
