@@ -204,7 +204,7 @@ LIMIT = 0.4  # mm
 change = dict.fromkeys(TORSION, ("0.5x", "2x"))
 options = ident.DesignOptions(speed=10, dwell=2.0, rate=200.0, change=change, limit=LIMIT, starts=2)
 redesign = ident.design(arm_file, options).study.design
-best, least = redesign.best, redesign.minimum_change
+best, least = redesign.optima[0], redesign.minimum_change
 
 print("                     largest          factor of joint       change   first      deflection")
 print("                    X, Y, Z [mm]     1      2      3          norm   frequency")
@@ -214,13 +214,13 @@ def tell(name, place):
     sizes = " ".join(f"{1e3 * a:.3f}" for a in place.amplitude)
     factors = "".join(f"{f:7.3f}" for f in np.exp(place.changes))
     standing = f"{place.frequency:9.2f} Hz{1e3 * place.deflection:10.2f} mm"
-    print(f"{name:15s}{sizes:>18s}{factors}{place.change_norm:9.2f}{standing}")
+    print(f"{name:16s}{sizes:>18s}{factors}{place.change_norm:9.2f}{standing}")
 
 
 tell("present", redesign.present)
 tell("minimum change", least)
-tell("best", best)
-assert 1e3 * least.largest <= LIMIT * 1.001
+tell("least amplitude", best)
+assert 1e3 * least.largest <= LIMIT
 hollow = {"color": "black", "marker": "o", "markerfacecolor": "none", "linestyle": ""}
 assert (np.sign(least.changes) == [1, -1, -1]).all()
 assert best.changes[2] > 0
@@ -251,14 +251,14 @@ figure
 
 # %% [markdown]
 # The least change that meets the limit is joint 1 stiffer, joints 2 and 3 softer: **the paper's guideline**, all three
-# at once. The best design within the bounds goes on with joint 1, but has joint 3 stiffer: there Z is as large as Y,
-# and the guideline, which is about Y, ends. The lowest frequency rises with joint 1. The deflection stays: it is
+# at once. The least amplitude within the bounds goes on with joint 1, but has joint 3 stiffer: there Z is as large as
+# Y, and the guideline, which is about Y, ends. The lowest frequency rises with joint 1. The deflection stays: it is
 # largest on the unfolded arm, whose weight loads no torsion.
 #
 # The paper's second group, mass centres, after either design and as it is:
 
 # %%
-designs = {"as it is": {}, "minimum change": least.values, "best": best.values}
+designs = {"as it is": {}, "minimum change": least.values, "least amplitude": best.values}
 print("peak in Y [mm], mass centre in -> out    " + "".join(f"{path:>18s}" for path in CENTRES))
 for name, values in designs.items():
     now, inwards, outwards = trends(arm.replace(values))

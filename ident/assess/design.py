@@ -72,5 +72,5 @@ def unchanged(place: Place) -> bool:
 
 
 def keeps(place: Place, limit: float) -> bool:
-    """Tell whether a design keeps a limit, but for rounding."""
-    return place.largest <= limit * (1 + SAME)
+    """Tell whether a design keeps a limit."""
+    return place.largest <= limit

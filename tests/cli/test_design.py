@@ -81,7 +81,6 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
         "N m/rad",
         "of 2 starts led to the same",
         "Trade-off",
-        "Minimum change that keeps",
         "Verification by the exact equations",
         "by 20 fresh draws, with its 95 % interval",
         "set: link2.mass = 36",

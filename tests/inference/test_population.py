@@ -109,7 +109,7 @@ def test_a_robot_that_leaves_directions_open_is_drawn_again():
 
     def redraw(which, under):
         asked.append((which, under.sd.max()))
-        return [drawn_again((*fleet.likelihoods, blind)[r], under, rng) for r in which]
+        return [drawn_again((*fleet.likelihoods, blind)[r], under, rng, 6000) for r in which]
 
     robots = (*fleet.likelihoods, drawn(blind, np.zeros(4), np.ones(4), rng))
     result = population(robots, np.zeros(4), np.ones(4), redraw=redraw, steps=300)

@@ -1,6 +1,7 @@
 """`ident.design` from Python: what it changes, what it returns, and the files that bring it back."""
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from ident.description.file import parse_arm, read_arm
 from ident.errors import InputError
 from ident.studies.design import DesignOptions, design
 from ident.studies.motion import drawn_groups, drawn_values
+from ident.vibrate.redesign.design import with_minimum_change
 from ident.vibrate.redesign.evaluator import Evaluator
 from ident.vibrate.redesign.sensitivity import sensitivities
+from ident.vibrate.redesign.verify import verify
 
 pytestmark = pytest.mark.slow
 
@@ -34,7 +37,7 @@ def path(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(path):
-    options = DesignOptions(change=CHANGE, set={"link2.mass": 36.0}, limit=1e3, starts=1, no_curve=True, **SHORT)
+    options = DesignOptions(change=CHANGE, set={"link2.mass": 36.0}, starts=1, no_curve=True, **SHORT)
     return design(FILE, options, path=path)
 
 
@@ -51,13 +54,45 @@ def test_the_best_is_within_the_bounds_and_vibrates_less(result):
     assert result.best.max() < result.present.max()
     assert [float(result.changed_arm.get(path)) for path in (K1, "link2.mass")] == [result.values[K1], 36.0]
     study = result.study
-    assert (study.limit, study.starts, study.draws) == (1.0, 1, 0)
+    assert (study.limit, study.starts, study.draws) == (None, 1, 0)
     assert study.evaluator.variables[1].weight == 2.0
-    assert unchanged(study.design.minimum_change)
-    assert "Minimum change that keeps 1000 mm: none is needed" in result.report()
     rows = result.table()
     assert [(row["number"], row["best"]) for row in rows] == list(result.values.items())
-    assert [row["minimum_change"] for row in rows] == pytest.approx([row["present"] for row in rows], rel=1e-12)
+    assert np.isnan([row["minimum_change"] for row in rows]).all()
+
+
+def limited(result, limit):
+    """A result with a limit [m], without a search for the least amplitude again."""
+    study = result.study
+    least = with_minimum_change(replace(study.design, limit=limit), limit)
+    checks = verify(least.evaluator, least.best, limit)
+    return replace(result, study=replace(study, design=least, verification=checks))
+
+
+def test_with_a_limit_the_least_change_that_keeps_it_is_proposed_and_verified(result):
+    limit = float(result.present.max() + result.best.max()) / 2
+    found = limited(result, limit)
+    design = found.study.design
+    assert design.best is design.minimum_change
+    assert design.best.change_norm < result.study.design.best.change_norm
+    assert limit * 0.99 < found.best.max() <= limit
+    np.testing.assert_allclose(found.study.verification.after.amplitude, found.best, atol=3e-3 * limit)
+    assert (design.settled, found.short) == (True, False)
+    report = found.report()
+    assert f"Design: the least change within the bounds that keeps {1e3 * limit:g} mm" in report
+    assert "after the change: kept" in report
+    assert "Minimum change that keeps" not in report
+    assert replace(found, study=replace(found.study, design=replace(design, settled=False))).short
+    loud = replace(design, present=replace(design.present, amplitude=design.best.amplitude / 1.5))
+    report = replace(found, study=replace(found.study, design=loud)).report()
+    assert "NOTE: peak in z rises by 50%, from" in report
+
+
+def test_a_limit_that_is_kept_needs_no_change(result):
+    found = limited(result, 1.0)
+    assert unchanged(found.study.design.best)
+    assert not found.short
+    assert "none is needed: the arm as it is keeps it" in found.report()
 
 
 def test_its_arm_file_has_the_changed_numbers(result, tmp_path):

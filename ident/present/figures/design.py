@@ -158,7 +158,8 @@ def _named(design: Design) -> Iterator[tuple[str, Place]]:
     yield "present", design.present
     if design.minimum_change is not None and not unchanged(design.minimum_change):
         yield "minimum change", design.minimum_change
-    yield "best", design.best
+    if design.best is not design.minimum_change:
+        yield "best", design.best
 
 
 def _changed(design: Design) -> Iterator[tuple[str, Place]]:

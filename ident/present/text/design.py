@@ -14,6 +14,9 @@ from ident.vibrate.redesign.binomial import BinomialEstimate
 from ident.vibrate.redesign.design import Design
 from ident.vibrate.response.study import DIRECTIONS
 
+RISE = 0.05
+"""Share from which on it is said that a direction vibrates more."""
+
 
 def design_report(study: DesignStudy) -> str:
     """Return the report: motion, sensitivities, changes, what they bring, optima, trade-off, verification."""
@@ -28,7 +31,7 @@ def design_report(study: DesignStudy) -> str:
         _effect(study, design),
         _optima(study, design),
         _curve(design),
-        _minimum_change(design),
+        _minimum_change(study, design),
         _verification(study, design),
         assumed_in_words(study.basis),
     ]
@@ -49,11 +52,29 @@ def verdict(design: Design) -> str:
     )
 
 
+def proposes_least(design: Design) -> bool:
+    """Tell whether the least change that keeps the limit is what is proposed."""
+    least = design.minimum_change
+    return least is not None and bool(np.array_equal(least.changes, design.best.changes))
+
+
+def rises(study: DesignStudy, design: Design) -> Iterator[str]:
+    """Say in which directions the arm vibrates more after the change."""
+    for d, a, b in zip(DIRECTIONS, design.present.amplitude, design.best.amplitude, strict=True):
+        if b > a * (1 + RISE):
+            yield f"{study.evaluator.measure} in {d} rises by {b / a - 1:.0%}, from {mm(a)} to {mm(b)} mm"
+
+
 def _changes(study: DesignStudy, design: Design) -> Iterator[str]:
     arm = study.basis.arm
     if study.draws and design.limit:
         share = f"{MM * design.limit:g} mm by {study.draws} draws"
         yield f"Design: least probability of exceeding {share}, from the least largest amplitude on"
+    elif proposes_least(design):
+        yield f"Design: the least change within the bounds that keeps {MM * (design.limit or 0):g} mm"
+        if unchanged(design.best):
+            yield "  none is needed: the arm as it is keeps it"
+            return
     else:
         yield "Design: the change within the bounds by which the largest amplitude is least"
     yield f"  {'':24s}{'from':>12s}{'to':>12s}  {'unit':10s}{'change':>10s}  bounds"
@@ -71,7 +92,8 @@ def _changes(study: DesignStudy, design: Design) -> Iterator[str]:
     if masses:
         yield f"  {', '.join(masses)}: inertia was kept; in the arm file it follows the mass where there is a shape"
     if not design.settled:
-        yield "  The search over the phases did NOT settle: amplitudes hold for the worst, but less might do"
+        yield "  The search over the phases did NOT settle: amplitudes hold for the worst phases, but a smaller change"
+        yield "  may do. Search from more starts (`starts`), or within narrower bounds (`change`)"
     if words := verdict(design):
         yield f"  {words}" + (" (the arm itself; for the draws, see below)" if study.draws else "")
 
@@ -81,6 +103,7 @@ def _effect(study: DesignStudy, design: Design) -> Iterator[str]:
     yield f"  {'':34s}{'before':>10s}{'after':>10s}"
     for d, a, b in zip(DIRECTIONS, before.amplitude, after.amplitude, strict=True):
         yield f"  {f'{study.evaluator.measure} in {d} [mm]':34s}{mm(a):>10s}{mm(b):>10s}{b / a - 1:+8.1%}"
+    yield from (f"  NOTE: {words}" for words in rises(study, design))
     yield f"  {'first natural frequency [Hz]':34s}{before.frequency:10.4f}{after.frequency:10.4f}"
     yield f"  {'static deflection [mm]':34s}{MM * before.deflection:10.4f}{MM * after.deflection:10.4f}"
     if study.draws and limit:
@@ -123,12 +146,12 @@ def _curve(design: Design) -> Iterator[str]:
         yield f"  {place.change_norm:11.3f}{mm(place.largest):>14s}{words}"
 
 
-def _minimum_change(design: Design) -> Iterator[str]:
-    if design.limit is None:
+def _minimum_change(study: DesignStudy, design: Design) -> Iterator[str]:
+    if design.limit is None or study.draws or proposes_least(design):
         return
     title, place = f"Minimum change that keeps {MM * design.limit:g} mm", design.minimum_change
     if place is None:
-        yield f"{title}: none was found"
+        yield f"{title}: none within these bounds"
     elif unchanged(place):
         yield f"{title}: none is needed"
     else:

@@ -1,7 +1,7 @@
 """Redesign: minimum amplitude, minimum change, minimum probability of exceedance, within bounds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -65,13 +65,15 @@ class Design:
         required: what had to be met.
         limit: () [m] wanted amplitude; None for the least.
         present: the arm as it is.
-        best: least amplitude; with draws and a limit, least probability of exceeding it.
+        best: what is proposed: with a limit the least change that keeps it, where that can be; with draws besides the
+            least probability of exceeding it; else the least amplitude.
         optima: what each start has led to, the least amplitude first.
         curve: least amplitude at several change norms, ascending, each amplitude less than the one before; the present
             and the least amplitude are its ends.
-        minimum_change: least change norm that meets the limit; None without limit, or where it can't be met.
-        settled: whether the searches over phases that are not known have come to an end; amplitudes are the worst over
-            them in any case, but less change, or less amplitude, might do.
+        minimum_change: least change norm that keeps the limit; None without limit, where it can't be kept, and with
+            draws, as it would hold for the arm itself only.
+        settled: whether the search for what is proposed, over phases that are not known, has come to an end; amplitudes
+            are the worst over them in any case, but less change, or less amplitude, might do.
     """
 
     evaluator: Evaluator
@@ -140,22 +142,42 @@ def design(
     norm = places[0].change_norm if curve else 0.0
     further = [partial(search.minimum_amplitude, share * least, share * norm) for share in SHARES if norm > 0]
     between = side_by_side(further)
-    _, least_change, change_settled = minimum_change(search, least, limit) if limit else (search, None, True)
-
     present = _place(search, 0 * least, limit)
     middle = [_place(search, u, limit) for u in between if u is not None]
-    changes = [] if least_change is None else [_place(search, least_change, limit)]
-    return Design(
+    found = Design(
         evaluator,
         required,
         limit,
         present,
         places[0] if likely is None else _place(search, likely, limit),
         tuple(places),
-        _efficient(present, [*middle, *places[1:], *changes] if curve else [], places[0]),
-        changes[0] if changes else None,
-        is_settled and change_settled,
+        _efficient(present, [*middle, *places[1:]] if curve else [], places[0]),
+        None,
+        is_settled,
     )
+    return found if limit is None or evaluator.draws else with_minimum_change(found, limit, search)
+
+
+def with_minimum_change(found: Design, aim: float, search: Search | None = None) -> Design:
+    """Return a design that proposes the least change with an amplitude of an aim [m] at most, if there is one.
+
+    Args:
+        found: its optima and its curve are where the search starts.
+        aim: the limit, or less where it shall hold by more than the fast method.
+        search: with the phases to begin with; those with which the arm as it is vibrates most when None.
+    """
+    search = search or worst(Search(found.evaluator, found.required), 0 * found.best.changes)[0]
+    quiet = [place for place in found.curve if place.largest <= aim and place is not found.optima[0]]
+    nearest = sorted(quiet, key=lambda place: place.change_norm)[:1]
+    starts = [place.changes / search.objective.scale for place in (found.optima[0], *nearest)]
+    _, least, is_settled = minimum_change(search, starts, aim)
+    if least is None:
+        return found
+    place = _place(search, least, found.limit)
+    curve = found.curve
+    if len(curve) > 2:
+        curve = _efficient(found.present, [*curve[1:-1], *found.optima[1:], place], found.optima[0])
+    return replace(found, best=place, minimum_change=place, curve=curve, settled=is_settled)
 
 
 def _settled(

@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from ident.vibrate.redesign.constraints import (
+    SLACK,
     Constraint,
     Requirements,
     are_met,
@@ -82,6 +83,10 @@ class Search:
         within = [below(self.objective, limit), *rows]
         u = self._minimize(self.objective.squared_norm, start, within, self.effort.iterations)
         return u if are_met(rows, u) and self.objective.largest(u) < limit * (1 + 1e-3) else None
+
+    def missed(self, u: Point) -> float:
+        """Return by which share of itself a requirement is missed at most, but for `SLACK`; below zero for none."""
+        return max((-float(np.min(row.value(u))) - SLACK for row in self._constraints()), default=-np.inf)
 
     def minimum_exceedance(self, start: Point, limit: float) -> Point:
         """Return the place of the least probability of exceeding the limit, from one of little amplitude on."""

@@ -104,15 +104,15 @@ def test_the_best_beats_every_point_of_a_grid_and_of_a_dense_one_about_its_best(
     beside = [(x[max(i - 1, 0)], x[min(i + 1, 10)]) for x, i in zip(values, least, strict=True)]
     _, dense = swept(beside)
     assert grid.shape == dense.shape == (11, 11)
-    assert found.best.largest <= min(grid.min(), dense.min()) * (1 + 1e-6)
-    assert found.best.largest > 0.97 * dense.min(), "the grid is dense enough to come near"
+    assert found.optima[0].largest <= min(grid.min(), dense.min()) * (1 + 1e-6)
+    assert found.optima[0].largest > 0.97 * dense.min(), "the grid is dense enough to come near"
 
 
 def test_starts_curve_and_present_are_no_quieter_than_the_best(found, present):
     assert found.present.largest == pytest.approx(present)
     assert found.present.change_norm == 0
     assert len(found.optima) == 3
-    assert all(place.largest >= found.best.largest for place in found.optima)
+    assert all(place.largest >= found.optima[0].largest for place in found.optima)
     sizes, amounts = ([getattr(place, name) for place in found.curve] for name in ("largest", "change_norm"))
     assert amounts == sorted(amounts)
     assert all(b <= a * (1 + 1e-6) for a, b in pairwise(sizes)), "more change, less amplitude"
@@ -122,24 +122,26 @@ def test_starts_curve_and_present_are_no_quieter_than_the_best(found, present):
 
 def test_the_cheapest_keeps_the_limit_and_changes_less(found, present):
     cheapest = found.minimum_change
-    assert cheapest.largest <= LIMIT * present * (1 + 1e-6)
-    assert cheapest.largest == pytest.approx(LIMIT * present, rel=1e-5), "no more than asked for"
-    assert 0 < cheapest.change_norm < found.best.change_norm
+    assert cheapest is found.best, "it is what is proposed"
+    assert found.settled
+    assert cheapest.largest <= LIMIT * present
+    assert cheapest.largest == pytest.approx(LIMIT * present, rel=3e-3), "no more than asked for"
+    assert 0 < cheapest.change_norm < found.optima[0].change_norm
 
 
 def test_a_requirement_is_met_and_costs_amplitude(found):
     amount = 0.2
     less = design(short(TWO), required=Requirements(change_norm=amount), starts=1, curve=False)
     assert less.best.change_norm == pytest.approx(amount, rel=1e-6)
-    assert less.best.largest > found.best.largest
+    assert less.best.largest > found.optima[0].largest
     # the first frequency is that of vertical bending or of torsion: ask for more torsion than the best has
-    torsion = max(found.best.frequency, found.present.frequency) * 1.005
+    torsion = max(found.optima[0].frequency, found.present.frequency) * 1.005
     stiff = Search(short(TWO), Requirements())
     most = stiff.objective.end_state(stiff.objective.high)[0][0]
     if most > torsion:
         kept = design(short(TWO), required=Requirements(frequency=torsion), starts=1, curve=False)
         assert kept.best.frequency >= torsion * (1 - 1e-6)
-        assert kept.best.largest >= found.best.largest * (1 - 1e-6)
+        assert kept.best.largest >= found.optima[0].largest * (1 - 1e-6)
 
 
 def test_slopes_of_frequency_and_deflection_and_of_the_log_odds():
@@ -194,7 +196,7 @@ def test_signs_are_unsure_where_a_tenth_more_or_less_does_the_opposite():
 
 @pytest.fixture(scope="module")
 def uncertain(found, present):
-    limit = np.sqrt(found.best.largest * present)
+    limit = np.sqrt(found.optima[0].largest * present)
     return design(short(TWO, draws=drawn(4, 2)), limit=float(limit), starts=1, curve=False)
 
 
