@@ -94,7 +94,7 @@ def _row(name: str, status: int, error: str, document: str) -> dict[str, Any]:
         whole = json.loads(document)
     except ValueError:
         whole = {}
-    return {"robot": name, "status": status, "error": error, **{k: v for k, v in whole.items() if k != "status"}}
+    return {**whole, "robot": name, "status": status, "error": error}
 
 
 def _say(rows: list[dict[str, Any]]) -> None:
