@@ -63,8 +63,11 @@ def measure(campaign: ident.Campaign, seed: int) -> ident.Campaign:
     for posture, frequencies, labels in zip(campaign.postures, exact.frequencies, exact.labels, strict=True):
         by_label[posture] = dict(zip(labels, frequencies.tolist(), strict=True))
         upwards[posture] = iter(frequencies.tolist())
+    noise = np.random.default_rng(seed).standard_normal(len(campaign))
+    for places, correlation in campaign.correlated:
+        noise[list(places)] = np.linalg.cholesky(correlation) @ noise[list(places)]
     rows = []
-    for row, z in zip(campaign, np.random.default_rng(seed).standard_normal(len(campaign)).tolist(), strict=True):
+    for row, z in zip(campaign, noise.tolist(), strict=True):
         frequency = by_label[row.posture][row.mode] if row.mode else next(upwards[row.posture])
         value = frequency * (1 + SIGMA * z)
         rows.append(replace(row, value=value, sigma=SIGMA * value))
@@ -182,7 +185,7 @@ for row in second:
     print(f"({angles}) deg: {row.value:.3f} Hz")
 again = {row.posture for row in second}
 kept = [row for row in first if row.posture not in again]
-both = ident.Campaign("nine postures, three of them again", measurements=(*kept, *second))
+both = ident.Campaign("nine postures, three of them again", measurements=(*kept, *second), covariance=second.covariance)
 
 # %% [markdown]
 # The check again, still on the guessed arm; its verdicts, and what it says of the measurements:

@@ -1,7 +1,7 @@
 """The notebooks run, with less of what takes long, and their executed copies show the scripts as they are.
 
-What is less stands in `support/run_notebook.py`. After a change to a script, `python tests/test_notebooks.py NAME ...`
-executes it and writes the .ipynb anew; without a
+What is less stands in `support/run_notebook.py`. After a change to a script,
+`PYTHONPATH=tests/support python tests/test_notebooks.py NAME ...` executes it and writes the .ipynb anew; without a
 name, all of them.
 """
 

@@ -10,9 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import Float
-
 from ident.errors import InputError, Problem
 from ident.measure.table import Findings, misfit, read_records, read_table, sniff_delimiter, table_text
 from ident.measure.text import parse_number
@@ -127,7 +124,7 @@ class Reproducibility:
         share, counts = {**self.share, kind: variance**0.5}, {**self.freedom, kind: freedom}
         return Reproducibility(share, self.common, counts, self.said)
 
-    def covariance(self, values: Sequence[tuple[str, float]]) -> Float[np.ndarray, "n n"]:
+    def covariance(self, values: Sequence[tuple[str, float]]) -> list[list[float]]:
         """Return the covariance of the values of one test.
 
         With s the share and v the values of a kind, s^2 (c v v' + (1 - c) diag(v)^2), c being the common share.
@@ -135,11 +132,12 @@ class Reproducibility:
         Args:
             values: kind and number of each.
         """
-        kinds = np.array([kind for kind, _ in values])
-        sd = np.array([self.share.get(kind, 0.0) * value for kind, value in values])
-        alike = np.where(kinds[:, None] == kinds, self.common, 0.0)
-        np.fill_diagonal(alike, 1.0)
-        return alike * np.outer(sd, sd)
+        rows = [(kind, self.share.get(kind, 0.0) * value) for kind, value in values]
+        alike = [[self.common if kind == other else 0.0 for other, _ in rows] for kind, _ in rows]
+        return [
+            [sd * other * (1.0 if i == j else alike[i][j]) for j, (_, other) in enumerate(rows)]
+            for i, (_, sd) in enumerate(rows)
+        ]
 
 
 def correlated(rows: Sequence[tuple[str, int]], covariance: Covariance | None) -> tuple[Correlated, ...]:

@@ -122,7 +122,7 @@ def test_reproducibility_is_in_part_common_to_the_values_of_a_kind():
     rng, share = np.random.default_rng(0), np.array([0.01, 0.01, 0.05, 0.0])
     both, own = rng.standard_normal((400000, 2))[:, [0, 0, 1, 1]], rng.standard_normal((400000, 4))
     drawn = share * np.array([v for _, v in values]) * (np.sqrt(0.3) * both + np.sqrt(0.7) * own)
-    covariance = known.covariance(values)
+    covariance = np.array(known.covariance(values))
     scale = np.sqrt(np.outer(*[np.maximum(np.diag(covariance), 1e-12)] * 2))
     np.testing.assert_allclose(np.cov(drawn.T) / scale, covariance / scale, atol=0.01)
     assert covariance[0, 1] > 0

@@ -111,7 +111,8 @@ def test_it_comes_back_as_it_was(name, request, tmp_path):
     loaded = assert_comes_back(result, tmp_path)
     assert_plain(loaded.table())
     figures = [path.name for path in loaded.save_figures(tmp_path)]
-    assert figures == [f"{result.name}.{'.'.join(filter(None, (word, 'png')))}" for word in result.figures()]
+    words = ["" if word == result.main_figure else f".{word}" for word in result.figures()]
+    assert figures == [f"{result.name}{word}.png" for word in words]
 
 
 def test_sensitivities_alone_are_those_of_the_library(alone):

@@ -114,7 +114,6 @@ def test_it_draws_frequencies_against_the_first_joint_that_turns():
         ({"draws": 1}, "draws: got 1, expected a number from 2"),
         ({"set": {"link2.mass": -3.0}}, "set: got link2.mass=-3, expected a value >= 0"),
         ({"set": {"joint1.k_bend": -3.0}}, "set: got joint1.k_bend=-3"),
-        ({"posture": ("30,-60,30",)}, "as \\(\\(30, -60, 30\\),\\)"),
         ({"posture": (("30", "-60", "30"),)}, "postures, each of several angles"),
         ({"posture": (30.0, -60.0, 30.0)}, "as \\(\\(30, -60, 30\\),\\)"),
     ],
