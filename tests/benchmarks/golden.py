@@ -80,9 +80,13 @@ def log_density(folder: Path, keep: bool) -> Rows:
     return [{"log_density": float(value)} for value in at.log_density]
 
 
+def vibration() -> Rows:
+    """Return the vibration of the end point at every time [m]."""
+    return [dict(zip("xyz", map(float, u), strict=True)) for u in np.asarray(simulated().vibration).reshape(3, -1).T]
+
+
 CASES: dict[str, tuple[bool, Case]] = {
     "predict": (True, lambda: ident.predict(ARM, posture=POSTURES, load="glass")),
-    "predict servo": (True, lambda: ident.predict(ARM, posture=POSTURES, drives="servo")),
     "predict six": (True, lambda: ident.predict(SIX_ARM, posture=SIX_POSTURES)),
     "predict ur10": (True, lambda: ident.predict(DATA / "ur10" / "arm.urdf", posture=SIX_POSTURES)),
     "check table1": (True, lambda: ident.check(ARM, TABLE1)),
@@ -111,14 +115,12 @@ CASES: dict[str, tuple[bool, Case]] = {
 }
 
 
-def vibration() -> Rows:
-    """Return the vibration of the end point at every time [m]."""
-    return [dict(zip("xyz", map(float, u), strict=True)) for u in np.asarray(simulated().vibration).reshape(3, -1).T]
-
-
 def table(case: Case) -> dict[str, Rows]:
-    """Return the rows of a case, and the Monte Carlo standard errors of its numbers."""
-    result = case()
+    """Return the rows of a case, or why there are none, and the Monte Carlo standard errors of its numbers."""
+    try:
+        result = case()
+    except ident.IdentError as error:
+        result = [{"refused": str(error)}]
     rows, errors = (result, ()) if isinstance(result, list) else (result.table(), result.standard_errors())
     return {"rows": rows, "errors": errors}
 
