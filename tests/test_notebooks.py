@@ -127,5 +127,5 @@ def rebuild(script):
 
 
 if __name__ == "__main__":
-    for path in [FOLDER / f"{Path(name).stem}.py" for name in sys.argv[1:]] or SCRIPTS:
+    for path in [FOLDER / f"{name.removesuffix('.py')}.py" for name in sys.argv[1:]] or SCRIPTS:
         rebuild(path)
