@@ -16,7 +16,6 @@ import typer
 
 from ident.cli.memory import use_few_heaps
 from ident.cli.output import output
-from ident.cli.times import TIMES, watch_jax
 from ident.errors import InputError, Problem
 from ident.text import one_line
 
@@ -49,7 +48,6 @@ def start() -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     os.environ.setdefault("IDENT_PROGRAMS", "on")
     os.environ.setdefault("EQX_ON_ERROR", "nan")  # the checks of diffrax else call Python, which no cache can keep
-    watch_jax()
     if sys.stderr.isatty() and not output().quiet:
         import jax.monitoring
 
@@ -74,13 +72,11 @@ def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
     """
     from ident.measure import read_campaign
 
-    with TIMES.on("reading"):
-        measured = read_campaign(campaign)
+    measured = read_campaign(campaign)
     start()
     from ident.description.file import read_arm
 
-    with TIMES.on("reading"):
-        return measured, read_arm(arm or campaign.parent / "arm.toml")
+    return measured, read_arm(arm or campaign.parent / "arm.toml")
 
 
 def check_folder(out: Path) -> None:
