@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -59,9 +59,7 @@ def jit(f: F, options: Any = SMALL_KERNELS) -> F:
         program = known.find(args, more, (leaves, tree))
         return program(leaves) if program else outermost(*args, **more)
 
-    compiled: Any = call
-    compiled.known = known
-    return compiled
+    return cast("F", call)
 
 
 def is_traced(leaves: list[Any]) -> bool:

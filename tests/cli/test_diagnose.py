@@ -71,8 +71,7 @@ def test_from_a_campaign_to_advice_with_two_kills_on_the_way(small, tmp_path, br
             boxes = opened.page.locator("figure .scroll").evaluate_all(
                 "all => all.map(b => b.scrollWidth > b.clientWidth)"
             )
-            assert len(boxes) == 8
-            assert all(boxes) == (width < 600)
+            assert set(boxes) == {width < 600}
 
 
 def test_printing_without_a_browser_is_refused_before_anything_is_computed(run, monkeypatch, tmp_path):
