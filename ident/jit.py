@@ -2,9 +2,7 @@
 
 import os
 from collections.abc import Callable
-from contextlib import suppress
 from functools import wraps
-from threading import Thread
 from typing import Any, TypeVar, cast
 
 import equinox as eqx
@@ -13,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ident.programs import Programs
-from ident.text import is_on
 
 AnyArray = jax.Array | np.ndarray
 F = TypeVar("F", bound=Callable[..., Any])
@@ -62,29 +59,7 @@ def jit(f: F, options: Any = SMALL_KERNELS) -> F:
         program = known.find(args, more, (leaves, tree))
         return program(leaves) if program else outermost(*args, **more)
 
-    compiled: Any = call
-    compiled.known = known
-    return compiled
-
-
-def ahead(f: Callable[..., Any], first: Callable[[], Any]) -> None:
-    """Compile or load in a thread what f will need, while other work goes on.
-
-    Only on several cores, for the first program of f, and where programs are kept from run to run (`ident.programs`),
-    as in a command.
-
-    Args:
-        f: made by `jit`.
-        first: calls f with arguments of the same shapes as they will have; what it returns or raises is not needed.
-    """
-    known: Programs = cast("Any", f).known
-    if is_on("IDENT_PROGRAMS") and cores() > 1 and not known.loaded:
-        Thread(target=_try, args=(first,), name="ahead").start()
-
-
-def _try(first: Callable[[], Any]) -> None:
-    with suppress(Exception):
-        first()
+    return cast("F", call)
 
 
 def is_traced(leaves: list[Any]) -> bool:

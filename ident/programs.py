@@ -5,7 +5,7 @@ arrays come back in. A later process reads it by a key of all that it may depend
 their shapes, dtypes, weak types and static values; the compiler's options; and the circumstances, such as the package's
 own source files. What the key can't name, a function from outside the package say, is not kept.
 
-Only where `IDENT_PROGRAMS` is on (see `ident.text.is_on`), as the command line sets it, and jax has a compilation
+Only where `IDENT_PROGRAMS` is set, and not to one of `OFF`, as the command line does, and jax has a compilation
 cache: a process of Python may have changed a constant of the package, which no key can see. Nothing is unpickled; a
 folder that others can write is not used, and a damaged or foreign file is passed over.
 """
@@ -37,7 +37,6 @@ from ident.codec import CodecError, decode, encode
 from ident.errors import IdentError
 from ident.files import replace_file
 from ident.program_keys import NotKeptError, aval, described
-from ident.text import is_on
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "diffrax", "numpy")
 """What programs are made with."""
@@ -45,6 +44,8 @@ UNIMPORTANT = ("cache", "log", "dump", "traceback", "profil")
 """Words in the names of jax's settings that no program depends on."""
 UNCHECKED = [export.DisabledSafetyCheck.custom_call(name) for name in ("lapack_dormqr_ffi",)]
 """What jax may change from version to version: the key names the version."""
+OFF = ("", "0", "off", "no", "n", "false", "f")
+"""What switches off what an environment variable switches on."""
 OLD = 30 * 86400
 """Age [s] from which a folder to which no program was added is thrown away."""
 Place = np.uint16
@@ -158,7 +159,7 @@ class Programs:
 def own_folder() -> Path | None:
     """Return the folder for programs under these circumstances; None where there is none, or others can write it."""
     cache_folder = jax.config.values["jax_compilation_cache_dir"]
-    if not cache_folder or not is_on("IDENT_PROGRAMS"):
+    if not cache_folder or os.environ.get("IDENT_PROGRAMS", "").strip().lower() in OFF:
         return None
     above = Path(cache_folder) / "ident-programs"
     folder = above / environment()

@@ -1,7 +1,6 @@
 """What people write: files as text, words quoted safely in a message, the name that was meant."""
 
 import difflib
-import os
 import stat
 from collections.abc import Iterable, Sequence
 from os import PathLike
@@ -26,14 +25,6 @@ LARGEST_SAMPLES = 1_000_000_000
 
 LARGEST_BINARY = 4_300_000_000
 """Bytes of a file that only programs write: recordings, results. A WAV file cannot be longer."""
-
-OFF = ("", "0", "off", "no", "n", "false", "f")
-"""What switches off what an environment variable switches on."""
-
-
-def is_on(variable: str) -> bool:
-    """Return whether an environment variable is set, and not to a word that means no."""
-    return os.environ.get(variable, "").strip().lower() not in OFF
 
 
 def quoted(text: str) -> str:

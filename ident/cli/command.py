@@ -12,7 +12,6 @@ from ident.cli import running
 from ident.cli.app import app
 from ident.cli.defaults import with_defaults
 from ident.cli.output import JsonOption, QuietOption, output, say_notes, speaking
-from ident.cli.times import TIMES
 from ident.errors import InputError
 from ident.files import together
 from ident.studies.aside import set_aside
@@ -173,9 +172,8 @@ def offer(
 
 def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
-    with TIMES.on("writing"):
-        say_notes(result.notes)
-        output().say(result.report())
+    say_notes(result.notes)
+    output().say(result.report())
     output().document = result.document
     write(result, out, [] if no_figure else [result.save_figures])
 
@@ -191,11 +189,9 @@ def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path,
         more: what else is written there.
     """
     with together():
-        with TIMES.on("writing"):
-            kept = set_aside(result, out)
-            paths = result.save(out / f"{result.name}{result.suffix}")
-        with TIMES.on("drawing"):
-            paths = (*paths, *(path for each in more for path in each(out)))
+        kept = set_aside(result, out)
+        paths = result.save(out / f"{result.name}{result.suffix}")
+        paths = (*paths, *(path for each in more for path in each(out)))
     if kept:
         typer.echo(kept, err=True)
     for path in paths:

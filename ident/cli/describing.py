@@ -9,7 +9,6 @@ import typer
 from ident.cli import running
 from ident.cli.command import NoFigureOption, OutOption, plain
 from ident.cli.output import output, say_notes
-from ident.cli.times import TIMES
 from ident.errors import InputError, Problem
 from ident.studies.new import KINDS
 from ident.text import read_bytes
@@ -65,9 +64,8 @@ def show(
         raise InputError(replace(p, where=flags.get(p.where, p.where)) for p in error.problems) from None
     output().say(picture.report())
     output().document = picture.document
-    with TIMES.on("drawing"):
-        for path in () if no_figure else picture.save_figures(out):
-            output().wrote(path)
+    for path in () if no_figure else picture.save_figures(out):
+        output().wrote(path)
 
 
 def is_result(file: Path) -> bool:

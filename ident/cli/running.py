@@ -1,6 +1,7 @@
 """What every command does first: set up jax, read the inputs, show progress."""
 
 import atexit
+import ctypes
 import gc
 import os
 import sys
@@ -14,9 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ident.cli.memory import use_few_heaps
 from ident.cli.output import output
-from ident.cli.times import TIMES, watch_jax
 from ident.errors import InputError, Problem
 from ident.text import one_line
 
@@ -36,7 +35,7 @@ def start() -> None:
     warnings.simplefilter(
         "ignore", append=True
     )  # what a library warns of is no news to who uses ident; -W says otherwise
-    use_few_heaps()
+    glibc("mallopt", -8, 2)  # M_ARENA_MAX: threads share two heaps, a sixth less memory than with one each
     gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs slow compilation as an error
     atexit.register(gc.freeze)  # and 0.6 s less to stop: what is left goes with the process
@@ -49,11 +48,16 @@ def start() -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     os.environ.setdefault("IDENT_PROGRAMS", "on")
     os.environ.setdefault("EQX_ON_ERROR", "nan")  # the checks of diffrax else call Python, which no cache can keep
-    watch_jax()
     if sys.stderr.isatty() and not output().quiet:
         import jax.monitoring
 
         jax.monitoring.register_event_listener(_look_out_for_new_programs)
+
+
+def glibc(name: str, *numbers: int) -> None:
+    """Call a function of glibc about memory; on other systems nothing happens."""
+    with suppress(Exception):
+        getattr(ctypes.CDLL(None), name)(*numbers)
 
 
 def _look_out_for_new_programs(event: str, **_: Any) -> None:
@@ -74,13 +78,11 @@ def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
     """
     from ident.measure import read_campaign
 
-    with TIMES.on("reading"):
-        measured = read_campaign(campaign)
+    measured = read_campaign(campaign)
     start()
     from ident.description.file import read_arm
 
-    with TIMES.on("reading"):
-        return measured, read_arm(arm or campaign.parent / "arm.toml")
+    return measured, read_arm(arm or campaign.parent / "arm.toml")
 
 
 def check_folder(out: Path) -> None:

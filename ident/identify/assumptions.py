@@ -1,6 +1,6 @@
 """What a fit of an arm takes for granted: rigid base and links, given masses, a servo that holds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import jax
@@ -14,9 +14,7 @@ from ident.identify.predict import ArmModel, Held
 from ident.identify.slopes import Slopes, slopes, slopes_once
 from ident.identify.uncertain import scaled_inertia
 from ident.inference.fit import Fit
-from ident.inference.problem import InverseProblem
 from ident.inference.score import ScoreTest, asked_for, score_tests
-from ident.jit import ahead
 from ident.measure import Campaign, Measurement
 from ident.measure.kinds import SHAPES
 
@@ -99,7 +97,7 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
         arm: as its file has it.
         campaign: what was fitted.
     """
-    fitted, pieces, found = _found(fit.problem, fit.parameters, fit.choice.held, arm, campaign)
+    fitted, pieces, found = _found(fit, arm, campaign)
     names, changes = zip(*_each(fitted, pieces, found), strict=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where(found.predicted != 0, fit.predicted / found.predicted, 1.0)
@@ -115,38 +113,17 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
     return Assumptions(items, pieces.height)
 
 
-def prepare(problem: InverseProblem, arm: Arm, campaign: Campaign) -> None:
-    """Have compiled, or loaded, meanwhile what `assumptions` will need after a fit."""
-    if problem.in_parts() is not None:
-        return
-
-    def at_start() -> None:
-        known = problem.parameters
-        numbers = {path: float(value) for path, value in known.by_path(np.asarray(known.column("start"))).items()}
-        _found(problem, numbers, problem.padded().problem.unheld(), arm, campaign)
-
-    ahead(slopes_once, at_start)
-
-
-def _found(
-    problem: InverseProblem, parameters: Mapping[str, float], held: Held | None, arm: Arm, campaign: Campaign
-) -> tuple[Arm, CutArm, Slopes]:
-    """Return the arm with these numbers, whole and in pieces, and how the campaign's predictions change."""
-    own = set(arm.paths())
-    scaled = problem.model.scaled if isinstance(problem.model, ArmModel) else ()
-    fitted = scaled_inertia(arm, parameters, scaled).replace(
-        {path: value for path, value in parameters.items() if path in own}
+def _found(fit: Fit, arm: Arm, campaign: Campaign) -> tuple[Arm, CutArm, Slopes]:
+    """Return the arm with the fitted numbers, whole and in pieces, and how the campaign's predictions change."""
+    own, model = set(arm.paths()), fit.problem.model
+    scaled, frames = (model.scaled, model.frames) if isinstance(model, ArmModel) else ((), None)
+    fitted = scaled_inertia(arm, fit.parameters, scaled).replace(
+        {path: value for path, value in fit.parameters.items() if path in own}
     )
     pieces, free = cut(fitted), replace(fitted, servos=())
-    conditions = _conditions(problem, parameters, free, campaign)
-    return fitted, pieces, _slopes(held, free, pieces, conditions)
-
-
-def _conditions(problem: InverseProblem, parameters: Mapping[str, float], arm: Arm, campaign: Campaign) -> Conditions:
-    """Return the conditions of a campaign, all readings in the base frame, and lagging behind, as it was fitted."""
-    frames = problem.model.frames if isinstance(problem.model, ArmModel) else None
-    _, _, conditions = ArmModel(arm, bind(arm, campaign), frames=frames).at(parameters)
-    return jax.device_get(conditions)
+    # all readings in the base frame, and lagging behind, as they were fitted
+    _, _, conditions = ArmModel(free, bind(free, campaign), frames=frames).at(fit.parameters)
+    return fitted, pieces, _slopes(fit.choice.held, free, pieces, jax.device_get(conditions))
 
 
 def _left_out(arm: Arm, m: Measurement) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
-from ident.identify.assumptions import Assumptions, assumptions, prepare
+from ident.identify.assumptions import Assumptions, assumptions
 from ident.identify.build_problem import build_problem
 from ident.identify.data_checks import check_values, repeated, row_names
 from ident.identify.exchangeable import exchangeable, moves_of
@@ -194,7 +194,6 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     problem = build_problem(arm, campaign, unknowns)
-    prepare(problem, arm, campaign)  # beside the search, whose program the check of the values needs
     check_values(problem, campaign, arm, trusted)
     best = fit(problem, starts=starts, seed=seed, progress=progress)
     weights = None if robust is None else robust_weights(best, units_of(campaign), robust)

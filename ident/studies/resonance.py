@@ -122,7 +122,7 @@ def resonance(
         ModelError: the arm has no stable equilibrium at some posture.
     """
     from ident.vibrate.modal.branches import branches
-    from ident.vibrate.modal.caused_vibration import prepare, with_amplitudes
+    from ident.vibrate.modal.caused_vibration import with_amplitudes
     from ident.vibrate.modal.excitation import excitation
     from ident.vibrate.modal.resonance import resonance_crossings
 
@@ -131,7 +131,6 @@ def resonance(
     drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     turning = excitation(basis.arm, basis.motion, orders=options.orders)
-    prepare(basis.arm, basis.motion, basis.loads)
     followed = branches(basis.arm.replace(basis.draws), basis.motion, count=options.count, loads=basis.loads)
     near = resonance_crossings(followed, turning, margin=options.margin / 100)
     crossings = with_amplitudes(near, basis.arm, basis.motion, basis.loads)

@@ -11,10 +11,11 @@ import re
 import resource
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
+
+from shell import RUN
 
 ROOT = Path(__file__).parents[2]
 HAMMER = ROOT / "data" / "lcd_arm" / "hammer"
@@ -32,8 +33,8 @@ def folder_of_ten(folder: Path) -> Path:
 
 def run(folder: Path, tests: Path, *more: str) -> tuple[float, float, str]:
     """Run the command; return seconds by the clock and of the processor, and what it says of its time."""
-    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(folder / "cache"), "IDENT_TIMES": "1"}
-    line = [sys.executable, "-m", "ident", "modal", str(tests), "--out", str(folder / "out"), *more]
+    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(folder / "cache")}
+    line = [*RUN, "modal", str(tests), "--out", str(folder / "out"), *more]
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(line, env=environment, capture_output=True, text=True, check=True)
     spent, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -2,11 +2,14 @@
 
 `python tests/benchmarks/shell.py [--only fit ...] [--repeat 3]`: with nothing compiled, with everything compiled (the
 quickest of some runs), and with everything compiled but for another motion, speed, posture, campaign length or number
-of draws. The line of `IDENT_TIMES` gives the shares; the rest, to the wall clock, is the start and the end of Python.
-Sizes of the programs are those that XLA dumps after optimisation, in a further cold run (`--sizes`).
+of draws. The rest, to the wall clock, is the start and the end of Python. Sizes of the programs are those that XLA
+dumps after optimisation, in a further cold run (`--sizes`).
+
+`python tests/benchmarks/shell.py run fit campaign.csv` runs one command and says on standard error where its time went.
 """
 
 import argparse
+import builtins
 import os
 import re
 import subprocess
@@ -15,12 +18,74 @@ import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "data" / "lcd_arm"
 ARM, CAMPAIGN = DATA / "arm.toml", DATA / "campaign.csv"
-RUN = [sys.executable, "-c", "from ident.cli import main; main()"]
-KINDS = ("importing", "tracing", "lowering", "loading", "compiling", "reading", "drawing", "writing", "computing")
+RUN = [sys.executable, str(Path(__file__).resolve()), "run"]
+KINDS = ("importing", "tracing", "lowering", "loading", "compiling", "computing")
+"""Shares of the time of a command; each moment counts once, for the first of these. Computing is what is left."""
+EVENTS = {
+    "/jax/core/compile/jaxpr_trace_duration": "tracing",
+    "/jax/core/compile/jaxpr_to_mlir_module_duration": "lowering",
+    "/jax/core/compile/backend_compile_duration": "compiling",
+    "/jax/compilation_cache/cache_retrieval_time_sec": "loading",
+}
+"""What jax reports (`jax.monitoring`), and what it is here; a program that is loaded reports a compilation, too."""
+
+
+def run_timed() -> None:
+    """Run a command of ident in this process, and say on standard error where its time went."""
+    spans: list[tuple[float, float, str]] = []
+    begin, plain, depth = time.perf_counter(), builtins.__import__, 0
+
+    def watched(*args: Any, **more: Any) -> Any:
+        nonlocal depth
+        depth, start = depth + 1, time.perf_counter()
+        try:
+            return plain(*args, **more)
+        finally:
+            depth -= 1
+            if not depth:
+                spans.append((start, time.perf_counter(), "importing"))
+
+    def on_event(event: str, seconds: float, **_: Any) -> None:
+        if kind := EVENTS.get(event):
+            spans.append((time.perf_counter() - seconds, time.perf_counter(), kind))
+
+    builtins.__import__ = watched
+    from ident.cli import main, running
+
+    start_of_ident = running.start
+
+    def start() -> None:
+        start_of_ident()
+        import jax.monitoring
+
+        jax.monitoring.register_event_duration_secs_listener(on_event)
+
+    running.start = start
+    try:
+        main()
+    finally:
+        end = time.perf_counter()
+        parts = ", ".join(f"{kind} {seconds:.2f}" for kind, seconds in shares(spans, begin, end).items())
+        programs, loaded = (sum(kind == each for *_, kind in spans) for each in ("compiling", "loading"))
+        words = f"{end - begin:.2f} s: {parts}; {programs} programs, {loaded} of them loaded"
+        print(words, file=sys.stderr)
+
+
+def shares(spans: list[tuple[float, float, str]], begin: float, end: float) -> dict[str, float]:
+    """Return the seconds of each kind between two moments, of spans that may lie within each other."""
+    steps = sorted((t, i, kind) for start, stop, kind in spans for t, i in ((start, 1), (stop, -1)))
+    found, open_now, before = dict.fromkeys(KINDS, 0.0), dict.fromkeys(KINDS, 0), begin
+    for moment, step, kind in [*steps, (end, 0, KINDS[0])]:
+        now = next((each for each in KINDS if open_now[each]), KINDS[-1])
+        found[now] += max(min(moment, end) - before, 0.0)
+        before = max(before, moment)
+        open_now[kind] += step
+    return found
 
 
 @dataclass(frozen=True)
@@ -62,7 +127,7 @@ def commands(short: Path) -> dict[str, Command]:
 
 def run(line: list[str], cache: Path, out: Path, **more: str) -> tuple[float, str, int]:
     """Run a command with a cache of its own; return seconds, what it says of its time, and the exit status."""
-    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache), "IDENT_TIMES": "1", **more}
+    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache), **more}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # who installs ident has its byte code
     begin = time.perf_counter()
     done = subprocess.run([*RUN, *line], env=environment, cwd=out, capture_output=True, text=True, check=False)
@@ -122,4 +187,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:2] == ["run"]:
+        del sys.argv[1]
+        run_timed()
+    else:
+        main()

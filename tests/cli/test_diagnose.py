@@ -68,6 +68,10 @@ def test_from_a_campaign_to_advice_with_two_kills_on_the_way(small, tmp_path, br
             assert not opened.complaints
             assert opened.overhang <= 0
             assert not opened.broken_images
+            boxes = opened.page.locator("figure .scroll").evaluate_all(
+                "all => all.map(b => b.scrollWidth > b.clientWidth)"
+            )
+            assert set(boxes) == {width < 600}
 
 
 def test_printing_without_a_browser_is_refused_before_anything_is_computed(run, monkeypatch, tmp_path):

@@ -8,8 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.assess.diagnosis import Diagnosis
-from ident.present.figures.narrow import WIDTH as PHONE
-from ident.present.figures.narrow import narrowed
 from ident.present.figures.resonance import resonance_figure
 from ident.present.figures.style import BLUE, note, plain, ratio_axis, rows
 from ident.present.figures.validate import validate_figure
@@ -25,19 +23,9 @@ SENSITIVITIES = 12
 """Numbers whose sensitivities are shown."""
 
 
-def narrow_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
-    """Return the figures of the finished stages, drawn for a phone."""
-    return {stage: narrowed(figure) for stage, figure in diagnose_figures(diagnosis, PHONE).items()}
-
-
-def diagnose_figures(diagnosis: Diagnosis, width: float = WIDTH) -> dict[str, Figure]:
-    """Return the figures of the finished stages, by the names of the stages; not every stage has one.
-
-    Args:
-        diagnosis: its stages.
-        width: of the figures [inch] that place words by it.
-    """
-    drawn = {stage: _FIGURES[stage](diagnosis, width) for stage in diagnosis.stages if stage in _FIGURES}
+def diagnose_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
+    """Return the figures of the finished stages, by the names of the stages; not every stage has one."""
+    drawn = {stage: _FIGURES[stage](diagnosis) for stage in diagnosis.stages if stage in _FIGURES}
     return {stage: figure for stage, figure in drawn.items() if figure is not None}
 
 
@@ -62,12 +50,12 @@ def _trust_figure(diagnosis: Diagnosis) -> Figure | None:
     return validate_figure(diagnosis.validation) if diagnosis.validation.told else None
 
 
-def _resonance_figure(diagnosis: Diagnosis, width: float) -> Figure | None:
+def _resonance_figure(diagnosis: Diagnosis) -> Figure | None:
     resonance = diagnosis.resonance
     if resonance.branches is None or resonance.excitation is None:
         return None
     title = diagnosis.task.basis.motion.name
-    return resonance_figure(resonance.branches, resonance.excitation, resonance.crossings, title=title, width=width)
+    return resonance_figure(resonance.branches, resonance.excitation, resonance.crossings, title=title)
 
 
 def _vibration_figure(diagnosis: Diagnosis) -> Figure:
@@ -128,11 +116,11 @@ def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-_FIGURES: Mapping[str, Callable[[Diagnosis, float], Figure | None]] = {
-    "stiffness": lambda diagnosis, _: _stiffness_figure(diagnosis),
-    "trust": lambda diagnosis, _: _trust_figure(diagnosis),
+_FIGURES: Mapping[str, Callable[[Diagnosis], Figure | None]] = {
+    "stiffness": _stiffness_figure,
+    "trust": _trust_figure,
     "resonance": _resonance_figure,
-    "vibration": lambda diagnosis, _: _vibration_figure(diagnosis),
-    "sensitivities": lambda diagnosis, _: _sensitivities_figure(diagnosis),
-    "remedies": lambda diagnosis, _: _remedies_figure(diagnosis),
+    "vibration": _vibration_figure,
+    "sensitivities": _sensitivities_figure,
+    "remedies": _remedies_figure,
 }

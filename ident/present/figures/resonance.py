@@ -24,8 +24,6 @@ SIZE = (9.0, 6.6)
 """Width and height [inch]."""
 PANEL = 4.2
 """About the height of the upper panel [inch]."""
-NAMED = 6.0
-"""Width [inch] from which on the modes are named beside their lines; in a narrower figure the key below has to do."""
 HEADROOM = 1.15
 """Upper end of the axis over the highest natural frequency; pulleys may turn faster."""
 SHADE = "#EBCB6B"
@@ -42,7 +40,6 @@ def resonance_figure(
     crossings: Sequence[ResonanceCrossing] = (),
     *,
     title: str = "",
-    width: float = SIZE[0],
 ) -> Figure:
     """Draw natural frequencies (solid), pulley frequencies (dashed) and where they are near, over time.
 
@@ -53,9 +50,8 @@ def resonance_figure(
         excitation: at the same times.
         crossings: what is shaded and numbered, in this order.
         title: heading, such as the name of the motion.
-        width: of the figure [inch].
     """
-    figure = titled((width, SIZE[1]), cut(title or "Natural and pulley frequencies", 90), (0.06, 0.05))
+    figure = titled(SIZE, cut(title or "Natural and pulley frequencies", 90), (0.06, 0.05))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
     top = HEADROOM * float(branches.band()[1].max() if branches.batch_size else branches.median.max())
     upper.set_ylim(0, top)
@@ -98,7 +94,6 @@ def _shades(axes: Axes, branches: Branches, excitation: Excitation, crossings: S
 def _branches(axes: Axes, branches: Branches) -> None:
     """Draw each branch in the colours of its names, the last name at its end."""
     starts, ends = (_spread(branches.median[:, k], axes) for k in (0, -1))
-    named = _width(axes) >= NAMED
     for b, label in enumerate(branches.labels):
         if branches.batch_size:
             axes.fill_between(branches.time, *branches.band()[:, b], color=_colour(label), alpha=0.16, linewidth=0)
@@ -108,10 +103,9 @@ def _branches(axes: Axes, branches: Branches) -> None:
             axes.plot(time, line, color=_colour(name), linewidth=1.9, zorder=3, solid_capstyle="butt")
             if start > branches.time[0]:
                 axes.plot(time[:1], line[:1], "|", color="black", markersize=8, zorder=4)
-            elif name != label and named:
+            elif name != label:
                 _write(axes, f"{name}", (start, starts[b]), _colour(name), (4, 7))
-        if named:
-            _write(axes, f"{label}", (1.0, ends[b]), _colour(label), (4, 0), axes.get_yaxis_transform())
+        _write(axes, f"{label}", (1.0, ends[b]), _colour(label), (4, 0), axes.get_yaxis_transform())
 
 
 def _spans(branches: Branches, b: int) -> Iterator[tuple[Label, float, float]]:
@@ -164,7 +158,7 @@ def _clearance(here: float, others: Sequence[float]) -> bool:
 def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
     """Number the resonance crossings above the panel, each with a line down to the closest approach."""
     low, high = axes.get_xlim()
-    width, taken = (high - low) * NUMBER / _width(axes), list[tuple[float, int]]()
+    width, taken = (high - low) * NUMBER / SIZE[0], list[tuple[float, int]]()
     numbered = [(n, group[0]) for n, group in enumerate(grouped(crossings), start=1)]
     for number, crossing in sorted(numbered, key=lambda pair: pair[1].time):
         used = {row for time, row in taken if abs(time - crossing.time) < width}
@@ -183,12 +177,6 @@ def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
             arrowprops={"arrowstyle": "-", "color": GREY, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
             zorder=2,
         )
-
-
-def _width(axes: Axes) -> float:
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    return float(figure.get_size_inches()[0])
 
 
 def _postures(axes: Axes, branches: Branches) -> None:

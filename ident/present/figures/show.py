@@ -95,7 +95,7 @@ def show_figure(view: ArmView, *, modes: bool = True) -> Figure:
     for i, line in enumerate(found):
         colour = ORANGE if view.oddities or view.failure else GREY
         figure.text(0.02, (below - 0.3 - 0.17 * i) / height, line, fontsize=9, color=colour, parse_math=False)
-    key_of(figure, view, (0.995, 1 - 0.05 / height), columns=5)
+    key_of(figure, view, (0.995, 1 - 0.05 / height))
     return figure
 
 
@@ -198,7 +198,7 @@ def _findings(view: ArmView) -> list[str]:
     return ["What looks odd", *lines] if found else ["Nothing looks odd."]
 
 
-def key_of(figure: Figure, view: ArmView, at: tuple[float, float], *, columns: int) -> None:
+def key_of(figure: Figure, view: ArmView, at: tuple[float, float]) -> None:
     """Explain the signs that occur; `at` is the key's upper right corner as shares of the figure."""
     kinds = {solid.kind for solid in view.solids}
     there = {
@@ -215,7 +215,7 @@ def key_of(figure: Figure, view: ArmView, at: tuple[float, float], *, columns: i
         handles=handles,
         loc="upper right",
         bbox_to_anchor=at,
-        ncols=columns,
+        ncols=5,
         frameon=False,
         fontsize=7.5,
         columnspacing=1.0,

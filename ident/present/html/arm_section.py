@@ -2,9 +2,8 @@
 
 from ident.assess.arm_view import ArmView
 from ident.present.figures.show import show_figure
-from ident.present.figures.show_narrow import narrow_show_figure
 from ident.present.html.explore.page import script_hash
-from ident.present.html.moving_modes import moving_modes
+from ident.present.html.moving_modes import READABLE, moving_modes
 from ident.present.html.page import Frame, Picture, Section
 from ident.present.html.picture import picture
 from ident.present.text.show import sums
@@ -22,11 +21,10 @@ def arm_section(view: ArmView, title: str) -> Section:
     """Return masses and reach of an arm, what looks odd, and its picture."""
     odd = [f"Looks odd: {each}." for each in view.oddities] or ["None of its numbers looks odd."]
     failure = [f"No modes: {view.failure}."] if view.failure else []
-    drawn = [picture(show_figure(view, modes=False), ALT, CAPTION, narrow_show_figure(view))]
+    drawn = [picture(show_figure(view, modes=False), ALT, CAPTION)]
     if view.analysis:
-        still = (moving_modes(view, columns, still=True) for columns in (2, 1))
-        moving = tuple(moving_modes(view, columns) for columns in (2, 1))
-        drawn.append(Picture(next(still), MODES_ALT, MODES_CAPTION, next(still), moving))
+        still, moving = moving_modes(view, still=True), moving_modes(view)
+        drawn.append(Picture(still, MODES_ALT, MODES_CAPTION, READABLE, moving))
     return Section(title, (f"{sums(view)}.", *failure, *odd), pictures=tuple(drawn))
 
 

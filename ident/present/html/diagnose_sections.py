@@ -3,12 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ident.assess.diagnosis import Diagnosis
 from ident.assess.task import CONFIDENT
-from ident.present.figures.diagnose import SENSITIVITIES, diagnose_figures, narrow_figures
-from ident.present.html.page import Picture, Section, Table
+from ident.present.figures.diagnose import SENSITIVITIES, diagnose_figures
+from ident.present.html.page import Section, Table
 from ident.present.html.picture import picture
 from ident.present.text.diagnose import stage_report
 from ident.present.text.remedy_words import change_words
@@ -20,17 +19,12 @@ from ident.present.text.words import percent
 
 def diagnose_sections(diagnosis: Diagnosis) -> Iterator[Section]:
     """Yield a section for each finished stage."""
-    figures, again = diagnose_figures(diagnosis), narrow_figures(diagnosis)
+    figures = diagnose_figures(diagnosis)
     for stage in diagnosis.stages:
         report = stage_report(diagnosis, stage)
         table = _TABLES[stage](diagnosis)
-        drawn = [_drawn(diagnosis, stage, figures[stage], again[stage])] if stage in figures else []
+        drawn = [picture(figures[stage], *_captions(diagnosis, stage))] if stage in figures else []
         yield Section(report.title, report.findings, report.onward, (table,) if table.rows else (), tuple(drawn))
-
-
-def _drawn(diagnosis: Diagnosis, stage: str, figure: Figure, narrow: Figure) -> Picture:
-    alt, caption = _captions(diagnosis, stage)
-    return picture(figure, alt, caption, narrow)
 
 
 def _stiffness(diagnosis: Diagnosis) -> Table:

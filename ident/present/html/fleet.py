@@ -12,7 +12,6 @@ from ident.assess.arm_view import ArmView
 from ident.identify.fleet import FEWEST, Fleet, Robot
 from ident.inference.population import FALSE_ALARM, Population
 from ident.present.figures.fleet import stiffness_figure
-from ident.present.figures.narrow import narrowed
 from ident.present.files.fleet import fleet_priors
 from ident.present.html.arm_section import arm_section
 from ident.present.html.page import Page, Picture, Section, Table, Verdict
@@ -148,8 +147,7 @@ def _picture(fleet: Fleet, population: Population, i: int) -> Picture:
     words = stiffness_words(fleet.names[i])
     caption = f"{words}: each robot's own fit and its shrunk estimate with 95 % intervals, in the order of their names."
     alt = f"{words} of all robots beside the population"
-    wide, narrow = stiffness_figure(fleet, population, i), narrowed(stiffness_figure(fleet, population, i))
-    return picture(wide, alt, caption, narrow)
+    return picture(stiffness_figure(fleet, population, i), alt, caption)
 
 
 def _next(fleet: Fleet) -> Section:

@@ -17,6 +17,8 @@ WIDTH, HEIGHT, WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
 """Size of a mode's picture, the height of its words, and the room about the arm [px]."""
 PERIOD = 2.0
 """Duration of a swing [s]: all modes are shown at the same pace, far too slow."""
+READABLE = 567
+"""Width of the whole at which its smallest letters, of 12 px, are 10 px [px]."""
 STYLE = (
     "text{font:13px system-ui,sans-serif;fill:#1b1f24}.soft{fill:#57606a;font-size:12px}"
     "polyline{fill:none;stroke-linejoin:round;stroke-linecap:round}.still{display:none}"
@@ -27,18 +29,17 @@ STILL = ".moving{display:none}.still{display:inline}"
 """Rules of a still picture."""
 
 
-def moving_modes(view: ArmView, columns: int = 2, *, still: bool = False) -> str:
+def moving_modes(view: ArmView, *, still: bool = False) -> str:
     """Return the first modes as an SVG document in which each swings, largest displacements alike.
 
     Args:
         view: an arm whose modes are known.
-        columns: how many modes stand beside each other.
         still: whether nothing moves, for a page whose reader wants no motion: an image in it does not know of that.
     """
     assert view.analysis is not None
     analysis = view.analysis
     count = min(MODES, len(analysis.labels))
-    columns = min(columns, count)
+    columns = min(2, count)
     size = columns * WIDTH, -(-count // columns) * (HEIGHT + WORDS)
     modes = "".join(
         f'<g transform="translate({i % columns * WIDTH:g} {i // columns * (HEIGHT + WORDS):g})">{mode}</g>'

@@ -69,8 +69,8 @@ class Picture:
         svg: the whole SVG document.
         alt: what can be seen in it, for whoever can't see it.
         caption: what it shows and how to read it.
-        narrow: the same, drawn for a window as narrow as a phone's; empty where the one serves both.
-        moving: both as they move, for who does not mind; empty where nothing moves.
+        readable: [px] width at which its smallest letter is 10 px; in a narrow window it scrolls at this width.
+        moving: the same as it moves, for who does not mind; empty where nothing moves.
 
     Raises:
         ValueError: there is no SVG or no alternative text.
@@ -79,11 +79,11 @@ class Picture:
     svg: str
     alt: str
     caption: str
-    narrow: str = ""
-    moving: tuple[str, ...] = ()
+    readable: int = 0
+    moving: str = ""
 
     def __post_init__(self) -> None:
-        if not all("<svg" in svg for svg in (self.svg, self.narrow or self.svg)):
+        if "<svg" not in self.svg:
             raise ValueError("a picture that is no SVG")
         if not self.alt.strip():
             raise ValueError("a picture without an alternative text")

@@ -3,11 +3,13 @@
 import re
 import warnings
 from io import StringIO
+from math import ceil
 from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from ident.present.html.page import Picture
 
@@ -15,6 +17,8 @@ LARGEST = 1_500_000
 """Characters of an SVG above which its data are drawn as pixels."""
 DPI = 200
 """Pixels an inch of what is drawn as pixels."""
+LETTER = 10
+"""Pixels of the smallest letter that can be read."""
 SETTINGS: dict[Any, Any] = {"svg.hashsalt": "ident", "svg.fonttype": "path", "path.simplify_threshold": 0.25}
 NOTHING = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -22,16 +26,18 @@ ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 PROLOGUE = re.compile(r"^.*?(?=<svg)", re.DOTALL)
 
 
-def picture(figure: Figure, alt: str, caption: str, narrow: Figure | None = None) -> Picture:
+def picture(figure: Figure, alt: str, caption: str) -> Picture:
     """Return a figure for a page: letters as outlines, no date; what would be too large becomes pixels.
 
     Args:
         figure: what to draw.
         alt: what can be seen in it, for whoever can't see it.
         caption: what it shows and how to read it.
-        narrow: the same for a window as narrow as a phone's, drawn anew, so that its letters can be read.
     """
-    return Picture(_bounded(figure), alt, caption, _bounded(narrow) if narrow else "")
+    svg = _bounded(figure)
+    letters = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()]
+    width = 72 * figure.get_size_inches()[0]
+    return Picture(svg, alt, caption, ceil(LETTER * width / min(letters)) if letters else 0)
 
 
 def _bounded(figure: Figure) -> str:

@@ -10,11 +10,10 @@ from jaxtyping import Array, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.modes import modes
-from ident.jit import AnyArray, ahead, jit
+from ident.jit import AnyArray, jit
 from ident.vibrate.modal.modes_along_path import nominal
 from ident.vibrate.modal.resonance import ResonanceCrossing
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.each import linearised
 from ident.vibrate.response.superposition import Superposition, superposition
 
 RATE = 250.0
@@ -53,11 +52,6 @@ def with_amplitudes(
     ]
     found = (replace(crossing, amplitude=size) for crossing, size in zip(crossings, sizes, strict=True))
     return tuple(sorted(found, key=lambda crossing: (-crossing.amplitude * crossing.probability, crossing.start)))
-
-
-def prepare(arm: Arm, motion: Motion, loads: Loads | None = None) -> None:
-    """Have compiled, or loaded, meanwhile what simulates the vibration."""
-    ahead(linearised, lambda: superposition(nominal(arm), motion, (), loads=loads, rate=RATE))
 
 
 def _phases(arm: Arm) -> Iterator[str]:

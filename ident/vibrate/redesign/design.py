@@ -129,7 +129,6 @@ def design(
     search = Search(evaluator, required)
     if not search.can_be_met(seed):
         raise ModelError(_why_not(search, seed))
-    evaluator.prepare()
     search, _ = worst(search, 0 * search.objective.scale)
     begins = search.starts(starts, seed)
     ends = side_by_side([partial(search.minimum_amplitude, begin) for begin in begins], progress)

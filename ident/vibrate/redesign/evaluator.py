@@ -13,18 +13,16 @@ from jaxtyping import Float, Int
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.errors import ModelError
-from ident.jit import ahead
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.redesign.end_states import EndState, end_states
 from ident.vibrate.redesign.slopes import WIDTH, directions_of, linear_along, parts_along
 from ident.vibrate.redesign.variable import Variable, apply
-from ident.vibrate.response import exact
 from ident.vibrate.response.amplitude import Amplitude, amplitude
-from ident.vibrate.response.each import at_once, linearised, numbers_of, vibrations
+from ident.vibrate.response.each import at_once, numbers_of, vibrations
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.fast import step_for
 from ident.vibrate.response.fast_method import FastMethod
-from ident.vibrate.response.simulate import RATE, exact_setup, fast_method, refuse_collapse
+from ident.vibrate.response.simulate import RATE, fast_method, refuse_collapse
 from ident.vibrate.response.superposition import (
     Superposition,
     largest_over_phases,
@@ -190,21 +188,6 @@ class Evaluator:
         if not np.isfinite(parts).all():
             raise ModelError(self._collapse(change[None]) or f"no response to {self.motion.name}: the arm collapses")
         return parts, np.concatenate(by_group)[: len(self.variables), :, : measure.count]
-
-    def prepare(self) -> None:
-        """Have compiled, or loaded, meanwhile what `slopes` takes, and the exact method that verifies."""
-        numbers, solve = self.batch(np.zeros((1, len(self.variables)))), self._solver(self.bounds)
-        values = {path: each[0, ...] for path, each in numbers.items()}
-        ways = directions_of(values, self.variables[:WIDTH])
-
-        def parts() -> None:
-            linear = linearised(self.arm, values, solve)
-            still = jax.tree.map(lambda x: np.zeros((WIDTH, *x.shape)), linear)
-            parts_along(self.arm, values, ways, (linear, still), solve, self.amplitude)
-
-        ahead(linear_along, lambda: linear_along(self.arm, values, ways, solve))
-        ahead(parts_along, parts)
-        exact.prepare(partial(exact_setup, self.arm, self.motion, self.loads, self.elastic_belts, self.rate))
 
     def end_states(self, changes: Float[np.ndarray, "G V"]) -> EndState:
         """Return the end states of the arm itself after changes, by one program for any number of them."""

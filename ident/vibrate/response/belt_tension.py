@@ -1,6 +1,6 @@
 """The tension of the belts while the arm moves."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +12,8 @@ from ident.arm.multibody import Multibody
 from ident.arm.multibody_dynamics import drive_torques
 from ident.arm.multibody_kinematics import Command, at_rest, bushings, deviations, pins
 from ident.errors import InputError, Problem
-from ident.jit import AnyArray, ahead, jit
+from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
-from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.exact import acceleration
 from ident.vibrate.response.response import Response
 
@@ -43,17 +42,6 @@ def belt_tension(response: Response) -> Float[np.ndarray, "2 B T"]:
         q, qd, qdd, y, yd = (np.pad(part, ((0, 0), (0, TOGETHER - part.shape[1])), mode="edge") for part in some)
         parts.append(np.asarray(of(model, Command(q, qd, qdd), y, yd)))
     return np.concatenate(parts, 2)[:, :, :count]
-
-
-def prepare(setup: Callable[[], tuple[Multibody, Motion, Float[np.ndarray, "T"]]]) -> None:
-    """Have compiled, or loaded, meanwhile what the tension of rigid belts takes; given model, motion and times [s]."""
-
-    def first() -> None:
-        model, motion, times = setup()
-        still, nowhere = (np.zeros((count, len(times))) for count in (model.size, 3))
-        belt_tension(Response(model, motion, times, still, still, nowhere, nowhere, nowhere, "exact"))
-
-    ahead(_of_rigid_belts, first)
 
 
 @jit

@@ -14,9 +14,8 @@ from ident.arm.multibody import Multibody
 from ident.arm.multibody_dynamics import residual
 from ident.arm.multibody_kinematics import Command
 from ident.errors import ConvergenceError, ModelError
-from ident.jit import LONG_LOOPS, RUNS_ONCE, AnyArray, ahead, jit
+from ident.jit import LONG_LOOPS, RUNS_ONCE, AnyArray, jit
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response.few_sizes import filled_up
 
 MAX_STEPS = 2_000_000
 """Steps of a section at most."""
@@ -30,8 +29,6 @@ NEAR = 1e-6
 """Differences of the state [rad, rad/s] by which derivatives are estimated: they choose the method only."""
 SAMPLES = 250
 """Times of a section, after each of which progress is shown and the solution so far can be returned."""
-BRIEF = 1e-9
-"""Time [s] between the samples of a section that is integrated for its program alone."""
 
 
 Progress = Callable[[Iterable[int]], Iterator[int]]
@@ -136,21 +133,6 @@ def integrate(
         interrupted = float(times[reached]) if reached < len(times) - 1 else None
     y, yd = (np.concatenate(part, 1)[:, : len(times)] for part in zip(*parts, strict=True))
     return Exact(y, yd, steps, method, interrupted)
-
-
-def prepare(setup: Callable[[], tuple[Multibody, Motion, Float[np.ndarray, "T"]]]) -> None:
-    """Have compiled, or loaded, meanwhile what `integrate` takes, for so short a time that it is one step or two.
-
-    Args:
-        setup: gives model, motion and the times at which a solution will be wanted [s].
-    """
-
-    def first() -> None:
-        model, motion, times = setup()
-        rest = np.zeros(model.size)
-        integrate(model, filled_up(motion), (rest, rest), times[0] + BRIEF * np.arange(SAMPLES + 1))
-
-    ahead(_solve, first)
 
 
 def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:

@@ -99,13 +99,6 @@ def exactly(response: Response, progress: Progress = iter) -> Response:
     return Response(model, motion, time[:count], y, solved.yd, path, displaced, static, "exact", solved.interrupted)
 
 
-def exact_setup(
-    arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float
-) -> tuple[Multibody, Motion, Float[np.ndarray, "T"]]:
-    """Return model, motion and times of the exact method, for what is to be compiled for it meanwhile."""
-    return multibody_of(arm, loads, 1, elastic), motion, sample_times(motion, rate)
-
-
 def _by_fast_method(
     arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None
 ) -> tuple[Response, AnyArray | None]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -14,11 +13,9 @@ from ident.arm.chain import Loads
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean, quoted
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response import belt_tension
-from ident.vibrate.response import exact as exact_method
 from ident.vibrate.response.exact import Progress
 from ident.vibrate.response.response import Response, peak, rms, settling_time
-from ident.vibrate.response.simulate import RATE, exact_setup, exactly, simulate
+from ident.vibrate.response.simulate import RATE, exactly, simulate
 from ident.vibrate.signal.compare import Comparison, Trace, compare
 
 DIRECTIONS = ("x", "y", "z")
@@ -122,11 +119,6 @@ def simulate_motion(
     if method not in METHODS:
         remedy = did_you_mean(method, METHODS, "choose one of them")
         raise InputError(Problem("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method"))
-    if method != "fast":
-        setup = partial(exact_setup, arm, motion, loads, elastic_belts, rate)
-        exact_method.prepare(setup)
-        if not elastic_belts:
-            belt_tension.prepare(setup)
     how: Any = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate}
     fast = None if method == "exact" else simulate(arm, motion, **how)
     if method == "fast":

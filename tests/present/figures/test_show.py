@@ -14,7 +14,6 @@ from ident.assess.arm_view import arm_view
 from ident.description.file import ArmFile, parse_arm, read_arm
 from ident.present.figures.arm_labels import Mark, fitting, spread
 from ident.present.figures.show import show_figure
-from ident.present.figures.show_narrow import narrow_show_figure
 from ident.present.text.show import show_report
 
 jax.config.update("jax_enable_x64", True)
@@ -40,7 +39,6 @@ def inside(figure):
 def test_an_arm_is_drawn_to_scale_and_within_the_picture(path):
     figure = show_figure(arm_view(read_arm(path)))
     assert inside(figure)
-    assert inside(narrow_show_figure(arm_view(read_arm(path))))
     scales = []
     for axes in figure.axes[:2]:
         origin, corner = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
@@ -52,7 +50,6 @@ def test_hostile_names_are_drawn_as_they_are():
     arm = read_arm(ARMS[1]).arm
     view = arm_view(ArmFile(Arm(HOSTILE, arm.joints, arm.points, arm.payloads), "", "", {}))
     assert inside(show_figure(view))
-    assert inside(narrow_show_figure(view))
     assert max(map(len, show_report(view).splitlines())) <= 100
 
 

@@ -1,4 +1,4 @@
-"""A page that computes within a report: it runs alone, what else would run does not; and pictures for a phone."""
+"""A page that computes within a report: it runs alone, what else would run does not."""
 
 import base64
 import hashlib
@@ -7,11 +7,9 @@ from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
-from pages import drawing, sample_page
+from pages import sample_page
 
-from ident.present.figures.narrow import WIDTH, narrowed
 from ident.present.html.page import Frame, Section, write_page
-from ident.present.html.picture import picture
 
 SCRIPT = 'document.querySelector("p").textContent = "1 < 2 & \\"3\\"";'
 INTRUDER = "document.body.append('intruder');"
@@ -71,23 +69,3 @@ def test_only_the_named_script_runs_and_nothing_is_asked_for(browser_page, tmp_p
 def test_a_page_without_a_frame_admits_no_script(browser_page, tmp_path):
     write_page(sample_page(), tmp_path / "page.html")
     assert "script-src" not in (tmp_path / "page.html").read_text("utf-8")
-
-
-@pytest.mark.parametrize(("width", "narrow"), [(390, True), (1280, False)])
-def test_a_phone_gets_the_picture_drawn_for_it(browser_page, tmp_path, width, narrow):
-    drawn = picture(drawing(), "A stop", "The stop.", narrowed(drawing()))
-    write_page(replace(sample_page(), sections=(Section("One", (), pictures=(drawn,)),)), tmp_path / "page.html")
-    with browser_page(tmp_path / "page.html", width, 800) as opened:
-        image = opened.page.locator("img")
-        tall = image.evaluate("i => i.naturalHeight > i.naturalWidth")
-        assert tall == narrow
-        assert opened.overhang <= 0
-
-
-def test_panels_beside_each_other_come_below_each_other():
-    figure = narrowed(drawing())
-    assert figure.get_size_inches()[0] == WIDTH
-    figure.draw_without_rendering()
-    left, right = (axes.get_position() for axes in figure.axes)
-    assert left.y0 > right.y1
-    assert abs(left.x0 - right.x0) < 0.15

@@ -1,5 +1,6 @@
 """The first modes as a picture that moves: shapes as the model has them, no motion for who wants none."""
 
+import re
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -26,9 +27,8 @@ def points(text):
     return np.array([pair.split(",") for pair in text.split()], float)
 
 
-@pytest.mark.parametrize("columns", [1, 2])
-def test_each_mode_swings_between_its_own_ends(view, columns):
-    root = ElementTree.fromstring(moving_modes(view, columns))
+def test_each_mode_swings_between_its_own_ends(view):
+    root = ElementTree.fromstring(moving_modes(view))
     rest, moved = view.analysis.outline
     for i, group in enumerate(root.findall(f"{SVG}g")):
         name, seen = (text.text for text in group.findall(f"{SVG}text"))
@@ -64,3 +64,14 @@ def test_who_wants_no_motion_sees_none(view, browser, tmp_path, reduced):
         page.wait_for_timeout(500)
         assert (page.screenshot() == first) == (reduced == "reduce"), address
     page.close()
+
+
+def test_on_a_phone_the_words_of_the_modes_can_be_read(view, browser_page, tmp_path):
+    smallest = min(map(float, re.findall(r"(?:font:|font-size:)([\d.]+)px", moving_modes(view))))
+    write_page(replace(sample_page(), sections=(arm_section(view, "The arm"),)), tmp_path / "page.html")
+    with browser_page(tmp_path / "page.html", 390, 800) as opened:
+        assert opened.overhang <= 0
+        scrolls = "boxes => boxes.map(b => b.scrollWidth > b.clientWidth)"
+        assert opened.page.eval_on_selector_all("figure .scroll", scrolls) == [True, True]
+        scale = opened.page.locator("figure img").last.evaluate("i => i.clientWidth / i.naturalWidth")
+        assert 10 <= smallest * scale < 11

@@ -1,11 +1,13 @@
 """The report as a reader sees it: in a browser, on a phone, in the dark and on paper."""
 
 import re
+from dataclasses import replace
 
 import pytest
-from pages import HOSTILE, hostile_page, sample_page
+from pages import HOSTILE, drawing, hostile_page, sample_page
 
-from ident.present.html.page import write_page
+from ident.present.html.page import Section, write_page
+from ident.present.html.picture import picture
 from ident.text import one_line
 
 PHONE, DESK = (360, 740), (1280, 800)
@@ -56,6 +58,26 @@ def test_a_wide_table_scrolls_in_its_own_box(browser_page, tmp_path):
     write_page(sample_page(), tmp_path / "page.html")
     with browser_page(tmp_path / "page.html", *PHONE) as opened:
         assert opened.page.eval_on_selector(".scroll", "box => box.scrollWidth > box.clientWidth")
+
+
+@pytest.mark.parametrize(("width", "scrolls"), [(390, True), (1280, False)])
+@pytest.mark.parametrize("points", [7, 9])
+def test_a_figure_with_letters_too_small_scrolls_in_its_own_box(browser_page, tmp_path, width, scrolls, points):
+    figure = drawing()
+    figure.axes[0].set_xlabel("time [s]", fontsize=points)
+    section = Section("One", (), pictures=(picture(figure, "A stop", "The stop."),))
+    write_page(replace(sample_page(), sections=(section,)), tmp_path / "page.html")
+    with browser_page(tmp_path / "page.html", width, 800) as opened:
+        assert opened.overhang <= 0
+        box, image = opened.page.locator("figure .scroll"), opened.page.locator("figure img")
+        assert box.evaluate("b => b.scrollWidth > b.clientWidth") == scrolls
+        assert opened.page.get_by_text("Scroll the figure sideways").is_visible() == scrolls
+        letter = points * image.evaluate("i => i.clientWidth") / (72 * figure.get_size_inches()[0])
+        assert letter >= 10 or not scrolls
+        assert letter < 11 or not scrolls, "wider than it need be"
+        box.evaluate("b => { b.scrollLeft = 1e4; }")
+        ends = [each.evaluate("e => e.getBoundingClientRect().right") for each in (image, box)]
+        assert ends[0] <= ends[1], "the figure can be seen to its end"
 
 
 @pytest.mark.parametrize("kind", ["accept", "warn", "reject"])
