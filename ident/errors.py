@@ -59,7 +59,7 @@ class InputError(IdentError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how another process makes it again."""
-        return InputError, (self.problems,)
+        return type(self), (self.problems,)
 
 
 class ModelError(IdentError):

@@ -5,10 +5,13 @@ before is skipped.
 """
 
 import json
+import logging
 import multiprocessing
 import os
 import platform
 import shutil
+import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -156,8 +159,10 @@ def _handed_out(
             yield task, future.result()
         elif task.read() is not None:  # killed after that
             yield task, ""
-        elif isinstance(wrong, IdentError) or not isinstance(wrong, Exception):
+        elif isinstance(wrong, IdentError):
             raise wrong
+        elif not isinstance(wrong, Exception):
+            raise KeyboardInterrupt
         elif times < KILLS:
             ask()
             waiting.appendleft((task, times + 1))
@@ -166,7 +171,8 @@ def _handed_out(
 
 
 def _begin_process(settings: dict[str, dict[str, Any]]) -> None:
-    """Set a process up; it ends when the one that has started it is gone."""
+    """Set a process up; it ends when the one that has started it is gone, and says nothing when both are stopped."""
+    signal.signal(signal.SIGINT, lambda *_: sys.exit(1))
     _begin(settings)
     threading.Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
 
@@ -271,6 +277,9 @@ def _cluster(address: str, folder: Path) -> Iterator[Callable[[list[Any]], Itera
     run = folder.absolute() / f".attempts-{uuid4().hex}"
     work, executor = partial(attempt, run, Path.cwd()), client.get_executor(pure=False)
     here = json.dumps({"settings": _settings(), "circumstances": _circumstances()}).encode("utf-8")
+    logger = logging.getLogger("distributed.client")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)  # a lost scheduler is said in one line, by us
     try:
         replace_file(run / "client", lambda file: file.write(here), make_folders=True)
         _check(client, work)
@@ -281,6 +290,7 @@ def _cluster(address: str, folder: Path) -> Iterator[Callable[[list[Any]], Itera
             folder.rmdir()  # where nothing is in it yet
         with suppress(Exception):  # a lost scheduler can't be taken leave of
             client.close(timeout=1)
+        logger.setLevel(before)
 
 
 def _check(client: Any, work: Callable[[], str]) -> None:
