@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 LONGEST = 300
 """Characters of each part of a problem that its line shows."""
@@ -55,6 +56,10 @@ class InputError(IdentError):
         if more := len(self.problems) - len(lines):
             lines.append(f"and {more} more problem{'s' if more > 1 else ''}; correct those above first")
         super().__init__("\n".join(lines))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how another process makes it again."""
+        return type(self), (self.problems,)
 
 
 class ModelError(IdentError):

@@ -1,7 +1,7 @@
 """Fleets of which parts are killed over and over: `python tests/benchmarks/fleet_killed.py [--robots 50] [--kills 20]`.
 
 Workers, schedulers and clients on the loopback, each at so many random moments of a fleet of its own; the files must be
-those of two processes that nobody disturbs.
+those of two processes that nobody disturbs. Exit status 1 unless all are, and each run ends as it should.
 """
 
 import argparse
@@ -18,6 +18,13 @@ sys.path.append(str(TESTS / "support"))
 
 from clusters import Cluster, Disturbed, Kills, Run
 from results import TIME
+
+FAILED, LOST = 3, 1
+"""Exit statuses where a robot failed, and where the scheduler was lost."""
+EXITS = {"workers": {FAILED}, "schedulers": {LOST, FAILED}, "clients": {FAILED}}
+"""What runs may end with that were not killed themselves: some are done before anything is killed."""
+SAID = 30.0
+"""Time [s] within which a lost scheduler is said."""
 
 
 def files(folder: Path) -> dict[Path, str]:
@@ -43,8 +50,22 @@ def disturbed(kind: str, robots: Path, out: Path, kills: int, seed: int) -> tupl
         return total, fleet.leave_alone()
 
 
-def main() -> None:
-    """Print what became of each."""
+def wrong(kind: str, total: Kills, last: int, same: bool, kills: int) -> list[str]:
+    """Return what is not as it should be."""
+    lost = total.exits.count(LOST)
+    checks = {
+        f"{total.killed} of {kills} were killed": total.killed == kills,
+        "files that are NOT the same": same,
+        f"exit statuses {sorted(set(total.exits))}": set(total.exits) <= EXITS[kind],
+        f"{lost} lost schedulers were said": kind != "schedulers" or lost == kills,
+        f"said after {total.said_after:.1f} s": total.said_after < SAID,
+        f"the last run ended with {last}": last == FAILED,
+    }
+    return [words for words, holds in checks.items() if not holds]
+
+
+def main() -> int:
+    """Print what became of each, and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", type=int, default=50)
     parser.add_argument("--kills", type=int, default=20)
@@ -56,16 +77,22 @@ def main() -> None:
         generate(robots, options.robots, 1, seed=1)
         (robots / "broken.csv").write_text("kind,value\n")
         alone = Run(robots, Path(folder) / "alone", "--workers=2")
-        print(f"undisturbed: exit status {alone.end()}", flush=True)
+        status = alone.end()
+        print(f"undisturbed: exit status {status}", flush=True)
+        found = [] if status == FAILED else [f"undisturbed: exit status {status}"]
         for kind in ("workers", "schedulers", "clients"):
             before, out = time.monotonic(), Path(folder) / kind
             total, last = disturbed(kind, robots, out, options.kills, options.seed)
-            same = "the same to the bit" if files(out) == files(Path(folder) / "alone") else "NOT the same"
+            same = files(out) == files(Path(folder) / "alone")
             said = f", the client's end at most {total.said_after:.1f} s later" if kind == "schedulers" else ""
             statuses = f"exit statuses {sorted(set(total.exits))}, of the last {last}"
             took = f"{time.monotonic() - before:.0f} s"
-            print(f"{kind}: {total.killed} killed{said}; {statuses}; {same} ({took})", flush=True)
+            bits = "the same to the bit" if same else "NOT the same"
+            print(f"{kind}: {total.killed} killed{said}; {statuses}; {bits} ({took})", flush=True)
+            found += [f"{kind}: {words}" for words in wrong(kind, total, last, same, options.kills)]
+    print("\n".join(["WRONG", *found]) if found else "all as it should be")
+    return 1 if found else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -217,30 +217,37 @@ def test_an_error_that_nobody_expected_costs_one_robot(robots, kept, monkeypatch
     assert set(fleet(robots[0], options=QUICK, folder=kept).failed) == {"broken"}
 
 
-def test_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
+def test_stopped_or_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
+    """With processes of its own none of these stays: each has its output open, and that comes to its end."""
     few = tmp_path / "few"
     few.mkdir()
-    for name in ("arm.toml", "broken.csv", *(f"robot00{i}.csv" for i in range(1, 5))):
+    for name in ("arm.toml", "broken.csv", *(f"robot00{i}.csv" for i in range(1, 6))):
         shutil.copy(robots[0] / name, few)
     line = [sys.executable, "-m", "ident", "fleet", str(few), "--starts=4", "--normal", "--no-figure"]
-    line += [f"--soft-base={0.3}"]  # more unknowns: enough time to be killed in
 
-    def run(out, kill_at=None):
-        process = subprocess.Popen([*line, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    def run(out, workers, end=None):
+        words = [*line, "--out", str(out), f"--workers={workers}"]
+        process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
         kept = out / f"{few.name}.fleet.robots"
-        while kill_at is not None and process.poll() is None:
-            if kept.exists() and len(list(kept.glob("*.robot"))) >= kill_at:
-                process.send_signal(signal.SIGKILL)
+        before = len(list(kept.glob("*.robot")))
+        while end is not None and process.poll() is None:
+            if len(list(kept.glob("*.robot"))) > before:
+                end(process)
+                break
             time.sleep(0.005)
-        printed, _ = process.communicate()
+        printed, _ = process.communicate(timeout=300)
         return process.returncode, printed.decode()
 
-    codes = [run(tmp_path / "killed", kill_at)[0] for kill_at in (1, 3)]
-    assert -signal.SIGKILL in codes
-    code, printed = run(tmp_path / "killed")
+    killed = tmp_path / "killed"
+    assert run(killed, 2, subprocess.Popen.kill)[0] == -signal.SIGKILL
+    code, printed = run(killed, 2, lambda process: os.killpg(process.pid, signal.SIGINT))
+    assert code == 130, printed
+    assert "the same command goes on from there" in printed
+    assert "Traceback" not in printed
+    code, printed = run(killed, 2)
     assert code == 3, printed
-    assert run(tmp_path / "alone")[0] == 3
-    assert files(tmp_path / "killed") == files(tmp_path / "alone")
+    assert run(tmp_path / "alone", 1)[0] == 3
+    assert files(killed) == files(tmp_path / "alone")
 
 
 def files(folder):
@@ -279,21 +286,36 @@ def test_a_folder_without_robots_is_refused(tmp_path, make, words):
 
 
 def test_a_worker_that_is_killed_costs_no_more_than_its_robot(robots, kept, tmp_path, monkeypatch):
-    """A robot at which the process ends each time is reported as failed; the others are done."""
+    """A robot at which the process ends each time is reported as failed after three; the others are done."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
-    hook = "import os, sys\n"
-    (tmp_path / "sitecustomize.py").write_text(hook + KILLER.format(name="robot002.csv"))
+    (tmp_path / "kills").mkdir()
+    (tmp_path / "sitecustomize.py").write_text(KILLER.format(name="robot002.csv", kills=tmp_path / "kills"))
     for name in ("robot001", "robot002", "robot003"):
         forget(robots, kept, name)
     result = fleet(robots[0], options=FleetOptions(starts=4, normal=True, workers=2), folder=kept)
     assert set(result.failed) == {"broken", "robot002"}
     assert "killed 3 times" in result.failed["robot002"]
+    assert len(list((tmp_path / "kills").iterdir())) == 3
     assert len(result.fleet.members) == 7
 
 
 KILLER = """
+import os, sys
 def watch(event, args):
     if event == "open" and str(args[0]).endswith("{name}") and "--multiprocessing-fork" in sys.orig_argv:
+        os.mkdir(f"{kills}/{{os.getpid()}}")
         os.kill(os.getpid(), 9)
 sys.addaudithook(watch)
 """
+
+
+def test_a_folder_that_can_not_be_written_is_said_alike_by_processes(robots, tmp_path):
+    """What is wrong comes whole from another process."""
+    (tmp_path / "file").touch()
+    for workers in (1, 2):
+        options = FleetOptions(starts=4, normal=True, workers=workers)
+        with pytest.raises(InputError) as caught:
+            fleet(robots[0], options=options, folder=tmp_path / "file" / "kept")
+        (problem,) = caught.value.problems
+        assert problem.where.startswith(str(tmp_path / "file" / "kept"))
+        assert str(caught.value) == str(problem)

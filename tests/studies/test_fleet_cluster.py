@@ -1,10 +1,10 @@
 """`ident fleet --dask`: real schedulers and workers on the loopback, killed one by one; the files stay the same."""
 
+import json
 import os
 import random
 import runpy
 import sys
-from pathlib import Path
 
 import pytest
 from arms import DATA
@@ -12,10 +12,8 @@ from clusters import Cluster, Disturbed, Run
 from results import TIME
 
 from ident import InputError
-from ident.programs import SOURCES, circumstances
-from ident.studies import fleet_cluster
+from ident.studies import fleet_engine
 from ident.studies.fleet import FleetOptions, fleet
-from ident.studies.fleet_worker import given_up, marks_of
 
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
@@ -55,7 +53,9 @@ def test_whatever_is_killed_the_files_are_those_of_the_pool(robots, undisturbed,
         scheduler = fleet.kill_schedulers(1)
         assert scheduler.exits == [1]
         assert scheduler.said_after < 30
-        assert "the same command goes on" in (tmp_path / "out.log").read_text()
+        said = (tmp_path / "out.log").read_text()
+        assert "the same command goes on" in said
+        assert "Traceback" not in said
         worker = fleet.kill_workers(1)
     assert worker.killed == 1
     assert worker.exits == [FAILED]
@@ -108,26 +108,18 @@ def test_workers_of_another_kind_are_refused(robots, tmp_path):
     assert not (tmp_path / "kept").exists()
 
 
-def test_workers_without_the_folder_are_refused(tmp_path):
-    """What a worker answers that has another folder of this name, or can't write."""
-    own = {"ident": SOURCES, **circumstances()}
-    for shared in ("", "of-another-folder"):
-        (problem,) = fleet_cluster._wrong("tcp://127.0.0.1:1", {"shared": shared, **own}, tmp_path)
-        assert "one that all can read and write" in str(problem)
-    (tmp_path / "seen").touch()
-    assert not list(fleet_cluster._wrong("tcp://127.0.0.1:1", {"shared": "seen", **own}, tmp_path))
-    (problem,) = fleet_cluster._wrong(
-        "w", {**own, "shared": "seen", "jax": own["jax"] | {"jax_enable_x64": 0}}, tmp_path
-    )
-    assert "another jax_enable_x64 than here" in str(problem)
-
-
-def test_marks_of_other_runs_count_nothing(tmp_path):
-    for run, marks in (("one", 3), ("other", 2)):
-        folder = marks_of(tmp_path, run)
-        folder.mkdir()
-        for i in range(marks):
-            Path(folder / f"key-{i}").touch()
-    assert given_up(tmp_path, "one", "key")
-    assert not given_up(tmp_path, "other", "key")
-    assert not given_up(tmp_path, "one", "another")
+def test_workers_without_the_folder_or_of_another_program_are_refused(tmp_path):
+    """What a worker answers where the client's folder is not, and where the client is another one."""
+    client = {"settings": fleet_engine._settings(), "circumstances": fleet_engine._circumstances()}
+    with pytest.raises(InputError, match=r"another folder .*expected one that all can read and write"):
+        fleet_engine.attempt(tmp_path / "run", tmp_path)
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "client").write_text(json.dumps(client))
+    with pytest.raises(InputError, match="another folder"):
+        fleet_engine.attempt(run, tmp_path / "inputs")
+    assert fleet_engine.attempt(run, tmp_path) == ""
+    client["circumstances"] |= {"jax_enable_x64": "0", "processor": "another"}
+    (run / "client").write_text(json.dumps(client))
+    with pytest.raises(InputError, match=r"another (processor, jax_enable_x64|jax_enable_x64, processor) than here"):
+        fleet_engine.attempt(run, tmp_path)
