@@ -220,7 +220,7 @@ def test_results(tmp_path, fit_file):
         set_aside(result, tmp_path)
 
 
-@pytest.mark.parametrize("command", ["fit", "check", "predict", "show", "list", "spectrum", "rerun", "modal", "sample"])
+@pytest.mark.parametrize("command", ["fit", "check", "predict", "show", "spectrum", "rerun", "modal", "sample"])
 def test_an_empty_name(run, command):
     code, out, err = run(command, "")
     assert (code, out, err.count("\n")) == (2, "", 1)
