@@ -15,9 +15,8 @@ from ident.cli.output import JsonOption, QuietOption, output, say_notes, speakin
 from ident.cli.times import TIMES
 from ident.errors import InputError
 from ident.files import together
-from ident.studies.aside import set_aside
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
-from ident.studies.result import Result
+from ident.studies.result import Result, written_to
 
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
 ArmOption = Annotated[
@@ -29,6 +28,7 @@ PathOption = Annotated[
     typer.Option(help="joint path to follow instead of the stroke: CSV with time [s], joint1 [deg], ..."),
 ]
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
+ForceOption = Annotated[bool, typer.Option("--force", help="replace a result of other inputs that has the same name")]
 NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
 StrictOption = Annotated[
     bool, typer.Option("--strict", help="exit with status 3 where a verdict speaks against the data")
@@ -42,6 +42,8 @@ def flag(help: str, *names: str) -> Any:
     return Annotated[Path | None, typer.Option(*names, help=help)]
 
 
+FORCE = inspect.Parameter("force", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=ForceOption)
+"""The flag of commands whose options have none."""
 INPUTS: dict[str, Any] = {
     "arm": Annotated[Path, typer.Argument(help="arm description: TOML, URDF or MJCF (data/README.md)")],
     "campaign": CampaignArgument,
@@ -66,6 +68,8 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
         flags = [_parameter(each, spec, hidden=each.name in kind.refuses) for each, spec in specs(kind)]
         first = [p for p in own if p.default is inspect.Parameter.empty]
         after = [p for p in own if p.default is not inspect.Parameter.empty]
+        if "out" in given and not any(each.name == "force" for each, _ in specs(kind)):
+            after.append(FORCE)
 
         def call(**values: Any) -> None:
             inputs = {p.name: values[p.name] for p in own}
@@ -75,7 +79,8 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
                     running.check_folder(inputs["out"])
                 if inputs.get("campaign") is None:
                     running.start()
-                function(**inputs, options=options)
+                with written_to(None if values.get("force") else inputs.get("out")):
+                    function(**inputs, options=options)
             except InputError as error:
                 raise InputError(renamed(kind, problem) for problem in error.problems) from None
 
@@ -181,9 +186,7 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
 
 
 def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path, ...]]] = ()) -> None:
-    """Write a result's files into a folder, all or none, and say which.
-
-    Files of other inputs or options that the folder holds under the same name are kept under another one.
+    """Write a result's files into a folder, all or none, and say which; files of the same name are replaced.
 
     Args:
         result: what was computed.
@@ -192,12 +195,9 @@ def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path,
     """
     with together():
         with TIMES.on("writing"):
-            kept = set_aside(result, out)
             paths = result.save(out / f"{result.name}{result.suffix}")
         with TIMES.on("drawing"):
             paths = (*paths, *(path for each in more for path in each(out)))
-    if kept:
-        typer.echo(kept, err=True)
     for path in paths:
         output().wrote(path)
 

@@ -9,8 +9,8 @@ from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
-from ident.studies.shared import as_campaign
+from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
     import arviz
@@ -186,9 +186,10 @@ def sample(
     from ident.store import Store
 
     options, folder = SampleOptions.of(options), Path(folder) if folder is not None else None
-    campaign = as_campaign(campaign)
+    arm_file, campaign = as_file(arm), as_campaign(campaign)
+    check_place(f"{campaign.name}.sample", {"arm": arm_file, "campaign": campaign})
     with claimed(folder):
-        fitted = fit(arm, campaign, options, progress=progress)
+        fitted = fit(arm_file, campaign, options, progress=progress)
         if restart and folder is not None:
             Store.discard(folder / ANEW)
             Store.empty(folder)
