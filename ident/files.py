@@ -135,16 +135,6 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object], *, make_folder
         files.moves.append((part, path))
 
 
-def move_file(path: Path, to: Path) -> None:
-    """Give a file another name, when its set is complete.
-
-    Raises:
-        InputError: it can't be moved.
-    """
-    with _in_a_set() as files:
-        files.moves.append((path, to))
-
-
 def remove_file(path: Path) -> None:
     """Remove a file if it is there, when its set is complete.
 

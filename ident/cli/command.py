@@ -14,9 +14,8 @@ from ident.cli.defaults import with_defaults
 from ident.cli.output import JsonOption, QuietOption, output, say_notes, speaking
 from ident.errors import InputError
 from ident.files import together
-from ident.studies.aside import set_aside
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
-from ident.studies.result import Result
+from ident.studies.result import Result, written_to
 
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
 ArmOption = Annotated[
@@ -28,6 +27,7 @@ PathOption = Annotated[
     typer.Option(help="joint path to follow instead of the stroke: CSV with time [s], joint1 [deg], ..."),
 ]
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
+ForceOption = Annotated[bool, typer.Option("--force", help="replace a result of other inputs that has the same name")]
 NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
 StrictOption = Annotated[
     bool, typer.Option("--strict", help="exit with status 3 where a verdict speaks against the data")
@@ -41,6 +41,8 @@ def flag(help: str, *names: str) -> Any:
     return Annotated[Path | None, typer.Option(*names, help=help)]
 
 
+FORCE = inspect.Parameter("force", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=ForceOption)
+"""The flag of commands whose options have none."""
 INPUTS: dict[str, Any] = {
     "arm": Annotated[Path, typer.Argument(help="arm description: TOML, URDF or MJCF (data/README.md)")],
     "campaign": CampaignArgument,
@@ -65,6 +67,8 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
         flags = [_parameter(each, spec, hidden=each.name in kind.refuses) for each, spec in specs(kind)]
         first = [p for p in own if p.default is inspect.Parameter.empty]
         after = [p for p in own if p.default is not inspect.Parameter.empty]
+        if "out" in given and not any(each.name == "force" for each, _ in specs(kind)):
+            after.append(FORCE)
 
         def call(**values: Any) -> None:
             inputs = {p.name: values[p.name] for p in own}
@@ -74,7 +78,8 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
                     running.check_folder(inputs["out"])
                 if inputs.get("campaign") is None:
                     running.start()
-                function(**inputs, options=options)
+                with written_to(None if values.get("force") else inputs.get("out")):
+                    function(**inputs, options=options)
             except InputError as error:
                 raise InputError(renamed(kind, problem) for problem in error.problems) from None
 
@@ -179,9 +184,7 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
 
 
 def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path, ...]]] = ()) -> None:
-    """Write a result's files into a folder, all or none, and say which.
-
-    Files of other inputs or options that the folder holds under the same name are kept under another one.
+    """Write a result's files into a folder, all or none, and say which; files of the same name are replaced.
 
     Args:
         result: what was computed.
@@ -189,11 +192,8 @@ def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path,
         more: what else is written there.
     """
     with together():
-        kept = set_aside(result, out)
         paths = result.save(out / f"{result.name}{result.suffix}")
         paths = (*paths, *(path for each in more for path in each(out)))
-    if kept:
-        typer.echo(kept, err=True)
     for path in paths:
         output().wrote(path)
 

@@ -10,6 +10,7 @@ from ident.cli.command import (
     SHORT,
     ArmOption,
     CampaignArgument,
+    ForceOption,
     NoFigureOption,
     OutOption,
     StrictOption,
@@ -28,10 +29,12 @@ from ident.studies.compare import compare
 from ident.studies.design import design
 from ident.studies.diagnose import discard
 from ident.studies.fit import fit
+from ident.studies.options import Options, renamed
 from ident.studies.plan import PlanOptions, plan
 from ident.studies.predict import predict
 from ident.studies.profile import profile
 from ident.studies.resonance import resonance
+from ident.studies.result import written_to
 from ident.studies.sample import SampleOptions, sample
 from ident.studies.simulate import SimulateResult, simulate
 from ident.studies.spectrum import spectrum
@@ -212,6 +215,7 @@ ResultArgument = Annotated[Path, typer.Argument(metavar="file", help="a result: 
 def rerun(
     file: ResultArgument,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="folder for the new files; default: none")] = None,
+    force: ForceOption = False,
 ) -> None:
     """Repeat what a saved result records, and say whether the numbers are the same.
 
@@ -225,7 +229,10 @@ def rerun(
 
     folder = (out or file.parent) / f"{file.name}.rerun.part"
     try:
-        repeated = repeat(file, folder=folder, progress=running.progress)
+        with written_to(None if force else out):
+            repeated = repeat(file, folder=folder, progress=running.progress)
+    except InputError as error:
+        raise InputError(renamed(Options, problem) for problem in error.problems) from None
     except KeyboardInterrupt:
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None

@@ -1,4 +1,4 @@
-"""Commands about files: what an arm is or a result says."""
+"""Commands about files: what an arm is and what its names are, what a result says."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,10 +14,10 @@ from ident.studies.new import KINDS
 from ident.text import read_bytes
 
 NEXT = """Example numbers: every one is marked as assumed, or simulated. Next:
-  ident show {arm}       the arm drawn, and what looks odd
-  ident list {arm}       the names that commands and campaigns take
-  ident check {campaign}  what the measurements can tell
-  ident fit {campaign}    the stiffnesses"""
+  ident show {arm}          the arm drawn, and what looks odd
+  ident show {arm} --names  the names that commands and campaigns take
+  ident check {campaign}     what the measurements can tell
+  ident fit {campaign}       the stiffnesses"""
 RESULTS = (".json", ".nc")
 """How result files end."""
 STARTS = (b"{", b"\x89HDF")
@@ -38,19 +38,30 @@ def show(
     posture: Annotated[
         str | None, typer.Option("--posture", "-q", help="joint angles of the drawn arm in degrees, as 30,-60,30")
     ] = None,
+    names: Annotated[
+        bool, typer.Option("--names", help="list the names that options, campaigns and --set take, and draw nothing")
+    ] = False,
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
 ) -> None:
-    """Draw an arm and say what looks odd about it, or print a saved result again.
+    """Draw an arm and say what looks odd about it, list its names, or print a saved result again.
 
     Of an arm: masses and reach, first modes, every number with its origin, and a warning for each that looks wrong.
     Writes into the folder given by --out ARM.show.png, and ARM.show.modes.svg, in which the first modes move: any
-    browser opens it. Of a result: the report, as the command printed it that has written the file; nothing is written.
+    browser opens it. With --names: numbers with value, unit and origin, joints, points, loads, modes, kinds of
+    measurement, and the words that options choose from. Of a result: the report, as the command printed it that has
+    written the file. Names and results write nothing.
     """
     if is_result(file):
-        if posture is not None:
-            raise InputError(Problem("--posture", "a posture for a result", "an arm to draw", "leave it out"))
+        for flag, given in (("--posture", posture is not None), ("--names", names)):
+            if given:
+                raise InputError(Problem(flag, "it for a result", "an arm", "leave it out"))
         _show_result(file)
+        return
+    if names:
+        if posture is not None:
+            raise InputError(Problem("--posture", "it with --names", "one of them", "drop one"))
+        _list_names(file)
         return
     running.check_folder(out)
     running.start()
@@ -90,16 +101,9 @@ def _show_result(file: Path) -> None:
     output().document = result.document
 
 
-@plain("list")
-def list_names(
-    arm: Annotated[Path, typer.Argument(help="arm description: TOML, URDF or MJCF (data/README.md)")],
-) -> None:
-    """List every name of an arm that other commands and a campaign take, with value, unit and origin.
-
-    Numbers, joints, points, loads, modes, kinds of measurement, and the words that options choose from.
-    """
+def _list_names(arm: Path) -> None:
     running.start()
-    from ident.studies.names import names
+    from ident.studies.show import names
 
     found = names(arm)
     output().say(found.report(), nl=False)

@@ -58,8 +58,7 @@ class Comparison:
     @property
     def names(self) -> tuple[str, str]:
         """The campaigns' names."""
-        first, second = (_name(each) for each in (self.first, self.second))
-        return first, second
+        return names_of(self.first, self.second)
 
     @property
     def name(self) -> str:
@@ -67,8 +66,10 @@ class Comparison:
         return "-".join(dict.fromkeys(self.names))
 
 
-def _name(each: CampaignFit | Posterior) -> str:
-    return each.campaign.name if isinstance(each, CampaignFit) else each.name
+def names_of(first: CampaignFit | Posterior, second: CampaignFit | Posterior) -> tuple[str, str]:
+    """Return the campaigns' names."""
+    one, other = (each.campaign.name if isinstance(each, CampaignFit) else each.name for each in (first, second))
+    return one, other
 
 
 def compare_posteriors(

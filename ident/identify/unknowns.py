@@ -165,7 +165,7 @@ def _fitting(pattern: str, paths: Sequence[str]) -> list[str]:
     if not _is_pattern(pattern):
         return []
     if not (fitting := [path for path in paths if fnmatchcase(path, pattern)]):
-        remedy = did_you_mean(pattern, paths, "see `ident list`")
+        remedy = did_you_mean(pattern, paths, "see `ident show ARM --names`")
         raise InputError(Problem("", f"the pattern {quoted(pattern)}", "one that fits a number of the arm", remedy))
     return fitting
 

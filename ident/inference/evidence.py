@@ -1,6 +1,7 @@
 """How much of the posterior's probability each separated optimum holds, by nested sampling."""
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 import jax.numpy as jnp
 import numpy as np
@@ -76,6 +77,17 @@ def weigh(sample: Sample) -> Weights:
         other, which = dynesty.utils.resample_run(run, rng, return_idx=True)
         resampled.append(np.bincount(nearest[which], other.importance_weights(), count))
     return Weights(share, np.std(resampled, axis=0), float(run.logz[-1]))
+
+
+def check_installed() -> None:
+    """Check that dynesty is installed, without importing it.
+
+    Raises:
+        InputError: it is not.
+    """
+    if find_spec("dynesty") is None:
+        got, remedy = "optima to weigh without the package dynesty", 'pip install "ident[evidence]"'
+        raise InputError(Problem("weights", got, "it installed", remedy))
 
 
 def check_weighable(posterior: Posterior) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Result, study_of
+from ident.studies.result import Result, check_place, study_of
 from ident.studies.shared import UnitOptions
 from ident.text import one_line, quoted
 
@@ -81,10 +81,7 @@ class CompareResult(Result):
     @property
     def name(self) -> str:
         """Both campaigns' names, or both folders'."""
-        if len(self.comparisons) == 1 and not self.unpaired:
-            return f"{self.comparison.name}.compare"
-        first, second = (Path(file.path).absolute().parent.name for file in self.files[0])
-        return f"{first}-{second}.compare"
+        return _name(self.comparison.names, self.files, self.unpaired)
 
     @property
     def changed(self) -> Mapping[str, bool]:
@@ -100,8 +97,7 @@ class CompareResult(Result):
         return {"" if one else each.name: compare_figure(each) for each in self.comparisons}
 
     def _inputs(self) -> Mapping[str, Any]:
-        one, pairs = len(self.files) == 1, enumerate(self.files, 1)
-        return {f"{word}{'' if one else i}": file for i, pair in pairs for word, file in zip(WORDS, pair, strict=True)}
+        return _inputs(self.files)
 
     def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
         """Return the files of all pairs, side by side."""
@@ -110,6 +106,19 @@ class CompareResult(Result):
 
 
 WORDS = ("first", "second")
+Files: TypeAlias = "tuple[tuple[ComparedFile, ComparedFile], ...]"
+
+
+def _name(names: tuple[str, str], files: Files, unpaired: tuple[str, ...]) -> str:
+    if len(files) == 1 and not unpaired:
+        return f"{'-'.join(dict.fromkeys(names))}.compare"
+    first, second = (Path(file.path).absolute().parent.name for file in files[0])
+    return f"{first}-{second}.compare"
+
+
+def _inputs(files: Files) -> Mapping[str, Any]:
+    one, pairs = len(files) == 1, enumerate(files, 1)
+    return {f"{word}{'' if one else i}": file for i, pair in pairs for word, file in zip(WORDS, pair, strict=True)}
 
 
 @keyword_options
@@ -134,11 +143,15 @@ def compare(
         InputError: other results, folders without a result of one name, no stiffness that both have fitted, or a name
             that is none of them.
     """
+    from ident.identify.compare import names_of
+
     options = CompareOptions.of(options)
     pairs, unpaired = _pairs(first, second)
     found = [tuple(_known(each, word) for each, word in zip(pair, WORDS, strict=True)) for pair in pairs]
+    files = tuple((one, other) for (_, one), (_, other) in found)
+    check_place(_name(names_of(*(known for known, _ in found[0])), files, unpaired), _inputs(files))
     comparisons = tuple(_compared(one, other, options.same) for (one, _), (other, _) in found)
-    return CompareResult(comparisons, unpaired, tuple((one, other) for (_, one), (_, other) in found), options)
+    return CompareResult(comparisons, unpaired, files, options)
 
 
 def _compared(one: "CampaignFit | Posterior", other: "CampaignFit | Posterior", same: tuple[str, ...]) -> "Comparison":

@@ -10,7 +10,7 @@ from ident.errors import InputError, Problem
 from ident.studies import ranges
 from ident.studies.motion import AmplitudeOptions, basis_of, drawn_groups
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_file
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class DesignResult(Result):
     @property
     def name(self) -> str:
         """The arm's name, its motion and what was computed."""
-        return f"{self.study.basis.name}.{'design' if self.study.design else 'sensitivities'}"
+        return _name(self.study.basis, self.options)
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -209,6 +209,7 @@ def design(
     arm_file = as_file(arm, options.soft_base)
     searched, fresh = drawn_groups(posterior, arm_file, options.draws, options.fresh, options.seed, options)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=searched)
+    check_place(_name(basis, options), basis.sources)
     evaluator = _evaluator(basis, options)
     if options.sensitivities:
         each = sensitivities(evaluator, progress=progress("sensitivities"))
@@ -237,6 +238,10 @@ def design(
         checks = verify(evaluator, best.best, best.limit, unseen, progress("verification"))
     study = DesignStudy(basis, evaluator, each, best, checks, options.starts)
     return DesignResult(study, _updated(text, basis, best.best.values) if text else "", options)
+
+
+def _name(basis: "Basis", options: DesignOptions) -> str:
+    return f"{basis.name}.{'sensitivities' if options.sensitivities else 'design'}"
 
 
 def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":

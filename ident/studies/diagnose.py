@@ -12,7 +12,7 @@ from ident.studies.diagnose_stages import CHAINS, Job, OnStage, carry_out, disca
 from ident.studies.fit import FitOptions
 from ident.studies.motion import HeldMotionOptions, basis_of
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
@@ -191,7 +191,9 @@ def diagnose(
 
     options, folder = DiagnoseOptions.of(options), Path(folder) if folder is not None else None
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
-    job = Job(arm_file, campaign, options, _checked_path(arm_file, options, path), folder, progress)
+    log = _checked_path(arm_file, options, path)
+    check_place(_name(campaign), {"arm": arm_file, "campaign": campaign, "path": log})
+    job = Job(arm_file, campaign, options, log, folder, progress)
     if restart and folder is not None:
         discard(folder)
     fresh = folder is not None and not os.path.exists(folder)

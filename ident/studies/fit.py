@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import ProblemOptions, as_campaign, as_file
 
 if TYPE_CHECKING:
@@ -181,6 +181,7 @@ def fit(
 
     options = FitOptions.of(options)
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
+    check_place(f"{campaign.name}.fit", {"arm": arm_file, "campaign": campaign})
     unknowns = options.unknowns_of(arm_file)
     fitted = fit_campaign(
         arm_file.arm,

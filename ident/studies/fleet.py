@@ -11,7 +11,7 @@ from urllib.parse import quote
 from ident.errors import InputError, Problem
 from ident.studies.fit import FitOptions
 from ident.studies.options import Options, keyword_options, option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, check_place, silent
 from ident.text import one_line
 
 if TYPE_CHECKING:
@@ -216,6 +216,9 @@ def fleet(
         label = label or Path(robots).absolute().name
     with TemporaryDirectory() as passing, Engine(options) as engine:
         tasks = [One(*each, options, Path(folder or passing)) for each in sorted(files)]
+        read = {one.name: dict(zip(("campaign", "arm"), one.sources, strict=True)) for one in tasks}
+        inputs = {f"{word} of {name}": file for name, own in read.items() for word, file in own.items()}
+        check_place(f"{label or 'fleet'}.fleet", inputs)
         steps = progress("robots", len(tasks))(range(len(tasks)))
         done = [robot for _, robot in zip(steps, outcomes(tasks, engine, options.batch), strict=True)]
         found = {task.name: task for task in tasks}

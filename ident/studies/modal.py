@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Result
+from ident.studies.result import Result, check_place
 from ident.studies.shared import ProblemOptions, as_file
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ class ModalResult(Result):
     @property
     def name(self) -> str:
         """The folder of the recordings, and what was done with it."""
-        return f"{Path(self.files['channels'].path).absolute().parent.name}.modal"
+        return _name(self.files["channels"].path)
 
     @property
     def hits(self) -> int:
@@ -260,6 +260,7 @@ def modal_test(
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
     recordings = recordings_of(folder, table)
     arm_file = as_file(arm if arm is not None else folder / ARM, options.soft_base)
+    check_place(_name(table.path), {"arm": arm_file, "channels": table, **recordings})
     placed = with_places(arm_file.arm, table)
     based = in_base_frame(placed, table)
     measured = measured_tests(based, recordings, options.processing)
@@ -279,6 +280,10 @@ def modal_test(
     shown, name = observed_reproducibility(every, modes, reproducibility), f"{folder.absolute().name}.modal"
     campaign = modal_campaign(name, every, modes, shapes=options.shapes, reproducibility=shown)
     return replace(result, campaign=campaign, reproducibility=shown)
+
+
+def _name(channels: str) -> str:
+    return f"{Path(channels).absolute().parent.name}.modal"
 
 
 def _identified(

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
-from ident.studies.shared import as_file
+from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -114,8 +114,7 @@ class PlanResult(Result):
     @property
     def name(self) -> str:
         """The campaign's name, or the arm's, and what was done with it."""
-        fitted = self.plan.fit
-        return f"{fitted.campaign.name if fitted else Path(self.arm.path).stem or self.arm.arm.name}.plan"
+        return _name(self.arm, self.plan.fit.campaign if self.plan.fit else None)
 
     def report(self) -> str:
         """Return the printed plan, with where to measure in its hammer tests if that was asked for."""
@@ -190,13 +189,18 @@ def plan(
     from ident.identify.sensor_places import hammer_plans
 
     options = PlanOptions.of(options)
-    arm_file = as_file(arm, options.soft_base)
+    arm_file, measured = as_file(arm, options.soft_base), None if campaign is None else as_campaign(campaign)
+    check_place(_name(arm_file, measured), {"arm": arm_file, "campaign": measured})
     settings = options.settings
     all_postures(arm_file.arm, settings.step, settings.seed)  # what is wrong with a step is said before the fit
-    fitted = fit(arm_file, campaign, options, progress=progress).fit if campaign is not None else None
+    fitted = fit(arm_file, measured, options, progress=progress).fit if measured is not None else None
     made = plan_campaign(arm_file.arm, fitted, options.unknowns_of(arm_file), settings)
     best = made.parameters.by_path(np.asarray(made.parameters.values(made.known.points[0])))
     places = (options.modes, options.sensors, options.hit_noise)
     sought = {path: best[path] for item in made.sought for path in item.paths if path in arm_file.arm.paths()}
     hammer = hammer_plans(arm_file.arm.replace(sought), made.batch, *places) if options.sensors else ()
     return PlanResult(arm_file, made, hammer, options)
+
+
+def _name(arm: "ArmFile", campaign: "Campaign | None") -> str:
+    return f"{campaign.name if campaign is not None else Path(arm.path).stem or arm.arm.name}.plan"

@@ -9,7 +9,7 @@ from ident.studies import reading
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
@@ -111,6 +111,7 @@ def profile(
 
     options = ProfileOptions.of(options)
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
+    check_place(f"{campaign.name}.profile", {"arm": arm_file, "campaign": campaign})
     likelihood.check(build_problem(arm_file.arm, campaign, options.unknowns_of(arm_file)).parameters, options.parameter)
     fit = fit_study(arm_file, campaign, options, progress=progress).fit
     profiles = likelihood.profile(fit, options.parameter, reach=options.reach, progress=progress("profiles"))

@@ -9,7 +9,7 @@ from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.motion import MotionOptions, basis_of, drawn_values
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Result
+from ident.studies.result import Result, check_place
 from ident.studies.shared import as_file
 
 if TYPE_CHECKING:
@@ -130,6 +130,7 @@ def resonance(
     arm_file = as_file(arm, options.soft_base)
     drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
+    check_place(f"{basis.name}.resonance", basis.sources)
     turning = excitation(basis.arm, basis.motion, orders=options.orders)
     followed = branches(basis.arm.replace(basis.draws), basis.motion, count=options.count, loads=basis.loads)
     near = resonance_crossings(followed, turning, margin=options.margin / 100)

@@ -1,8 +1,11 @@
 """What every study returns: a frozen result with its report, figures, table and files."""
 
+import json
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import wraps
 from importlib import import_module
@@ -11,7 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from ident.errors import InputError, ModelError, Problem
+from ident.studies import STUDIES
 from ident.studies.options import Options
+from ident.text import one_line
 from ident.units import USUAL, stiffness_in
 
 BESIDE = ("covariance", "bushings")
@@ -65,6 +70,92 @@ def silent(description: str, total: int | None = None) -> Wrap:
 def study_of(form: str) -> str:
     """Return the study that writes a format: `fit` for `ident-fit/3`."""
     return form.removeprefix("ident-").partition("/")[0]
+
+
+_PLACE: ContextVar[Path | None] = ContextVar("_PLACE", default=None)
+"""The folder that the study which begins next will be written to."""
+
+
+@contextmanager
+def written_to(folder: Path | None) -> Iterator[None]:
+    """Let the first study within be refused by `check_place`, where this folder holds what it must not replace."""
+    token = _PLACE.set(folder)
+    try:
+        yield
+    finally:
+        _PLACE.reset(token)
+
+
+def check_place(name: str, inputs: Mapping[str, Any]) -> None:
+    """Refuse to compute what would replace a result of other inputs, where it is known where the result will go.
+
+    Each study calls this when its inputs are read, before it computes. Inputs are the same by their contents; what
+    ident itself has written, with its date, also by its path.
+
+    Args:
+        name: of the study's result.
+        inputs: what came from files, each with `path` and `sha256`, by name; those that either result lacks are not
+            compared, so that a fleet can grow.
+
+    Raises:
+        InputError: the folder holds a result of this name and of other inputs.
+    """
+    folder = _PLACE.get()
+    _PLACE.set(None)  # studies that this one calls write nothing
+    if folder is None:
+        return
+    new = _with_what_lies_beside(inputs)
+    for there in (folder / f"{_file_name(name)}{end}" for end in (".json", ".nc")):
+        old = _inputs_of(there)
+        common = [each for each in new if each in old]
+        differing = [each for each in common if not _same(old[each], new[each])]
+        if differing or (old and not common):
+            which = (differing or [*old])[0]
+            was, now = _origin(old[which]), _origin(new.get(which))
+            got = f"a result of other inputs ({which}: {was}{', since changed' * (was == now)})"
+            remedy = "choose another folder (`folder`), or replace it (`force`)"
+            expected = "no result, or one of the same inputs" + f" ({which}: {now})" * (was != now)
+            raise InputError(Problem(one_line(str(there)), got, expected, remedy))
+
+
+def _file_name(text: str) -> str:
+    return re.sub(r"[/\\\0]", "_", text)
+
+
+def _with_what_lies_beside(inputs: Mapping[str, Any]) -> Mapping[str, Any]:
+    beside = {f"{name}'s {word}": getattr(source, word, None) for name, source in inputs.items() for word in BESIDE}
+    return {**inputs, **{name: source for name, source in beside.items() if source is not None}}
+
+
+def _inputs_of(path: Path) -> Mapping[str, Any]:
+    """Return the inputs of the result that is there; none where there is none that can be read."""
+    from ident.present.files.document import EXPECTED, read_document
+    from ident.present.files.netcdf import read_group, whole
+
+    if not os.path.exists(path):
+        return {}
+    try:
+        if path.suffix == ".json":
+            inputs = read_document(path, EXPECTED).get("inputs")
+        else:
+            with whole(path, "other contents", EXPECTED, "give the file that ident wrote"):
+                inputs = json.loads(read_group(path).attrs["inputs"])
+    except InputError:
+        return {}
+    return inputs if isinstance(inputs, Mapping) else {}
+
+
+def _same(old: Any, new: Any) -> bool:
+    """Tell whether an input is the same; what a file of other contents says is none."""
+    if new is None or not isinstance(old, Mapping):
+        return new is None and not old
+    of_ident = any(word in STUDIES for word in Path(new.path).name.split(".")[1:])
+    return old.get("sha256") == new.sha256 or (of_ident and old.get("path") == new.path)
+
+
+def _origin(source: Any) -> str:
+    path = source.get("path") if isinstance(source, Mapping) else getattr(source, "path", None)
+    return one_line(str(path)) if path else "none"
 
 
 class Figures(dict[str, "Figure"]):
@@ -143,8 +234,7 @@ class Result:
     @property
     def name(self) -> str:
         """What its files are called, without their ends: what was studied, and the study."""
-        subject = re.sub(r"[/\\\0]", "_", attrgetter(self.subject)(self))
-        return f"{subject}.{study_of(self.form)}"
+        return _file_name(f"{attrgetter(self.subject)(self)}.{study_of(self.form)}")
 
     @property
     def main_figure(self) -> str:
@@ -187,9 +277,7 @@ class Result:
         return {**self.head, **notes, **self._main()}
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
-        """Write the result's files, all of them or none, and return their paths.
-
-        In a folder, files of the same name are kept under another one where they are of another robot.
+        """Write the result's files, all of them or none, and return their paths; files of the same name are replaced.
 
         Args:
             path: the main file, ending as its format demands, or a folder, in which the files get the result's name.
@@ -198,7 +286,6 @@ class Result:
             InputError: a file of another ending, or the folder or a file can't be written.
         """
         from ident.files import together
-        from ident.studies.aside import set_aside
 
         path = Path(path)
         if path.suffix == self.suffix:
@@ -208,7 +295,6 @@ class Result:
             remedy = "name the file so, or a folder"
             raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
         with together():
-            set_aside(self, path, ["arm"])
             return self._write(path / f"{self.name}{self.suffix}", self.head)
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
@@ -241,9 +327,7 @@ class Result:
     @property
     def inputs(self) -> Mapping[str, Any]:
         """What came from files, each with `path` and `sha256`, by name; None for what was not given."""
-        own = self._inputs()
-        beside = {f"{name}'s {word}": getattr(source, word, None) for name, source in own.items() for word in BESIDE}
-        return {**own, **{name: source for name, source in beside.items() if source is not None}}
+        return _with_what_lies_beside(self._inputs())
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -9,8 +9,8 @@ from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
-from ident.studies.shared import as_campaign
+from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
     import arviz
@@ -176,19 +176,24 @@ def sample(
 
     Raises:
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values; data and prior
-            that leave a parameter open or exclude each other; checkpoints of another run, or one that is at work there.
+            that leave a parameter open or exclude each other; checkpoints of another run, or one that is at work there;
+            `weights` without dynesty.
         ModelError: no optimum was reached, or the model has no answer about one.
     """
     from ident.files import claimed
     from ident.identify.sample import sample_campaign
     from ident.inference.ensembles import BLOCK
+    from ident.inference.evidence import check_installed
     from ident.inference.sample import ANEW, Settings
     from ident.store import Store
 
     options, folder = SampleOptions.of(options), Path(folder) if folder is not None else None
-    campaign = as_campaign(campaign)
+    arm_file, campaign = as_file(arm), as_campaign(campaign)
+    check_place(f"{campaign.name}.sample", {"arm": arm_file, "campaign": campaign})
+    if options.weights:
+        check_installed()
     with claimed(folder):
-        fitted = fit(arm, campaign, options, progress=progress)
+        fitted = fit(arm_file, campaign, options, progress=progress)
         if restart and folder is not None:
             Store.discard(folder / ANEW)
             Store.empty(folder)

@@ -151,7 +151,11 @@ class ArmOptions(BaseOptions):
         repeated=True,
         read=reading.numbers,
     )
-    force: bool = option(False, "take over values of a fit or posterior that were identified on another arm, too")
+    force: bool = option(
+        False,
+        "go on though inputs differ: take over values that were identified on another arm, replace a result of other"
+        " inputs that has the same name",
+    )
 
     def problems(self) -> list[Problem]:
         """Return numbers of a sign that they can't have."""

@@ -11,7 +11,7 @@ from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.motion import HeldMotionOptions, basis_of, drawn_values
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_file
 
 if TYPE_CHECKING:
@@ -217,6 +217,7 @@ def simulate(
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
     measured = _trace(trace)
     _check_time(options.at, basis)
+    check_place(f"{basis.name}.simulate", {**basis.sources, "trace": measured})
     with ThreadPoolExecutor(1) as beside:  # the exact method keeps one core busy
         phases = beside.submit(simulated_over_phases, basis, options.elastic_belts, options.rate, options.step)
         study = _simulated(basis, options, "fast" if drawn else "both", progress)

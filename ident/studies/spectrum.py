@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Result
+from ident.studies.result import Result, check_place
 from ident.studies.shared import FARTHEST, BaseOptions, as_file, is_angle
 from ident.studies.simulate import SimulateResult
 from ident.studies.words import WINDOWS
@@ -98,7 +98,7 @@ class SpectrumResult(Result):
     @property
     def name(self) -> str:
         """The trace's name and what was done with it."""
-        return f"{self.spectra.name.removesuffix('.simulate')}.spectrum"
+        return _name(self.spectra.traces)
 
     @property
     def frequency(self) -> 'Float[np.ndarray, "F"]':
@@ -149,8 +149,7 @@ class SpectrumResult(Result):
         return {"": spectra_figure(self.spectra), **orders, **spectrograms}
 
     def _inputs(self) -> Mapping[str, Any]:
-        files = dict(zip(("trace", "against"), self.spectra.traces.values(), strict=False))
-        return {"arm": self.arm, "path": self.path, "trace": None, "against": None} | files
+        return _inputs(self.spectra.traces, self.arm, self.path)
 
 
 @keyword_options
@@ -194,6 +193,7 @@ def spectrum(
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
     first, turning = next(iter(traces.values())), distinct(turning)
     log = _given_path(arm_file, path)
+    check_place(_name(traces), _inputs(traces, arm_file, log))
     orders, window = options.orders, options.window
     spectra = Spectra(
         directions,
@@ -208,6 +208,15 @@ def spectrum(
         remark,
     )
     return SpectrumResult(spectra, arm_file, log, options)
+
+
+def _name(traces: "Mapping[str, Trace]") -> str:
+    return f"{next(iter(traces)).removesuffix('.simulate')}.spectrum"
+
+
+def _inputs(traces: "Mapping[str, Trace]", arm: "ArmFile | None", path: "Log | None") -> Mapping[str, Any]:
+    files = dict(zip(("trace", "against"), traces.values(), strict=False))
+    return {"arm": arm, "path": path, "trace": None, "against": None} | files
 
 
 def _traces(

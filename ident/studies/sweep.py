@@ -1,6 +1,6 @@
 """Vary numbers of an arm, or its speed: how the vibration over a motion depends on them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +9,7 @@ from ident.errors import InputError, Problem
 from ident.studies import ranges
 from ident.studies.motion import AmplitudeOptions, basis_of, drawn_values
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_file
 
 if TYPE_CHECKING:
@@ -82,11 +82,7 @@ class SweepResult(Result):
     @property
     def name(self) -> str:
         """The arm's name, its motion and what was varied."""
-        axes = [axis for sweep in self.study.sweeps for axis in sweep.axes]
-        names = [axis.paths[0] + "-etc" * (len(axis.paths) > 1) for axis in axes]
-        if not self.study.is_map and len(names) > MOST_NAMED:
-            names = [names[0], f"{len(names) - 1}-more"]
-        return f"{self.study.basis.name}.{('-by-' if self.study.is_map else '+').join(names)}.sweep"
+        return _name(self.study.basis, [a for sweep in self.study.sweeps for a in sweep.axes], self.study.is_map)
 
     @property
     def present(self) -> "Float[np.ndarray, '3']":
@@ -151,10 +147,18 @@ def sweep(
     arm_file = as_file(arm, options.soft_base)
     drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
     basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
-    evaluator = options.evaluator(basis)
     axes, shown = _axes(basis, options), progress("simulations")
+    check_place(_name(basis, axes, options.grid), basis.sources)
+    evaluator = options.evaluator(basis)
     swept = (sweep(evaluator, axes, shown),) if options.grid else sweeps(evaluator, axes, shown)
     return SweepResult(SweepStudy(basis, swept, options.rate, options.elastic_belts, options.limit_si), options)
+
+
+def _name(basis: "Basis", axes: "Sequence[Axis]", is_map: bool) -> str:
+    names = [axis.paths[0] + "-etc" * (len(axis.paths) > 1) for axis in axes]
+    if not is_map and len(names) > MOST_NAMED:
+        names = [names[0], f"{len(names) - 1}-more"]
+    return f"{basis.name}.{('-by-' if is_map else '+').join(names)}.sweep"
 
 
 def _axes(basis: "Basis", options: SweepOptions) -> "list[Axis]":

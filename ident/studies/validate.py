@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
@@ -98,5 +98,6 @@ def validate(
 
     options = ValidateOptions.of(options)
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
+    check_place(f"{campaign.name}.validate", {"arm": arm_file, "campaign": campaign})
     fit = fit_study(arm_file, campaign, options, progress=progress).fit
     return ValidateResult(arm_file, validate_fit(fit, options.leave, options.seed, progress("parts")), options)

@@ -16,7 +16,7 @@ FIT = ("fit", CAMPAIGN, "--starts=1", "--no-figure", "--no-explain")
 
 @pytest.mark.parametrize(
     "arguments",
-    [("predict", ARM), FIT, ("show", ARM, "--no-figure"), ("list", ARM), ("new", "scara", "robot")],
+    [("predict", ARM), FIT, ("show", ARM, "--no-figure"), ("show", ARM, "--names"), ("new", "scara", "robot")],
     ids=lambda arguments: arguments[0],
 )
 def test_json_is_all_of_the_output_and_the_words_go_to_standard_error(run, arguments):

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 
 import pytest
 from arms import DATA
@@ -102,6 +103,16 @@ def test_sample_refuses_the_checkpoints_of_another_run(run, tmp_path):
     assert {path: (tmp_path / path).read_bytes() for path in files(tmp_path)} == before
     assert run("sample", DATA / "table1.csv", *short, "--seed=1", "--restart")[0] == 130
     assert len(list((tmp_path / "out/table1.sample.part").glob("draws*"))) == 2, "begun anew"
+
+
+def test_weights_without_dynesty_are_refused_before_anything_is_computed(run, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "dynesty", None)
+    code, out, err = run("sample", DATA / "campaign.csv", "--weights")
+    assert (code, out, files(tmp_path)) == (2, "", [])
+    assert err == (
+        "ident: --weights: got optima to weigh without the package dynesty, expected it installed; "
+        'pip install "ident[evidence]"\n'
+    )
 
 
 @pytest.mark.parametrize("command", ["sample", "diagnose"])

@@ -232,18 +232,6 @@ def test_export_into_another_robot_is_refused_unless_forced(result, tmp_path, he
     assert float(ident.read_arm(tmp_path / "fitted.toml").arm.get("bracket.mass")) == 20
 
 
-def test_what_another_robot_has_left_in_a_folder_is_kept(result, tmp_path, heavier):
-    """Both campaigns are called the same, as `ident new` calls each."""
-    other = replace(result, arm=ident.read_arm(heavier))
-    (mine,) = result.save(tmp_path / "out")
-    result.save(tmp_path / "out")
-    assert len(list((tmp_path / "out").iterdir())) == 1
-    before = mine.read_text()
-    other.save(tmp_path / "out")
-    assert (tmp_path / "out" / "table1.fit.1.json").read_text() == before
-    assert ident.load(mine).arm.path == str(heavier)
-
-
 def test_values_of_another_base_are_refused(result, tmp_path):
     file, height = result.save(tmp_path)[0], ident.PredictOptions(soft_base=0.5)
     for fitted in (result, file):
