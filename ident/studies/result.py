@@ -104,18 +104,18 @@ def check_place(name: str, inputs: Mapping[str, Any]) -> None:
     _PLACE.set(None)  # studies that this one calls write nothing
     if folder is None:
         return
-    new = _with_what_lies_beside(inputs)
-    for there in (folder / f"{_file_name(name)}{end}" for end in (".json", ".nc")):
-        old = _inputs_of(there)
-        common = [each for each in new if each in old]
-        differing = [each for each in common if not _same(old[each], new[each])]
-        if differing or (old and not common):
-            which = (differing or [*old])[0]
-            was, now = _origin(old[which]), _origin(new.get(which))
-            got = f"a result of other inputs ({which}: {was}{', since changed' * (was == now)})"
-            remedy = "choose another folder (`folder`), or replace it (`force`)"
-            expected = "no result, or one of the same inputs" + f" ({which}: {now})" * (was != now)
-            raise InputError(Problem(one_line(str(there)), got, expected, remedy))
+    places = [folder / f"{_file_name(name)}{end}" for end in (".json", ".nc")]
+    there = next(filter(os.path.exists, places), None)
+    old, new = {} if there is None else _inputs_of(there), _with_what_lies_beside(inputs)
+    common = [each for each in new if each in old]
+    differing = [each for each in common if not _same(old[each], new[each])]
+    if differing or (old and not common):
+        which = (differing or [*old])[0]
+        was, now = _origin(old[which]), _origin(new.get(which))
+        got = f"a result of other inputs ({which}: {was}{', since changed' * (was == now)})"
+        remedy = "choose another folder (`folder`), or replace it (`force`)"
+        expected = "no result, or one of the same inputs" + f" ({which}: {now})" * (was != now)
+        raise InputError(Problem(one_line(str(there)), got, expected, remedy))
 
 
 def _file_name(text: str) -> str:
@@ -128,12 +128,10 @@ def _with_what_lies_beside(inputs: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _inputs_of(path: Path) -> Mapping[str, Any]:
-    """Return the inputs of the result that is there; none where there is none that can be read."""
+    """Return the inputs of a result that is there; none where it can't be read."""
     from ident.present.files.document import EXPECTED, read_document
     from ident.present.files.netcdf import read_group, whole
 
-    if not os.path.exists(path):
-        return {}
     try:
         if path.suffix == ".json":
             inputs = read_document(path, EXPECTED).get("inputs")

@@ -162,10 +162,10 @@ def test_which_inputs_are_the_same(tmp_path, there, now, fine):
     check_place("x.fit", {"arm": Source("z", "z")})  # called from Python, which writes where and when it likes
 
 
+@pytest.mark.parametrize("end", [".json", ".nc"])
 @pytest.mark.parametrize("text", ["{", "[]", '{"format": "x"}', '{"format": "x", "inputs": 3}', ""])
-def test_what_is_no_result_is_replaced(tmp_path, text):
-    (tmp_path / "x.fit.json").write_text(text)
-    (tmp_path / "x.fit.nc").write_text(text)
+def test_what_is_no_result_is_replaced(tmp_path, text, end):
+    (tmp_path / f"x.fit{end}").write_text(text)
     with written_to(tmp_path):
         check_place("x.fit", {"arm": Source("z", "z")})
 
