@@ -48,9 +48,9 @@ def test_a_fit_loads_neither_the_sampler_nor_what_vibrates():
 
 def test_a_prediction_loads_what_fits_only_where_it_fits():
     loaded = of_the_door(
-        "ident.studies.predict, ident.identify.values, ident.assess.prediction, ident.present.text.predict"
+        "ident.studies.predict, ident.identify.values, ident.assess.predict, ident.present.text.predict"
     )
-    assert "ident.assess.prediction" in loaded
+    assert "ident.assess.predict" in loaded
     assert not {name for name in loaded if name.startswith(("optimistix", "scipy.optimize", "matplotlib", "rich"))}
 
 

@@ -22,8 +22,8 @@ MAY_USE = {
 }
 """Which rooms each room may use, besides the ground: no licence to use all that lie below it."""
 ONLY_IN = {
-    "diffrax": "vibrate/response/exact",
-    "dynesty": "inference/evidence",
+    "diffrax": "vibrate/exact",
+    "dynesty": "inference/draws",
     "emcee": "inference",
     "jinja2": "present/html",
     "matplotlib": "present",
@@ -31,7 +31,7 @@ ONLY_IN = {
     "optimistix": "inference/levenberg_marquardt",
     "pydantic": "description",
     "rich": "cli",
-    "ruckig": "vibrate/motion/stroke",
+    "ruckig": "vibrate/motion",
     "typer": "cli",
 }
 

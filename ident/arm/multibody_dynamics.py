@@ -16,7 +16,7 @@ from ident.arm.multibody_kinematics import (
     Kinematics,
     Pins,
     Turning,
-    bushings,
+    bushing_rotations,
     deviations,
     kinematics,
     pins,
@@ -46,10 +46,10 @@ def residual(model: Multibody, command: Command, y: Array, yd: Array, ydd: Array
 
 def residual_of(model: Multibody, turning: Pins, y: Array, yd: Array, ydd: Array) -> Float[Array, "n *#batch"]:
     """Return the residual where it is known how pins and pulleys turn; see `residual`."""
-    at = kinematics(model, turning.pin, *(bushings(model, part) for part in (y, yd, ydd)))
+    at = kinematics(model, turning.pin, *(bushing_rotations(model, part) for part in (y, yd, ydd)))
     forces = _sum(_of_bodies(model, at, turning.pulley), imbalance(model, at, turning.pulley))
     moved = equations(model, at, turning.slope, forces)
-    phi, v = bushings(model, y), bushings(model, yd)
+    phi, v = bushing_rotations(model, y), bushing_rotations(model, yd)
     spring = flat(spring_moments(model, phi) + matvec(model.damping, v))
     if not model.belt_driven:
         return moved + spring
@@ -84,7 +84,7 @@ def drive_torques(model: Multibody, command: Command, y: Array, yd: Array, ydd: 
     It is the torque at the wave generator times the ratio; zero where there is no pin.
     """
     turning = pins(model, command, Turning(*(deviations(model, part) for part in (y, yd, ydd))))
-    at = kinematics(model, turning.pin, *(bushings(model, part) for part in (y, yd, ydd)))
+    at = kinematics(model, turning.pin, *(bushing_rotations(model, part) for part in (y, yd, ydd)))
     forces = _sum(_of_bodies(model, at, turning.pulley), imbalance(model, at, turning.pulley))
     torque = _on_pins(model, at, turning.slope, forces, _outboard_moment(model, at, forces))
     driven = np.isin(np.arange(model.joints), model.driven)

@@ -92,7 +92,7 @@ def transmission_error(model: Multibody, turning: Pins) -> Turning:
     return Turning(*(pin - wave for pin, wave in zip(turning.pin, exact, strict=True)))
 
 
-def bushings(model: Multibody, y: Array) -> Phi:
+def bushing_rotations(model: Multibody, y: Array) -> Phi:
     """Return the bushings' part of the coordinates as `(3, N, *batch)`."""
     return unflatten(y[: 3 * model.joints])
 

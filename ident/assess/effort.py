@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effort:
+class DiagnosisEffort:
     """Numbers of draws, and of values that are tried; fewer of each save time and cost accuracy.
 
     Attributes:

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.assess.arm_view import home
@@ -95,6 +94,8 @@ def _measured(arm: Arm) -> Iterator[Measurement]:
 
 def _postures(arm: Arm) -> Iterator[tuple[float, ...]]:
     """Yield `home`, and postures spread evenly between the limits (Halton, 1960), in whole degrees."""
+    from scipy.stats import qmc  # long to import, and seldom needed
+
     yield home(arm)
     bounds = [(max(low, -WIDEST), min(high, WIDEST)) for low, high in (joint.limits for joint in arm.driven)]
     low, high = np.degrees(bounds).T

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.assess.basis import Basis
-from ident.assess.effort import Effort
+from ident.assess.effort import DiagnosisEffort
 from ident.vibrate.redesign.evaluator import Draws, Evaluator
 from ident.vibrate.redesign.variable import Variable
 
@@ -32,7 +32,7 @@ class Task:
 
     basis: Basis
     limit: float
-    effort: Effort = field(default_factory=Effort)
+    effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
 
     @property
     def assessment_draws(self) -> Draws:

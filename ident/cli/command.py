@@ -8,10 +8,10 @@ from typing import Annotated, Any, get_args
 
 import typer
 
-from ident.cli import running
 from ident.cli.app import app
 from ident.cli.defaults import with_defaults
 from ident.cli.output import JsonOption, QuietOption, output, say_notes, speaking
+from ident.cli.running import check_folder, progress, read, start
 from ident.errors import InputError
 from ident.files import together
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
@@ -75,9 +75,9 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
             try:
                 options = _options(kind, values)
                 if "out" in inputs:
-                    running.check_folder(inputs["out"])
+                    check_folder(inputs["out"])
                 if inputs.get("campaign") is None:
-                    running.start()
+                    start()
                 with written_to(None if values.get("force") else inputs.get("out")):
                     function(**inputs, options=options)
             except InputError as error:
@@ -149,8 +149,8 @@ def offer(
         options: Options, out: Path = Path("out"), no_figure: bool = True, strict: bool = False, **inputs: Any
     ) -> None:
         if main == "campaign":
-            inputs["campaign"], inputs["arm"] = running.read(inputs["campaign"], inputs["arm"])
-        shown = {"progress": running.progress} if "progress" in names else {}
+            inputs["campaign"], inputs["arm"] = read(inputs["campaign"], inputs["arm"])
+        shown = {"progress": progress} if "progress" in names else {}
         result = study(**inputs, options=options, **shown)
         if files:
             finish(result, out, no_figure)

@@ -25,7 +25,7 @@ from ident.description.robot import body_names, refusal
 from ident.description.xml_text import comment, root_start
 from ident.text import one_line, read_bytes
 
-PLAIN = {
+HINGE_DEFAULTS = {
     "type": "hinge",
     "armature": "0",
     "frictionloss": "0",
@@ -165,7 +165,9 @@ def _triad(axis: Any) -> Any:
 
 def _hinges(joint: Joint, turn: Any, anchor: Any, straight: bool) -> list[Any]:
     return [
-        ElementTree.Element("joint", {"name": f"{joint.name}_{end}", **PLAIN, **{k: numbers(v) for k, v in each}})
+        ElementTree.Element(
+            "joint", {"name": f"{joint.name}_{end}", **HINGE_DEFAULTS, **{k: numbers(v) for k, v in each}}
+        )
         for end, each in zip(ENDS, _hinge_numbers(joint, turn, anchor, straight), strict=True)
     ]
 

@@ -13,8 +13,8 @@ from ident.arm.arm import GRAVITY, Arm
 from ident.arm.checks import massless_joints
 from ident.arm.fields import LARGEST
 from ident.arm.parts import Body, Joint, Payload, Point
-from ident.errors import InputError, Problem, one_line
-from ident.text import did_you_mean
+from ident.errors import InputError, Problem
+from ident.text import did_you_mean, one_line
 
 Pair = tuple[float, ...]
 """Two numbers, across the axis and about it; their number is checked when the file is read."""

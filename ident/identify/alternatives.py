@@ -44,7 +44,7 @@ class Kind:
     signed: bool = True
 
 
-KINDS = {
+NUMBER_KINDS = {
     "mass": Kind(0.1, factor=True),
     "payload": Kind(0.05, factor=True),
     "mass centre": Kind(0.02, factor=False),

@@ -14,7 +14,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.base import on_soft_base
 from ident.arm.fields import STIFFNESS
 from ident.errors import InputError
-from ident.identify.alternatives import KINDS, SCALES
+from ident.identify.alternatives import NUMBER_KINDS, SCALES
 from ident.identify.assumptions import KINDS as ASSUMED
 from ident.identify.assumptions import Assumption
 from ident.identify.fit import CampaignFit
@@ -199,7 +199,7 @@ def _with_causes(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, 
         return None
     changes = tuple(_change(*each, campaign) for each in zip(causes, found.amounts, found.sd, strict=True))
     wrong = any(
-        cause.numbers and not KINDS[cause.numbers[0].kind].signed and amount < 0
+        cause.numbers and not NUMBER_KINDS[cause.numbers[0].kind].signed and amount < 0
         for cause, amount in zip(causes, found.amounts, strict=True)
     )
     item = Explanation(changes, found.cost, found.fits, wrong, said=found.said)
@@ -211,7 +211,7 @@ def _change(cause: Cause, amount: float, sd: float, campaign: Campaign) -> Chang
         m = campaign.measurements[cause.row]
         off = min(abs(amount), SLIP)
         return Change("value", m.kind, (cause.row,), m.value - amount * m.sigma, sd * m.sigma, off)
-    number, kind = cause.numbers[0], KINDS[cause.numbers[0].kind]
+    number, kind = cause.numbers[0], NUMBER_KINDS[cause.numbers[0].kind]
     of = number.of if len(cause.numbers) == 1 else number.of.split(".")[1]
     rows = tuple(i for i, m in enumerate(campaign) if m.kind == number.of) if number.kind in SCALES else ()
     off = abs(amount) / kind.plausible

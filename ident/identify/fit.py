@@ -21,7 +21,7 @@ from ident.identify.unknowns import Unknowns
 from ident.inference.cross_prediction import cross_predictions
 from ident.inference.curvature import fixed_combinations
 from ident.inference.exchange import Exchange, exchanges
-from ident.inference.fit import STARTS, Fit, fit, with_stretch
+from ident.inference.fit import FIT_STARTS, Fit, fit, with_stretch
 from ident.inference.robust import SUSPICIOUS, robust_weights, weighted
 from ident.measure import Campaign
 
@@ -171,7 +171,7 @@ def fit_campaign(
     campaign: Campaign,
     unknowns: Unknowns | None = None,
     *,
-    starts: int = STARTS,
+    starts: int = FIT_STARTS,
     seed: int = 0,
     trusted: Collection[str] = (),
     robust: str | None = None,

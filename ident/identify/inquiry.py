@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.identify.alternatives import KINDS, Number, altered, altered_numbers, calibrated, largest_moments
+from ident.identify.alternatives import NUMBER_KINDS, Number, altered, altered_numbers, calibrated, largest_moments
 from ident.identify.build_problem import build_problem
 from ident.identify.predict import ArmModel
 from ident.identify.unknowns import Unknowns
@@ -233,7 +233,7 @@ class Inquiry:
 
     def _widths(self, way: np.ndarray) -> Float[np.ndarray, "causes"]:
         """Return the plausible width of each cause, that of a wrong value in its sigmas."""
-        own = [KINDS[number.kind].plausible for number in self.numbers]
+        own = [NUMBER_KINDS[number.kind].plausible for number in self.numbers]
         moved = way[self.unknowns :, self.unknowns :].T > 0
         return np.array([own[int(np.argmax(each))] if each.any() else STEP_OFF for each in moved])
 

@@ -7,7 +7,6 @@ from itertools import product
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy.stats import qmc
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
@@ -68,6 +67,8 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
         axes = [_multiples(low, high, step) for low, high in spans]
         if math.prod(map(len, axes)) <= MOST:
             return np.array(list(product(*axes))), False
+    from scipy.stats import qmc  # long to import, and seldom needed
+
     low, high = np.array(spans).T
     u = qmc.Sobol(len(spans), rng=np.random.default_rng(seed)).random(MOST)
     postures = np.clip(np.deg2rad(np.round(np.rad2deg(low + u * (high - low)))), low, high)

@@ -8,7 +8,7 @@ from ident.arm.equilibrium import deflection
 from ident.arm.mechanics import point_positions, point_rotations
 from ident.arm.rotations import identity, matmul, matvec, rotation_vector, transpose
 from ident.identify.conditions import Readings
-from ident.jit import AnyArray
+from ident.inference.parameters import AnyArray
 
 
 def read(chain: Chain, phi: Float[Array, "3 N S *#batch"], readings: Readings) -> Float[Array, "n *batch"]:

@@ -23,7 +23,7 @@ SEEN = 0.05
 """Motion at the places below which a mode is not seen there, as a share of its largest one anywhere."""
 HIT = 0.1
 """The same below which a hit does not excite it."""
-FEWEST, MOST = 5, 20
+FEWEST, PLACES_MOST = 5, 20
 """Hits at a place: from five on their scatter says what the covariance is; more than twenty are not made."""
 APART = 6.0
 """Standard deviations of a shape by which two modes are to differ: three for each."""
@@ -154,7 +154,7 @@ def hits_needed(mac: Float[np.ndarray, "m m"], noise: float) -> int:
     """
     upper = mac[np.triu_indices(len(mac), 1)]
     apart = 1 - max((value for value in upper.tolist() if value <= ALIKE), default=0.0)
-    return min(max(FEWEST, math.ceil((APART * noise) ** 2 / apart)), MOST)
+    return min(max(FEWEST, math.ceil((APART * noise) ** 2 / apart)), PLACES_MOST)
 
 
 def _sensors(moved: Float[np.ndarray, "K m"], count: int) -> list[int]:

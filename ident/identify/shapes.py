@@ -37,7 +37,7 @@ from ident.measure import Measurement
 
 NEAR = 0.02
 """Relative distance of squared frequencies at which two modes count half as their plane: 1 % in frequency."""
-ROUNDING = 1e-12
+SHAPE_ROUNDING = 1e-12
 """The square of that distance below which they are taken to coincide."""
 
 
@@ -117,7 +117,7 @@ def read_shapes(
     others = jnp.where(chosen > 0, jnp.inf, jnp.abs(gap))
     nearest = jax.lax.stop_gradient(jnp.arange(len(others)).reshape((-1,) + (1,) * (rank + 1)) == jnp.argmin(others, 0))
     u, b = _of_modes(each, chosen), _of_modes(each, nearest)
-    weight = (u * u).sum(0) * (((gap * nearest).sum(0) / NEAR) ** 2 + ROUNDING)
+    weight = (u * u).sum(0) * (((gap * nearest).sum(0) / NEAR) ** 2 + SHAPE_ROUNDING)
     if shapes.damped is not None:
         damped = as_real(_seen(moving_points_damped(chain, linear), shapes, states))
         u = jnp.where(_lifted(shapes.damped, rank), _of_modes(damped, chosen), u)

@@ -18,7 +18,7 @@ from ident.units import width
 
 LOAD = "load"
 """Name of the common scale of all measured load cases: that of a load cell."""
-NARROWEST, WIDEST = 1e-6, 1.0
+NUISANCE_NARROWEST, NUISANCE_WIDEST = 1e-6, 1.0
 """Relative widths: what is less sure than by its own size is no nuisance."""
 
 
@@ -66,8 +66,8 @@ def _parameter(arm: Arm, path: str, text: str) -> Parameter:
     if value == 0 and (found.share or positive):
         raise InputError(Problem("uncertain", f"{said} of a value of zero", "a value", "give it one"))
     sd = found.size * abs(value) if found.share else found.size
-    if positive and not NARROWEST <= sd / abs(value) <= WIDEST:
-        expected = f"a width from {NARROWEST:.0e} to {WIDEST:g} of its value"
+    if positive and not NUISANCE_NARROWEST <= sd / abs(value) <= NUISANCE_WIDEST:
+        expected = f"a width from {NUISANCE_NARROWEST:.0e} to {NUISANCE_WIDEST:g} of its value"
         raise InputError(Problem("uncertain", said, expected, "free it (`free`), or drop it"))
     if positive and value > 0:
         return Parameter((path,), True, value, value, sd / value, nuisance=True)

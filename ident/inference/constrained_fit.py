@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ident.inference.convergence import SHORT, step_length, weighed
+from ident.inference.convergence import OPTIMUM_STEP, step_length, weighed
 from ident.inference.information import RANK_TOLERANCE
 from ident.inference.least_squares import End, solve
 from ident.inference.optima import Optimum
@@ -136,7 +136,7 @@ class ConstrainedFit:
         residuals, slope = weighed(self.problem, end)
         cost = float(residuals @ residuals)
         others = np.arange(len(theta)) != self.index
-        converged = step_length(residuals, slope[:, others]) < SHORT
+        converged = step_length(residuals, slope[:, others]) < OPTIMUM_STEP
         said = float(end.choice.cost.sum())
         return Point(theta, cost - self.optimum.cost, converged, self._tangent(slope), end.choice.held, said)
 

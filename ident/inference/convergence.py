@@ -9,7 +9,7 @@ from ident.inference.information import RANK_TOLERANCE
 from ident.inference.least_squares import End, evaluate
 from ident.inference.problem import InverseProblem
 
-SHORT = 1e-3
+OPTIMUM_STEP = 1e-3
 """Length of the Gauss-Newton step [sd] below which a point is an optimum."""
 SEVERAL = 3.0
 """Way in theta, e-folds of a stiffness, over which, and over as much again, an open direction's cost does not rise."""
@@ -31,7 +31,7 @@ class Convergence(NamedTuple):
     @property
     def converged(self) -> bool:
         """Whether this is an optimum in all directions but the open ones."""
-        return self.step < SHORT
+        return self.step < OPTIMUM_STEP
 
 
 def convergence(problem: InverseProblem, end: End) -> Convergence:
@@ -47,7 +47,7 @@ def convergence(problem: InverseProblem, end: End) -> Convergence:
         return Convergence(np.inf, np.empty((0, len(end.theta))))
     components, s, Vt = _next_step(residuals, slope)
     open_ones = s <= RANK_TOLERANCE * max(s[0], 1e-300)
-    far = ~open_ones & (s < 1 / SEVERAL) & (np.abs(components) >= SHORT)
+    far = ~open_ones & (s < 1 / SEVERAL) & (np.abs(components) >= OPTIMUM_STEP)
     for i in np.flatnonzero(far):
         step = -np.sign(components[i]) * SEVERAL * Vt[i]
         there, beyond = (_cost(problem, np.asarray(end.theta) + times * step) for times in (1, 2))

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ident.inference.convergence import SHORT, step_length, weighed
+from ident.inference.convergence import OPTIMUM_STEP, step_length, weighed
 from ident.inference.information import RANK_TOLERANCE
 from ident.inference.least_squares import End, choosing, evaluate, solve, stay
 from ident.inference.parameters import Parameter, Parameters
@@ -245,7 +245,7 @@ def _ended(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> End | None
     """Return a point as the end of a search, without one; None where it is no optimum."""
     end = jax.device_get(evaluate(problem, theta))
     residuals, slope = weighed(problem, end)
-    return end._replace(cost=residuals @ residuals) if step_length(residuals, slope) < SHORT else None
+    return end._replace(cost=residuals @ residuals) if step_length(residuals, slope) < OPTIMUM_STEP else None
 
 
 def _minimum(problem: InverseProblem, starts: Sequence[Float[np.ndarray, "P"]], near: End | None = None) -> End | None:

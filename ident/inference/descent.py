@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from ident.inference.convergence import SEVERAL, SHORT, Convergence, convergence, weighed
+from ident.inference.convergence import OPTIMUM_STEP, SEVERAL, Convergence, convergence, weighed
 from ident.inference.least_squares import End, look, solve
 from ident.inference.problem import InverseProblem
 
@@ -56,6 +56,6 @@ def _descended(problem: InverseProblem, end: End) -> End:
             return WALL * float(end.cost), np.zeros_like(x)
         return float(there.cost) / 2, ways.T @ there.gradient / 2
 
-    options = {"gtol": SHORT / 10, "norm": 2, "maxiter": ITERATIONS}
+    options = {"gtol": OPTIMUM_STEP / 10, "norm": 2, "maxiter": ITERATIONS}
     found = minimize(half_cost, np.zeros(len(s)), jac=True, method="BFGS", options=options)
     return look(problem, end.theta + ways @ found.x, end.choice.held)

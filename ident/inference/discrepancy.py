@@ -13,7 +13,7 @@ from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import Choice, Choosing, Data, Growing, InverseProblem, Parts
 from ident.text import did_you_mean
 
-PREFIX = "discrepancy."
+DISCREPANCY_PREFIX = "discrepancy."
 """What the names of discrepancies begin with; a kind of measurement follows."""
 NARROWEST, WIDEST = 1e-6, 1e6
 """Widths of ln(factor): within a millionth there is none, and beyond a million there is no bound at all."""
@@ -72,12 +72,16 @@ class Discrepant(eqx.Module, Choosing, Growing):
 
     def _split(self, parameters: Mapping[str, Any]) -> tuple[dict[str, Any], Float[Array, "D *batch"]]:
         """Return the model's own parameters, and the factor on each value."""
-        off = {name.removeprefix(PREFIX): x for name, x in parameters.items() if name.startswith(PREFIX)}
+        off = {
+            name.removeprefix(DISCREPANCY_PREFIX): x
+            for name, x in parameters.items()
+            if name.startswith(DISCREPANCY_PREFIX)
+        }
         batch = np.broadcast_shapes(*(jnp.shape(x) for x in parameters.values()))
         names = sorted(set(self.kinds))
         each = jnp.stack([jnp.broadcast_to(off.get(kind, 1.0), batch) for kind in names])
         factor = each[np.searchsorted(names, self.kinds)]
-        return {name: x for name, x in parameters.items() if not name.startswith(PREFIX)}, factor
+        return {name: x for name, x in parameters.items() if not name.startswith(DISCREPANCY_PREFIX)}, factor
 
 
 def _before(data: Data, factor: Float[Array, "D *batch"]) -> Data:
@@ -103,7 +107,7 @@ def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> In
         if not NARROWEST <= width <= WIDEST:
             expected, remedy = f"a width from {NARROWEST:g} to {WIDEST:g}", f"as {kind}:0.1 for ten percent"
             raise InputError(Problem("", f"a discrepancy of width {width:g}", expected, remedy))
-    more = tuple(Parameter((PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
+    more = tuple(Parameter((DISCREPANCY_PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
     if not more:
         return problem
     return InverseProblem(

@@ -19,14 +19,14 @@ from ident.inference.score import RowTests, blamed, row_tests
 from ident.inference.searcher import Searcher
 from ident.inference.verdicts import IMPROBABLE, farthest
 
-STARTS = 16
+FIT_STARTS = 16
 """Starts tried at least, the given one among them."""
 PATIENCE = 6
 """Starts tried at most, as a multiple of that, until the best optimum has been reached `AGAIN` times."""
 AGAIN = 3
 UNMET = 0.5
 """Expected number of rivals that were not met, below which the search may end where it has met one."""
-SPREAD = 1.0
+FIT_SPREAD = 1.0
 """Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
 
 
@@ -221,8 +221,8 @@ class Fit:
 def fit(
     problem: InverseProblem,
     *,
-    starts: int = STARTS,
-    spread: float = SPREAD,
+    starts: int = FIT_STARTS,
+    spread: float = FIT_SPREAD,
     seed: int = 0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> Fit:

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ident.inference.convergence import SEVERAL, SHORT
+from ident.inference.convergence import OPTIMUM_STEP, SEVERAL
 from ident.inference.information import RANK_TOLERANCE, half_width
 from ident.inference.least_squares import TURNS, UNTIL_ANEW, WHOLE, search
 from ident.inference.optima import SAME
@@ -162,7 +162,7 @@ def _agreed(every: _Ends, best: _Ends) -> np.ndarray:
     slope = np.where(known[:, None, None], best.slope, 0.0)
     U, s, _ = np.linalg.svd(slope, full_matrices=False)
     step = np.linalg.norm(np.einsum("rdp,rd->rp", U, np.where(known[:, None], best.residuals, 0.0)), axis=1)
-    optimum = known & (s[:, -1] > 1 / SEVERAL) & (step < SHORT)
+    optimum = known & (s[:, -1] > 1 / SEVERAL) & (step < OPTIMUM_STEP)
     above = np.where(known, every.score - np.where(known, best.score, 0.0), np.inf)
     apart = np.linalg.norm(np.einsum("rdp,srp->srd", slope, every.theta - best.theta), axis=2)
     near = np.isfinite(above) & (apart < SAME * (1 + np.where(known, best.score, 0.0)) ** 0.5)

@@ -17,7 +17,7 @@ from ident.inference.problem import InverseProblem
 Verdict = Literal["identifiable", "weak", "open", "not seen", "unknown"]
 POINTS = 8
 """Points tried beside the starting values."""
-SPREAD = 0.4
+POINTS_SPREAD = 0.4
 """Their standard deviation in theta, where the prior is not narrower: a factor of 1.5 for a stiffness."""
 INVISIBLE = 1e-6
 """Columns of the Jacobian below this share of the largest one are rounding."""
@@ -65,7 +65,7 @@ class Check:
         return all(verdict == "not seen" for verdict in self.verdicts)
 
 
-def check(problem: InverseProblem, *, points: int = POINTS, spread: float = SPREAD, seed: int = 0) -> Check:
+def check(problem: InverseProblem, *, points: int = POINTS, spread: float = POINTS_SPREAD, seed: int = 0) -> Check:
     """Tell from predictions and their Jacobian what the data determine; nothing is fitted, no measured value used.
 
     The Jacobian at one point may mislead: a derivative may vanish there by symmetry, or two modes trade places nearby.

@@ -233,7 +233,9 @@ def search(
     The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
     affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
     """
-    from ident.inference.levenberg_marquardt import minimum as damped_minimum  # a program that is known needs no solver
+    from ident.inference.levenberg_marquardt import (
+        damped_minimum as damped_minimum,  # a program that is known needs no solver
+    )
 
     def affine(theta: Array, args: tuple[InverseProblem, Any, Array]) -> Any:
         problem, held, weight = args

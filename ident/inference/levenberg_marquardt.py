@@ -9,12 +9,12 @@ from jaxtyping import Array, Bool, Float
 
 from ident.inference.parameters import AnyArray
 
-MAX_STEPS = 200
+DAMPED_STEPS_MAX = 200
 TOLERANCE = 1e-10
 """Relative and absolute change of theta and of the residuals at which a search ends."""
 
 
-def minimum(
+def damped_minimum(
     residuals: Callable[[Array, Any], Any],
     start: Float[AnyArray, "P"],
     args: Any,
@@ -30,7 +30,7 @@ def minimum(
         options: `to_the_end`: whether it goes on where the model would choose anew.
         steps: after which it is given up; by default `MAX_STEPS`.
     """
-    most = MAX_STEPS if steps is None else steps
+    most = DAMPED_STEPS_MAX if steps is None else steps
     solver = _OneStepMore(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]  # it inherits its constructor
     found: Any = optx.least_squares(
         residuals, solver, start, args=args, options=options, max_steps=most + 1, throw=False, has_aux=True

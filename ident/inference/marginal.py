@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.inference.discrepancy import PREFIX, Discrepant
+from ident.inference.discrepancy import DISCREPANCY_PREFIX, Discrepant
 from ident.inference.parameters import AnyArray, Parameters
 from ident.inference.posterior import Posterior
 
@@ -42,7 +42,7 @@ class Marginal(eqx.Module):
     def integrated(self) -> np.ndarray:
         """Which of the posterior's unknowns are integrated out."""
         problem = self.posterior.problem
-        out = np.array([name.startswith(PREFIX) for name in self.posterior.parameters.names])
+        out = np.array([name.startswith(DISCREPANCY_PREFIX) for name in self.posterior.parameters.names])
         separate = problem.correlation is None or out.sum() == 1
         return out & (isinstance(problem.model, Discrepant) and separate)
 
@@ -111,7 +111,7 @@ class Marginal(eqx.Module):
     @property
     def _kinds(self) -> list[str]:
         names = np.array(self.posterior.parameters.names)[self.integrated]
-        return [str(name).removeprefix(PREFIX) for name in names]
+        return [str(name).removeprefix(DISCREPANCY_PREFIX) for name in names]
 
 
 class Integrated(NamedTuple):

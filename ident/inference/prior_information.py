@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import qmc
 
 from ident.inference.fit import Fit
 from ident.inference.least_squares import evaluate
@@ -131,6 +130,8 @@ def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> 
     """Return the mean, then quasi-random draws about it, which cover a normal law more evenly than random ones."""
     if not draws:
         return mean[None]
+    from scipy.stats import qmc  # long to import, and seldom needed
+
     sampler = qmc.MultivariateNormalQMC(np.zeros(len(mean)), rng=np.random.default_rng(seed))
     # whole powers of two keep a Sobol sequence balanced
     z = sampler.random(2 ** int(np.ceil(np.log2(draws))))[:draws]

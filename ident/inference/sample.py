@@ -153,7 +153,7 @@ def sample(
     names = () if posterior.noise.items or len(optima) > 1 else linear_nuisances(fit, settings.seed)
     while True:
         target = linear_marginal(posterior, fit.best, names) if names else Marginal(posterior)
-        chosen = replace(settings, walkers=_walkers(fit, target, settings))
+        chosen = replace(settings, walkers=_walker_count(fit, target, settings))
         known = identity(posterior, _chain_settings(chosen, len(optima), names))
         chains = Chains(Store(folder, {**(provenance or {}), **known}), chosen.most_draws)
         with ThreadPoolExecutor(chosen.threads) as pool:
@@ -234,7 +234,7 @@ def _diagnose(chains: Chains, basins: Sequence[int], only: int | None = None) ->
     )
 
 
-def _walkers(fit: Fit, target: Marginal | LinearMarginal, settings: Settings) -> int:
+def _walker_count(fit: Fit, target: Marginal | LinearMarginal, settings: Settings) -> int:
     """Return the number of walkers of settings that can work."""
     count = len(target.parameters.items)
     curved = any(direction.weak or direction.open for direction in fit.information.directions)

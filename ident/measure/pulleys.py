@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ident.errors import InputError
 from ident.measure.series import parse_series
 from ident.measure.table import Findings, read_table
-from ident.measure.trace import FEWEST_ROWS, Trace
+from ident.measure.trace import TRACE_ROWS_MIN, Trace
 from ident.text import LARGEST_SAMPLES, NAME
 
 FIELDS = {"frequency": "frequency", "angle": "angle"}
@@ -48,7 +48,7 @@ def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
         return {}
     findings = Findings()
     wanted = {match["name"]: (FIELDS[match["field"]],) for match in there}
-    series = parse_series(read_table(path, LARGEST_SAMPLES), path, wanted, FEWEST_ROWS, findings)
+    series = parse_series(read_table(path, LARGEST_SAMPLES), path, wanted, TRACE_ROWS_MIN, findings)
     if findings:
         raise InputError(findings)
     return {

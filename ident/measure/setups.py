@@ -20,8 +20,8 @@ from ident.measure.text import parse_number
 from ident.text import NAME, nearest, one_line, quoted
 from ident.units import si_factor
 
-COLUMNS = ("setup", "x", "y", "z", "unit", "sigma", "rx", "ry", "rz", "turn_unit", "turn_sigma")
-SUFFIX = ".setups.csv"
+SETUP_COLUMNS = ("setup", "x", "y", "z", "unit", "sigma", "rx", "ry", "rz", "turn_unit", "turn_sigma")
+SETUP_SUFFIX = ".setups.csv"
 FREE = "free"
 
 
@@ -69,7 +69,7 @@ NO_SETUPS = Setups(())
 
 def setups_path(campaign: str | Path) -> Path:
     """Return the file beside a campaign in which its setups stand."""
-    return Path(campaign).with_suffix(SUFFIX)
+    return Path(campaign).with_suffix(SETUP_SUFFIX)
 
 
 def parse_setups(data: bytes, path: str | Path, names: Collection[str]) -> Setups:
@@ -85,12 +85,12 @@ def parse_setups(data: bytes, path: str | Path, names: Collection[str]) -> Setup
     """
     file, findings = one_line(str(path)), Findings()
     text = table_text(data, file)
-    delimiter = sniff_delimiter(text, lambda name: name in COLUMNS)
+    delimiter = sniff_delimiter(text, lambda name: name in SETUP_COLUMNS)
     records = list(read_records(text, delimiter, file, findings))
     header = tuple(cell.lower() for cell in records[0][1]) if records else ()
-    if sorted(header) != sorted(COLUMNS):
+    if sorted(header) != sorted(SETUP_COLUMNS):
         remedy = "see data/README.md; leave a cell empty where its number is to be found"
-        raise InputError([*findings, Problem(file, "other columns", ", ".join(COLUMNS), remedy)])
+        raise InputError([*findings, Problem(file, "other columns", ", ".join(SETUP_COLUMNS), remedy)])
     found: dict[str, Setup] = {}
     for where, cells in records[1:]:
         if len(cells) != len(header):
@@ -164,7 +164,7 @@ def check_name(name: str) -> None:
 
 def setups_text(setups: Collection[Setup], campaign: str) -> str:
     """Return setups as CSV text."""
-    rows = [",".join(COLUMNS), *(_row(setup) for setup in setups)]
+    rows = [",".join(SETUP_COLUMNS), *(_row(setup) for setup in setups)]
     return "\n".join([f"# {campaign}: frames of its setups, in the base frame", *rows, ""])
 
 

@@ -18,7 +18,7 @@ DIRECTIONS = ("x", "y", "z")
 KINDS = {"length": "displacement", "acceleration": "acceleration"}
 """What a trace may be of, by the quantity of its units."""
 
-FEWEST_ROWS = 16
+TRACE_ROWS_MIN = 16
 """Fewest rows of a trace."""
 
 UNEVEN = 0.01
@@ -71,7 +71,7 @@ def read_trace(path: str | Path) -> Trace:
 def parse_trace(data: bytes, path: str | Path) -> Trace:
     """Read a trace from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
-    series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, FEWEST_ROWS, findings)
+    series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, TRACE_ROWS_MIN, findings)
     findings += [*_kind_problems(series), *_sampling_problems(series)]
     if findings:
         raise InputError(findings)

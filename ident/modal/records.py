@@ -105,11 +105,11 @@ def _record(name: str, rows: list[ChannelRow], recording: Recording) -> Record:
     speeds = tuple(dict.fromkeys(speed for row in counting for speed in row.harmonics))
     return Record(
         name, *_state(counting[0]), step, responses, references or tuple(range(len(counting))), speeds,
-        (*_forces(rows, recording), *_unit_remarks(name, counting, channels)),
+        (*_forces(rows, recording), *_record_unit_remarks(name, counting, channels)),
     )  # fmt: skip
 
 
-def _unit_remarks(name: str, rows: list[ChannelRow], channels: Mapping[str, Channel]) -> Iterator[str]:
+def _record_unit_remarks(name: str, rows: list[ChannelRow], channels: Mapping[str, Channel]) -> Iterator[str]:
     """Yield which units have been read as something that they mean only here."""
     for row in rows:
         if remark := unit_remark(row, channels[row.channel].unit):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.assess.effort import Effort
+from ident.assess.effort import DiagnosisEffort
 from ident.errors import InputError
 from ident.studies.diagnose_stages import CHAINS, Job, OnStage, carry_out, discard
 from ident.studies.fit import FitOptions
@@ -39,7 +39,7 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 
     limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
-    effort: Effort = field(default_factory=Effort)
+    effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
     force: bool = False
 
 

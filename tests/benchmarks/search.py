@@ -17,7 +17,7 @@ jax.config.update("jax_enable_x64", True)
 from chains import storey_problem
 
 from ident.inference.convergence import convergence
-from ident.inference.fit import SPREAD, STARTS, fit
+from ident.inference.fit import FIT_SPREAD, FIT_STARTS, fit
 from ident.inference.least_squares import solve
 from ident.inference.optima import Optimum, distinct, rivals
 from ident.inference.problem import InverseProblem
@@ -57,7 +57,7 @@ def main() -> None:
 def first_starts(problem: InverseProblem, seed: int) -> tuple[Optimum, ...]:
     """Return the optima that the first starts of a fit lead to."""
     first = problem.parameters.theta(problem.parameters.column("start"))
-    noise = np.random.default_rng(seed).standard_normal((STARTS, len(first))) * SPREAD
+    noise = np.random.default_rng(seed).standard_normal((FIT_STARTS, len(first))) * FIT_SPREAD
     noise[0] = 0
     ends = [jax.device_get(solve(problem, first + step)) for step in noise]
     return distinct(problem, [(end, convergence(problem, end)) for end in ends if np.isfinite(end.cost)])

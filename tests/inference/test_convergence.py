@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from ident.inference.convergence import SHORT, convergence
+from ident.inference.convergence import OPTIMUM_STEP, convergence
 from ident.inference.fit import fit
 from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameter, Parameters
@@ -36,7 +36,7 @@ def test_the_step_is_the_distance_to_the_optimum_in_standard_deviations(off, sig
     sd = sigma / np.sqrt(2)
     found = at(posed, [np.log1p(off * sd)])
     assert found.step == pytest.approx(off, rel=1e-2, abs=1e-9)
-    assert found.converged == (off < SHORT)
+    assert found.converged == (off < OPTIMUM_STEP)
     assert len(found.open) == 0
 
 

@@ -10,12 +10,12 @@ from typing import Annotated
 import typer
 from arms import DATA
 
-from ident.assess.effort import Effort
+from ident.assess.effort import DiagnosisEffort
 from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, command
 from ident.cli.diagnosing import run_diagnose
 from ident.studies.diagnose import DiagnoseOptions
 
-SMALL = Effort(
+SMALL = DiagnosisEffort(
     steps=500,
     draws=30,
     band_draws=4,

@@ -17,9 +17,9 @@ from ident.present.figures.style import BLUE, GREY, ORANGE, PINK, key_below, pla
 from ident.present.text.places import place_in_words
 from ident.present.text.words import cut, degrees
 
-COLUMNS, PANEL = 4, 2.5
+COLUMNS, ARGAND_PANEL = 4, 2.5
 """Modes in a row, and size of each [inch]."""
-COLORS = (BLUE, ORANGE, PINK, GREY)
+DIRECTION_COLORS = (BLUE, ORANGE, PINK, GREY)
 """Of the directions at a point, in their order."""
 ENDS = "os^Dv"
 """Ends of arrows, one a point."""
@@ -33,7 +33,8 @@ def argand_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) ->
     columns = min(COLUMNS, len(planes))
     rows = -(-len(planes) // columns)
     figure = titled(
-        (PANEL * max(columns, 3) + 0.4, PANEL * 1.15 * rows + 1.5), f"Mode shapes at {degrees(test.posture)}"
+        (ARGAND_PANEL * max(columns, 3) + 0.4, ARGAND_PANEL * 1.15 * rows + 1.5),
+        f"Mode shapes at {degrees(test.posture)}",
     )
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     looks = _looks(test.responses)
@@ -77,4 +78,4 @@ def _looks(places: Sequence[Place]) -> list[tuple[str, str]]:
     points = list(dict.fromkeys(place.point for place in places))
     nth = [sum(other.point == place.point for other in places[:o]) for o, place in enumerate(places)]
     ends = [ENDS[points.index(place.point) % len(ENDS)] for place in places]
-    return [(COLORS[n % len(COLORS)], end) for n, end in zip(nth, ends, strict=True)]
+    return [(DIRECTION_COLORS[n % len(DIRECTION_COLORS)], end) for n, end in zip(nth, ends, strict=True)]

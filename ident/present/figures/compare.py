@@ -9,7 +9,7 @@ from ident.present.figures.style import BLUE, FILLED, GREY, HOLLOW, ORANGE, key_
 from ident.present.text.compare import level_words
 from ident.present.text.words import cut
 
-WIDTH, ROW = 8.0, 0.34
+WIDTH, COMPARE_ROW = 8.0, 0.34
 """Width of the figure and height of a row [inch]."""
 
 
@@ -17,7 +17,7 @@ def compare_figure(comparison: Comparison) -> Figure:
     """Draw the ratio of each stiffness after to before, with its 95 % interval; those that have changed are orange."""
     change = comparison.change
     before, after = (cut(name, 24) for name in comparison.names)
-    figure = titled((WIDTH, ROW * len(change.names) + 1.9), f"Stiffness, {after} over {before}")
+    figure = titled((WIDTH, COMPARE_ROW * len(change.names) + 1.9), f"Stiffness, {after} over {before}")
     axes = figure.subplots()
     low, high = np.exp(change.interval).T
     marks = {"changed": {**FILLED, "color": ORANGE}, "not changed": FILLED, "open": HOLLOW}

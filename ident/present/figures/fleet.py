@@ -16,7 +16,7 @@ from ident.present.text.units import in_shown_unit
 from ident.present.text.words import cut
 
 COLUMNS = 3
-PANEL = (3.9, 2.7)
+FLEET_PANEL = (3.9, 2.7)
 """Width and height of a panel [inch]."""
 WIDEST = 1.0
 """Standard deviation in theta above which an own estimate is not drawn: its data leave it open."""
@@ -31,10 +31,10 @@ def fleet_figure(fleet: Fleet) -> Figure:
         return titled((6.0, 1.6), "No population: too few robots could be fitted")
     count = len(fleet.names)
     columns = min(COLUMNS, count)
-    height = PANEL[1] * math.ceil(count / columns) + 1.1
-    figure = titled((PANEL[0] * columns, height), f"A fleet of {len(fleet.robots)} robots")
+    height = FLEET_PANEL[1] * math.ceil(count / columns) + 1.1
+    figure = titled((FLEET_PANEL[0] * columns, height), f"A fleet of {len(fleet.robots)} robots")
     axes = np.atleast_1d(figure.subplots(math.ceil(count / columns), columns, squeeze=False)).ravel()
-    shown = _shown(fleet)
+    shown = _fleet_shown(fleet)
     for i, panel in enumerate(axes):
         if i < count:
             _panel(panel, fleet, population, i, shown)
@@ -49,12 +49,12 @@ def fleet_figure(fleet: Fleet) -> Figure:
 def stiffness_figure(fleet: Fleet, population: Population, i: int) -> Figure:
     """Draw one stiffness of all robots."""
     figure = titled((6.4, 3.6), "")
-    _panel(figure.subplots(), fleet, population, i, _shown(fleet))
+    _panel(figure.subplots(), fleet, population, i, _fleet_shown(fleet))
     key_below(figure, _handles(), "")
     return figure
 
 
-def _shown(fleet: Fleet) -> np.ndarray:
+def _fleet_shown(fleet: Fleet) -> np.ndarray:
     judged = fleet.deviations
     least = judged.p.min(1) if judged else np.zeros(0)
     return np.sort(np.argsort(least, kind="stable")[:MOST])

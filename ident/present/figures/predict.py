@@ -17,11 +17,11 @@ NAME_STYLES: dict[str, Style] = {
     "lateral bending": {"color": GREEN, "marker": "^"},
     "vertical torsion": {"color": PINK, "marker": "D"},
 }
-VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
+MODE_VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
 """Views of the arm: name, horizontal and vertical axis of the base frame."""
 SWING = 0.12
 """Largest displacement that is drawn, as a share of the arm's length."""
-WIDTH = 5.2
+VIEW_WIDTH = 5.2
 """Width of one view [inch]."""
 
 
@@ -34,14 +34,14 @@ def mode_figure(analysis: ModalAnalysis) -> Figure:
     length = float(np.linalg.norm(np.diff(rest, axis=1), axis=0).sum())
     shapes = rest[:, :, None] + SWING * length * moved / np.linalg.norm(moved, axis=0).max(0)
     frame = _frame(shapes, 0.05 * length)
-    figure, panels = _panels(len(analysis.labels), [high - low for low, high in frame])
+    figure, panels = _mode_panels(len(analysis.labels), [high - low for low, high in frame])
     title = f"Modes of {cut(analysis.arm.name, 40)} at {degrees(analysis.posture)}, load: {cut(str(analysis.load), 40)}"
     title += ", servo on" if analysis.drives == "servo" else ""
     note = f"grey: at rest; in colour: the mode, its largest displacement drawn as {SWING * length:.2g} m"
     figure.suptitle(f"{title}\n{note}", parse_math=False, fontsize=11)
     for i, label in enumerate(analysis.labels):
         colour = NAME_STYLES[f"{label.direction} {label.kind}"]["color"]
-        for axes, (view, across, up) in zip(panels[i], VIEWS, strict=True):
+        for axes, (view, across, up) in zip(panels[i], MODE_VIEWS, strict=True):
             _draw(axes, rest[[across, up]], color="#C8C8C8", size=6.0)
             _draw(axes, shapes[[across, up], :, i], color=colour, size=2.0)
             axes.set(xlim=frame[across], ylim=frame[up], aspect="equal")
@@ -105,11 +105,11 @@ def _apart(angle: np.ndarray) -> float:
     return 0.08 * float(steps.min()) if len(steps) else 0.1
 
 
-def _panels(count: int, size: list[float]) -> tuple[Figure, np.ndarray]:
+def _mode_panels(count: int, size: list[float]) -> tuple[Figure, np.ndarray]:
     """Return a row of views for each mode, high enough for the arm's extent (3,) [m]."""
-    row = max(WIDTH * size[up] / size[across] for _, across, up in VIEWS)
-    figure = Figure(figsize=(2 * WIDTH + 1, count * (min(row, 4.0) + 0.5) + 0.9), layout="constrained")
-    return figure, figure.subplots(count, len(VIEWS), squeeze=False)
+    row = max(VIEW_WIDTH * size[up] / size[across] for _, across, up in MODE_VIEWS)
+    figure = Figure(figsize=(2 * VIEW_WIDTH + 1, count * (min(row, 4.0) + 0.5) + 0.9), layout="constrained")
+    return figure, figure.subplots(count, len(MODE_VIEWS), squeeze=False)
 
 
 def _frame(shapes: np.ndarray, pad: float) -> list[tuple[float, float]]:

@@ -18,7 +18,7 @@ from ident.present.text.units import read_unit
 from ident.present.text.words import cut
 
 COLUMNS = 3
-PANEL = (3.7, 2.75)
+PROFILE_PANEL = (3.7, 2.75)
 """Width and height of a panel [inch]."""
 ABOVE = 1.35
 """Height of the panels, as a multiple of the highest threshold."""
@@ -32,7 +32,7 @@ def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
     columns = min(COLUMNS, len(profiles))
     count = math.ceil(len(profiles) / columns)
     warnings = list(_warnings(fit, profiles))
-    size = (PANEL[0] * columns + 1.0, PANEL[1] * count + 0.9 + 0.2 * len(warnings))
+    size = (PROFILE_PANEL[0] * columns + 1.0, PROFILE_PANEL[1] * count + 0.9 + 0.2 * len(warnings))
     names = f"{cut(fit.arm.name, 30)} to {cut(fit.campaign.name, 30) or 'measurements'}"
     title = f"Profiles of the fit of {names}" if columns > 1 else f"Profile of the fit of\n{names}"
     figure = titled(size, title, (0.09, 0.08))
@@ -46,11 +46,11 @@ def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
             _levels(grid[i], profile)
     for axes in list(grid)[len(profiles) :]:
         axes.set_axis_off()
-    _key(figure, warnings, any(math.isfinite(profile.sd) for profile in profiles), columns)
+    _profile_key(figure, warnings, any(math.isfinite(profile.sd) for profile in profiles), columns)
     return figure
 
 
-def _key(figure: Figure, warnings: Sequence[str], linear: bool, columns: int) -> None:
+def _profile_key(figure: Figure, warnings: Sequence[str], linear: bool, columns: int) -> None:
     """Explain the lines below the panels; warnings stand above the key."""
     handles = [Line2D([], [], color=BLUE, linewidth=1.8, label="profile: all others fitted again")]
     if linear:

@@ -14,7 +14,7 @@ from ident.present.text.words import cut
 from ident.vibrate.redesign.sensitivity import NEARBY
 from ident.vibrate.response.study import DIRECTIONS
 
-WIDTH, ROW = 9.0, 0.24
+SENSITIVITY_WIDTH, ROW = 9.0, 0.24
 """Width of the figure and height of a row [inch]."""
 MOST = 16
 """Numbers that are shown."""
@@ -25,7 +25,7 @@ def sensitivity_figure(study: DesignStudy) -> Figure:
     each = study.sensitivities
     shown = each.order[:MOST]
     title = motion_title(f"What the vibration of {study.basis.point} depends on", study.basis)
-    figure = titled((WIDTH, ROW * len(shown) + 1.9), title, (0.06, 0.08))
+    figure = titled((SENSITIVITY_WIDTH, ROW * len(shown) + 1.9), title, (0.06, 0.08))
     grid = figure.subplots(1, len(DIRECTIONS), sharey=True)
     names = [f"{cut(each.paths[i], 22)}, {value_in_words(each.paths[i], each.present[i])}" for i in shown]
     for d, axes in enumerate(grid):

@@ -20,7 +20,7 @@ from ident.vibrate.signal.orders import OrderTrack
 from ident.vibrate.signal.spectrogram import Spectrogram
 from ident.vibrate.signal.spectrum import Spectrum
 
-PANEL = (8.0, 2.5)
+SPECTRUM_PANEL = (8.0, 2.5)
 """Width and height of a panel [inch]."""
 LETTER, LINE = 0.068, 12.0
 """Width of a letter [inch] and height of a line [point] of what is written above a panel."""
@@ -90,8 +90,8 @@ def spectrum_figure(
     flags = _rows_of_flags({name: band for name, band in (marks or {}).items() if band[0] <= upto}, upto)
     notes = [*_descriptions(series), *_beyond(marks or {}, upto), *remarks]
     above = LINE / 72 * (1 + max((flag.row for flag in flags), default=-1))
-    height = PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
-    figure = titled((PANEL[0], height), "Amplitude spectrum")
+    height = SPECTRUM_PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
+    figure = titled((SPECTRUM_PANEL[0], height), "Amplitude spectrum")
     grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
     for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
         _spectra(axes, series, i, upto, UNITS[kind][0])
@@ -123,7 +123,7 @@ def spectrogram_figure(
         decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
     """
-    figure = titled((PANEL[0], 4.9), cut(title, 70))
+    figure = titled((SPECTRUM_PANEL[0], 4.9), cut(title, 70))
     axes = figure.subplots()
     _colours(figure, axes, spectrogram, upto, decibel, *UNITS[kind])
     handles = [_line(axes, *drawn) for drawn in zip((lines or {}).items(), cycle(LINES), strict=False)]
@@ -162,7 +162,7 @@ def _rows_of_flags(marks: Mapping[str, Band], upto: float) -> list[_Flag]:
     flags: list[_Flag] = []
     for name, band in sorted(marks.items(), key=lambda mark: -mark[1][0]):
         text = _mark(name, band)
-        end = band[0] + LETTER * (len(text) + 2) * upto / (PANEL[0] - 2.0)
+        end = band[0] + LETTER * (len(text) + 2) * upto / (SPECTRUM_PANEL[0] - 2.0)
         row = 1 + max((flag.row for flag in flags if flag.band[0] <= end), default=-1)
         flags.append(_Flag(text, band, row))
     return flags
@@ -235,7 +235,7 @@ def orders_figure(spectra: Spectra) -> Figure:
     """Draw the amplitude of each pulley's orders over time, a panel for each direction; none that is another's."""
     factor, unit = UNITS[spectra.kind]
     count = len(spectra.directions)
-    figure = titled((PANEL[0], PANEL[1] * count + 1.3), "Orders of the pulleys")
+    figure = titled((SPECTRUM_PANEL[0], SPECTRUM_PANEL[1] * count + 1.3), "Orders of the pulleys")
     grid = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
     every = list(_orders(spectra))
     styled = list(zip([order[:3] for order in every if not order[3]], cycle(LINES), strict=False))

@@ -12,7 +12,7 @@ from ident.present.figures.ambient import draw_harmonics, draw_size, harmonic_ke
 from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, key_below, plain, titled
 from ident.present.text.words import cut, degrees
 
-SIZE = (9.0, 7.6)
+STABILISATION_SIZE = (9.0, 7.6)
 """Of the figure [inch]."""
 HIGH = 0.68
 """MAC from which on its number is written in white."""
@@ -20,7 +20,7 @@ HIGH = 0.68
 
 def stabilisation_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) -> Figure:
     """Draw the poles of all orders with the clusters that modes were made of, and MAC and names of the modes."""
-    figure = titled(SIZE, f"Modes at {degrees(test.posture)}")
+    figure = titled(STABILISATION_SIZE, f"Modes at {degrees(test.posture)}")
     upper, lower = figure.subplots(2, 1, height_ratios=[3, 2])
     _poles(upper, test, identified)
     _mac(lower, identified)

@@ -9,7 +9,7 @@ from ident.identify.validate import Validation
 from ident.present.figures.style import BLUE, GREY, ORANGE, PALE_BLUE, key_below, plain, rows, titled
 from ident.present.text.words import cut
 
-WIDTH, ROW = 10.0, 0.24
+VALIDATE_WIDTH, VALIDATE_ROW = 10.0, 0.24
 """Width of the figure and height of a row [inch]."""
 LEAST = 3.6
 """Least height [inch]."""
@@ -21,8 +21,10 @@ def validate_figure(validation: Validation) -> Figure:
     """Draw how far each measurement lies from its prediction, and observed against predicted quantiles."""
     told = validation.told
     count = sum(len(part.places) for part in told)
-    height = max(LEAST, ROW * min(count, MOST) + 1.8)
-    figure = titled((WIDTH, height), f"Each part of {cut(validation.fit.campaign.name, 30)}, predicted by the others")
+    height = max(LEAST, VALIDATE_ROW * min(count, MOST) + 1.8)
+    figure = titled(
+        (VALIDATE_WIDTH, height), f"Each part of {cut(validation.fit.campaign.name, 30)}, predicted by the others"
+    )
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     _off(left, validation)
     _quantiles(right, validation.z)

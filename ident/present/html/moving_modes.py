@@ -13,7 +13,7 @@ from ident.present.figures.predict import NAME_STYLES, SWING
 
 MODES = 4
 """Modes that are shown."""
-WIDTH, HEIGHT, WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
+WIDTH, HEIGHT, MODE_WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
 """Size of a mode's picture, the height of its words, and the room about the arm [px]."""
 PERIOD = 2.0
 """Duration of a swing [s]: all modes are shown at the same pace, far too slow."""
@@ -40,9 +40,9 @@ def moving_modes(view: ArmView, *, still: bool = False) -> str:
     analysis = view.analysis
     count = min(MODES, len(analysis.labels))
     columns = min(2, count)
-    size = columns * WIDTH, -(-count // columns) * (HEIGHT + WORDS)
+    size = columns * WIDTH, -(-count // columns) * (HEIGHT + MODE_WORDS)
     modes = "".join(
-        f'<g transform="translate({i % columns * WIDTH:g} {i // columns * (HEIGHT + WORDS):g})">{mode}</g>'
+        f'<g transform="translate({i % columns * WIDTH:g} {i // columns * (HEIGHT + MODE_WORDS):g})">{mode}</g>'
         for i, mode in enumerate(_modes(analysis, count, views(view)))
     )
     rules = STYLE + (STILL if still else REDUCED)
@@ -76,7 +76,7 @@ def _swinging(rest: Float[np.ndarray, "2 K"], swing: Float[np.ndarray, "2 K"], c
 
     def points(places: Float[np.ndarray, "2 K"]) -> str:
         x = WIDTH / 2 + scale * (places[0] - middle[0])
-        y = WORDS + HEIGHT / 2 - scale * (places[1] - middle[1])
+        y = MODE_WORDS + HEIGHT / 2 - scale * (places[1] - middle[1])
         return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
     ends = points(rest + swing), points(rest - swing)

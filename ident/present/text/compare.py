@@ -13,13 +13,13 @@ from ident.present.text.units import in_shown_unit
 from ident.present.text.words import cut, paragraphs
 
 KINDS = {"k_bend": "bending", "k_tors": "torsion"}
-LISTED = 5
+NUMBERS_LISTED = 5
 """Numbers that differ between the arm files that are named."""
 
 
 def compare_report(comparisons: Sequence[Comparison], unpaired: Sequence[str] = ()) -> str:
     """Return the report: of many pairs an overview; of each a verdict, its stiffnesses, and what to look at."""
-    parts = ((_heading(each), _table(each), _advice(each), _remarks(each)) for each in comparisons)
+    parts = ((_compare_heading(each), _table(each), _advice(each), _remarks(each)) for each in comparisons)
     overview = [_overview(comparisons, unpaired)] if len(comparisons) > 1 or unpaired else []
     return paragraphs([*overview, *chain.from_iterable(parts)])
 
@@ -34,12 +34,14 @@ def _overview(comparisons: Sequence[Comparison], unpaired: Sequence[str]) -> Ite
         yield f"  {cut(each.name, 50):50s} p = {p:<8.2g} {verdict}"
     yield "  p: chance of so much change anywhere where nothing has changed, by Holm for the number of pairs"
     if unpaired:
-        more = len(unpaired) - LISTED
-        named = ", ".join(cut(path, 60) for path in unpaired[:LISTED]) + (f" and {more} more" if more > 0 else "")
+        more = len(unpaired) - NUMBERS_LISTED
+        named = ", ".join(cut(path, 60) for path in unpaired[:NUMBERS_LISTED]) + (
+            f" and {more} more" if more > 0 else ""
+        )
         yield f"  in one folder only: {named}"
 
 
-def _heading(comparison: Comparison) -> Iterator[str]:
+def _compare_heading(comparison: Comparison) -> Iterator[str]:
     change = comparison.change
     before, after = (cut(name, 30) for name in comparison.names)
     arms = [f"{cut(fit.arm.name, 40)}: " for fit in comparison.fits[:1]]
@@ -114,8 +116,8 @@ def _remarks(comparison: Comparison) -> Iterator[str]:
         for doubt in fit.doubts
     ]
     if comparison.unlike:
-        more = len(comparison.unlike) - LISTED
-        named = ", ".join(comparison.unlike[:LISTED]) + (f" and {more} more" if more > 0 else "")
+        more = len(comparison.unlike) - NUMBERS_LISTED
+        named = ", ".join(comparison.unlike[:NUMBERS_LISTED]) + (f" and {more} more" if more > 0 else "")
         remarks.append(f"WARNING: the arm files differ in {named}: a change may come from there")
     if comparison.priors_differ:
         remarks.append("the fits have other priors: those of the first count")

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from ident.identify.alternatives import KINDS
+from ident.identify.alternatives import NUMBER_KINDS
 from ident.identify.assumptions import KINDS as ASSUMED
 from ident.identify.data_checks import row_names
 from ident.identify.explanations import MARGIN, SLIP, Change, Explanation, Explanations
@@ -45,13 +45,13 @@ def explanations_in_words(found: Explanations, campaign: Campaign) -> Iterator[s
     yield "    left   off by     what would have to be otherwise"
     fitting = found.fitting
     for number, item in enumerate(fitting[:LISTED], 1):
-        yield f"  {_line(item, campaign, f'({number}) ')}"
+        yield f"  {_explanation_line(item, campaign, f'({number}) ')}"
     if len(fitting) > LISTED:
         yield f"  and {len(fitting) - LISTED} less probable"
     if not fitting:
         yield "  Nothing that was tried does, by itself or in pairs; nearest to it come"
         others = [item for item in found.items if not item.fits][:OTHERS]
-        yield from (f"  {_line(item, campaign, '')}" for item in others)
+        yield from (f"  {_explanation_line(item, campaign, '')}" for item in others)
     yield (
         "  left: sum of squares of data and priors with about the least change that suffices; off by: in standard"
         " deviations of what is plausible, squared and added for their order"
@@ -68,7 +68,7 @@ def _labels(said: float) -> str:
     return f", and {three_digits(said)} against the labels" if said > MARGIN else ""
 
 
-def _line(item: Explanation, campaign: Campaign, head: str) -> str:
+def _explanation_line(item: Explanation, campaign: Campaign, head: str) -> str:
     words = " and ".join(_words(change, campaign) for change in item.changes)
     slip = all(change.off == SLIP for change in item.changes)
     off = "a slip" if slip else f"{item.off:.1f} sd" if item.off < 100 else "absurd"
@@ -112,7 +112,7 @@ def _words(change: Change, campaign: Campaign) -> str:
 
 
 def _amount(change: Change) -> str:
-    kind = KINDS.get(change.kind)
+    kind = NUMBER_KINDS.get(change.kind)
     if kind is not None and kind.factor:
         spread = f" +- {percent(change.sd)}" if change.sd < 1 else ""
         return f"x {change.amount:.3g}{spread}"
@@ -130,7 +130,7 @@ def _rows(rows: Sequence[int], campaign: Campaign) -> str:
 def _widths(found: Explanations) -> str:
     """Name the plausible widths of what is listed."""
     kinds = dict.fromkeys(change.kind for item in found.items for change in item.changes)
-    widths = {kind: KINDS[kind].plausible for kind in kinds if kind in KINDS}
+    widths = {kind: NUMBER_KINDS[kind].plausible for kind in kinds if kind in NUMBER_KINDS}
     widths |= {kind: ASSUMED[kind].plausible for kind in kinds if kind in ASSUMED}
     return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items()) + "; " * bool(widths)
 

@@ -13,7 +13,7 @@ from ident.present.text.words import cut, kept, paragraphs, percent
 
 LISTED = 20
 """Robots of a kind that are listed; the result's file has all."""
-MIXED = 1.02
+R_HAT_MOST = 1.02
 """R-hat up to which chains agree."""
 BOUND = 0.25
 """Spread in theta from which it is said that robots of one design differ less."""
@@ -23,10 +23,10 @@ def fleet_report(fleet: Fleet) -> str:
     """Return the report."""
     known = [_population(fleet, fleet.population), _standing_out(fleet, fleet.population)] if fleet.population else []
     estimates = [_estimates(fleet, fleet.population), _next(fleet)] if fleet.population else []
-    return paragraphs([_heading(fleet), *known, _failed(fleet), _doubted(fleet), *estimates])
+    return paragraphs([_fleet_heading(fleet), *known, _failed(fleet), _doubted(fleet), *estimates])
 
 
-def _heading(fleet: Fleet) -> Iterator[str]:
+def _fleet_heading(fleet: Fleet) -> Iterator[str]:
     yield f"Fleet of {len(fleet.robots)} robots"
     left_out = [f"{len(fleet.failed)} failed"] * bool(fleet.failed)
     left_out += [f"{len(fleet.doubted)} whose data are in doubt"] * bool(fleet.doubted)
@@ -39,7 +39,7 @@ def _heading(fleet: Fleet) -> Iterator[str]:
         yield f"  STANDS OUT: {_some(said, 90)}"
     else:
         yield "  No robot stands out."
-    if fleet.population.r_hat > MIXED:
+    if fleet.population.r_hat > R_HAT_MOST:
         yield f"  WARNING: the population's chains disagree (R-hat {fleet.population.r_hat:.3f}): its numbers are rough"
 
 

@@ -31,7 +31,7 @@ def names_report(
             [f"Names of {cut(arm.name, 60)}"],
             [
                 "Numbers [SI] (--set, --fix, --tie, --free, --change, ...), by a factor or a difference",
-                *_numbers(names),
+                *_number_names(names),
             ],
             ["Joints, in the order of --posture and of the columns q1, q2, ...", *joints],
             ["Points (column point; the last one is the end point)", *points] if points else [],
@@ -40,7 +40,7 @@ def names_report(
                 *loads,
                 f"  '5 kg @ {end}', '20 N -z @ {end}', sums by ' + '",
             ],
-            _modes(names),
+            _mode_names(names),
             ["Kinds of measurement (column kind; --discrepancy), with the unit that a value is kept in"],
             [f"  {kind:26s} {unit}" for kind, unit in kinds.items()],
             ["Words that columns of a campaign choose from", *_words(columns)],
@@ -49,7 +49,7 @@ def names_report(
     )
 
 
-def _numbers(names: ArmNames) -> Iterator[str]:
+def _number_names(names: ArmNames) -> Iterator[str]:
     for each in names.numbers:
         by = "factor" if each.factor else "difference"
         yield f"  {each.path:26s} {each.value + 0.0:>14.7g} {each.unit:10s} {each.origin:11s} {by}"
@@ -69,7 +69,7 @@ def _joint(name: str, limits: tuple[float, float], driven: bool) -> str:
     return f"  {name:26s} {within if driven else 'no pin'}"
 
 
-def _modes(names: ArmNames) -> list[str]:
+def _mode_names(names: ArmNames) -> list[str]:
     if not names.modes:
         return []
     head = f"Modes at {degrees(names.posture)} under its own weight (column mode; also as 'vertical 1', 'torsion 2')"

@@ -13,11 +13,16 @@ SIDES = ("below", "above")
 
 def profile_report(fit: CampaignFit, profiles: Sequence[Profile]) -> str:
     """Return the report of profiles: both kinds of interval, the nested ones, and remarks on what is not regular."""
-    sections = [_heading(fit, profiles), _table(fit, profiles), _nested(profiles), _remarks(profiles)]
+    sections = [
+        _profile_heading(fit, profiles),
+        _profile_table(fit, profiles),
+        _nested(profiles),
+        _profile_remarks(profiles),
+    ]
     return paragraphs(sections)
 
 
-def _heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+def _profile_heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
     level = profiles[0].widest.level
     count = len(fit.problem.parameters.items)
     yield f"Profiles of the fit of {fit.arm.name} to {fit.campaign.name}"
@@ -33,7 +38,7 @@ def _heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
         yield "  So the profiles show the shape of the cost; no interval below is to be quoted."
 
 
-def _table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+def _profile_table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
     level = level_in_words(profiles[0].widest.level)
     yield (f"{'Parameters':18s} {'fitted':>10s}  {f'{level}, linear':22s} {f'{level}, profile':22s} profile/linear")
     for profile in profiles:
@@ -72,7 +77,7 @@ def _nested(profiles: Sequence[Profile]) -> Iterator[str]:
             yield f"  {profile.name:16s}{cells}".rstrip()
 
 
-def _remarks(profiles: Sequence[Profile]) -> Iterator[str]:
+def _profile_remarks(profiles: Sequence[Profile]) -> Iterator[str]:
     lines = [line for profile in profiles for line in remarks(profile)]
     if lines:
         yield "Remarks"

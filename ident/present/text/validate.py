@@ -14,10 +14,10 @@ PARTS = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "
 
 def validate_report(validation: Validation) -> str:
     """Return the report: a verdict, each part with its prediction, the scope, and what it does not reach."""
-    return paragraphs([_heading(validation), _parts(validation), _scopes(validation), _limits(validation)])
+    return paragraphs([_validate_heading(validation), _parts(validation), _scopes(validation), _limits(validation)])
 
 
-def _heading(validation: Validation) -> Iterator[str]:
+def _validate_heading(validation: Validation) -> Iterator[str]:
     fit, parts = validation.fit, validation.parts
     yield f"Validation of {cut(fit.arm.name, 30)} by {cut(fit.campaign.name, 30)}"
     yield f"  {len(parts)} {PARTS[validation.leave]}, each left out in turn and predicted by a fit to the others"
@@ -43,12 +43,12 @@ def _parts(validation: Validation) -> Iterator[str]:
     yield f"{'Left out':34s}{'rows':>5s}{'rms off':>10s}{'largest':>10s}{'expected':>10s}{'p':>9s}"
     missed = {part.name for part in validation.missed}
     for part in validation.parts:
-        yield _row(part, part.name in missed)
+        yield _validate_row(part, part.name in missed)
     yield "  off: measured less predicted, as a share of the measured value; expected: rms by the model's own"
     yield "  standard deviations, of noise and what the others leave open; p: chance of so far off, together"
 
 
-def _row(part: HeldOut, missed: bool) -> str:
+def _validate_row(part: HeldOut, missed: bool) -> str:
     row = f"  {cut(part.name, 32):32s}{len(part.places):5d}"
     if not part.told:
         return f"{row}   {'no optimum without it' if not part.ended else 'not told by the others'}"

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
@@ -225,6 +224,8 @@ def _interpolated(
     s: Float[np.ndarray, "K"], values: Float[np.ndarray, "B K *batch"], at: Float[np.ndarray, "T"]
 ) -> Float[np.ndarray, "B T *batch"]:
     """Return values at other lengths of the path by a curve that keeps their ups and downs."""
+    from scipy.interpolate import PchipInterpolator  # long to import, and seldom needed
+
     if len(s) == 1:
         return np.repeat(values, len(at), axis=1)
     return np.asarray(PchipInterpolator(s, values, axis=1)(at))

@@ -74,7 +74,7 @@ def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None =
     count = usual if interval.third is None else interval.third
     if problems := [] if shifted else list(refuse_factor(interval.paths[0], present, (low, high))):
         raise InputError(problems)
-    _check(low, high, count)
+    _check_range(low, high, count)
     if is_speed:
         _check_speed(high, percent)
     even = shifted or (is_speed and bounds is not None and not any(bound.times for bound in bounds))
@@ -151,7 +151,7 @@ def _about(path: str, present: float, share: float | None, extents: Extents) -> 
     return present - half, present + half
 
 
-def _check(low: float, high: float, count: float) -> None:
+def _check_range(low: float, high: float, count: float) -> None:
     got = f"{low:g} to {high:g}"
     if not (np.isfinite([low, high]).all() and low < high):
         raise InputError(Problem("", got, "a lower and a higher bound", "correct them"))

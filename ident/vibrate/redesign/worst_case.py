@@ -21,7 +21,7 @@ from ident.vibrate.redesign.search import Search
 
 ROUNDS = 4
 """Further searches, with one cut more each, at most."""
-CLOSE = 0.01
+PHASES_CLOSE = 0.01
 """Share by which the worst phases may give more than the cuts."""
 LONGER = 12
 """Further searches for the least change: one that stops too early says that it is no answer."""
@@ -55,7 +55,7 @@ def settled(
         if u is None:
             return search, None, True
         further, largest = oracle(search, u)
-        if largest <= search.objective.largest(u) * (1 + CLOSE):
+        if largest <= search.objective.largest(u) * (1 + PHASES_CLOSE):
             return search, u, True
         if left:
             search = further
@@ -89,7 +89,7 @@ def minimum_change(search: Search, starts: Sequence[Point], limit: float) -> Set
             if u is None:
                 break
             best = min(best, _moved(search, u, starts[0], wanted), key=size)
-            is_closed = size(best) <= size(u) * (1 + GAP) and (aim > wanted * (1 - CLOSE) or not search.cuts)
+            is_closed = size(best) <= size(u) * (1 + GAP) and (aim > wanted * (1 - PHASES_CLOSE) or not search.cuts)
             if is_closed or not left:
                 closed.append(is_closed)
                 break

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ident.arm.belts import stretch, tensions
 from ident.arm.multibody import Multibody
 from ident.arm.multibody_dynamics import drive_torques
-from ident.arm.multibody_kinematics import Command, at_rest, bushings, deviations, pins
+from ident.arm.multibody_kinematics import Command, at_rest, bushing_rotations, deviations, pins
 from ident.errors import InputError, Problem
 from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
@@ -50,7 +50,7 @@ def _of_elastic_belts(model: Multibody, commanded: Command, *state: AnyArray) ->
     error = pins(model, commanded, at_rest(deviations(model, y))).error
 
     def length(y: Array) -> Array:
-        return stretch(model, bushings(model, y), deviations(model, y), error)
+        return stretch(model, bushing_rotations(model, y), deviations(model, y), error)
 
     return tensions(model, *jax.jvp(length, (y,), (yd,)))
 

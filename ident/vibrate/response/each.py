@@ -12,8 +12,8 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.jit import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit
-from ident.vibrate.response import fast
 from ident.vibrate.response.curved import refuse_curved
+from ident.vibrate.response.fast import Fast
 from ident.vibrate.response.fast_method import FastMethod, Linearised, Solution, vibration_of
 
 
@@ -97,13 +97,13 @@ def each_of(
         return gather(jax.tree.map(lambda *x: np.stack(x, -1), *of_sets))
 
     def all_sets(values: dict[str, Any]) -> Any:
-        linear = linearised(arm, values, solve)
+        linear = linearised_for(arm, values, solve)
         return gathered([one(values, linear, own) for own in turned])
 
     if count >= cores():
         found = at_once([partial(all_sets, values) for values in each])
     else:
-        linear = [linearised(arm, values, solve) for values in each]
+        linear = [linearised_for(arm, values, solve) for values in each]
         jobs = [partial(one, *pair, own) for pair in zip(each, linear, strict=True) for own in turned]
         done = at_once(jobs)
         found = [gathered(done[first : first + len(sets)]) for first in range(0, len(jobs), len(sets))]
@@ -142,13 +142,13 @@ def _traced(
 
 
 @jit
-def linearised(arm: Arm, values: dict[str, Any], solve: FastMethod) -> Linearised:
+def linearised_for(arm: Arm, values: dict[str, Any], solve: FastMethod) -> Linearised:
     """Return the linearised equations of an arm with these numbers."""
     return solve.linearised(arm.replace(values))
 
 
 @jit
-def _excited(arm: Arm, values: dict[str, Array], solve: FastMethod, linear: Linearised) -> fast.Fast:
+def _excited(arm: Arm, values: dict[str, Array], solve: FastMethod, linear: Linearised) -> Fast:
     return solve.excited(arm.replace(values), linear)
 
 
@@ -158,7 +158,7 @@ def _sampled(
     values: dict[str, Array],
     solve: FastMethod,
     linear: Linearised,
-    solved: fast.Fast,
+    solved: Fast,
     keep: Callable[[Solution], Any],
 ) -> Any:
     return solve.sampled(arm.replace(values), linear, solved, keep)

@@ -13,11 +13,11 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, balanced, multibody
 from ident.arm.multibody_dynamics import beyond_tangent
-from ident.arm.multibody_kinematics import at_rest, bushings, deviations, end_point, pins
+from ident.arm.multibody_kinematics import at_rest, bushing_rotations, deviations, end_point, pins
 from ident.jit import AnyArray, jit
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
-from ident.vibrate.response import fast
+from ident.vibrate.response.fast import Fast, excited
 from ident.vibrate.response.few_sizes import ladder, where
 from ident.vibrate.response.linear import Linear, linearised
 from ident.vibrate.response.step_weights import StepWeights
@@ -86,20 +86,20 @@ class FastMethod(eqx.Module):
         bent = _end_point(balanced(model), self.motion, grid.nodes.ravel(), y)[1]
         return Linearised(equations, jnp.moveaxis(bent.reshape((3, *grid.nodes.shape)), 1, 0))
 
-    def excited(self, arm: Arm, linear: Linearised) -> fast.Fast:
+    def excited(self, arm: Arm, linear: Linearised) -> Fast:
         """Integrate them with what excites the arm."""
-        return fast.excited(self._model(arm), self.motion, self.grid, self.weights, linear.equations)
+        return excited(self._model(arm), self.motion, self.grid, self.weights, linear.equations)
 
-    def sampled(self, arm: Arm, linear: Linearised, solved: fast.Fast, keep: "Callable[[Solution], Any]") -> Any:
+    def sampled(self, arm: Arm, linear: Linearised, solved: Fast, keep: "Callable[[Solution], Any]") -> Any:
         """Return what is kept of the solution at the samples; what is behind them means nothing."""
         model = self._model(arm)
         return _by_time(lambda time: keep(self._at(model, linear, solved, time)), jnp.asarray(self.time))
 
-    def at(self, arm: Arm, linear: Linearised, solved: fast.Fast, time: Times) -> Solution:
+    def at(self, arm: Arm, linear: Linearised, solved: Fast, time: Times) -> Solution:
         """Return the solution at a few times of the motion."""
         return self._at(self._model(arm), linear, solved, time)
 
-    def _at(self, model: Multibody, linear: Linearised, solved: fast.Fast, time: Times) -> Solution:
+    def _at(self, model: Multibody, linear: Linearised, solved: Fast, time: Times) -> Solution:
         y, yd = solved.at(self.grid, time)
         static = between_nodes(self.grid, linear.bent, time)[0]
         missed = self._missed(model, linear.equations, time, y)
@@ -115,7 +115,7 @@ class FastMethod(eqx.Module):
         if model.curved is None:
             return None
         rest = between_nodes(self.grid, linear.quasi_static, time)[0]
-        return jnp.concatenate(beyond_tangent(model, bushings(model, rest), bushings(model, y)))
+        return jnp.concatenate(beyond_tangent(model, bushing_rotations(model, rest), bushing_rotations(model, y)))
 
 
 def all_of_it(solution: Solution) -> Solution:
@@ -161,4 +161,4 @@ def _end_point(
     """Return path and displacement of the end point."""
     turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
     path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
-    return path, end_point(model, turning.pin.angle, bushings(model, y)) - path
+    return path, end_point(model, turning.pin.angle, bushing_rotations(model, y)) - path

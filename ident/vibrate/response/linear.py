@@ -17,7 +17,7 @@ from ident.arm.chain import Loads
 from ident.arm.linalg import inverse_unpivoted
 from ident.arm.multibody import Multibody, balanced
 from ident.arm.multibody_dynamics import residual, residual_of
-from ident.arm.multibody_kinematics import Kinematics, Turning, bushings, deviations, kinematics, pins
+from ident.arm.multibody_kinematics import Kinematics, Turning, bushing_rotations, deviations, kinematics, pins
 from ident.vibrate.motion.command import command
 from ident.vibrate.motion.motion import Motion
 from ident.vibrate.response.few_sizes import where
@@ -126,7 +126,7 @@ def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid:
         K=slope(lambda y: residual(smooth, commanded, y, none, none), y),
         by_pin=tuple(slope(partial(shifted, k), still) for k in range(3)) if model.transmission_error else (),
         residual=residual_of(smooth, turning, *line),
-        kinematics=kinematics(smooth, turning.pin, *(bushings(model, part) for part in line)),
+        kinematics=kinematics(smooth, turning.pin, *(bushing_rotations(model, part) for part in line)),
     )
     return jax.tree.map(lambda x: jnp.moveaxis(by_interval(x), -2, 0), slow)
 

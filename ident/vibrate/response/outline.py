@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody
-from ident.arm.multibody_kinematics import at_rest, bushings, deviations, kinematics, pins
+from ident.arm.multibody_kinematics import at_rest, bushing_rotations, deviations, kinematics, pins
 from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
 from ident.jit import AnyArray, jit
@@ -71,7 +71,7 @@ def _lines(
     commanded, y_now = command(model, motion, times), jnp.asarray(y)
 
     def line(y: Array, error: float) -> Array:
-        phi = bushings(model, y)
+        phi = bushing_rotations(model, y)
         turning = pins(model, commanded, at_rest(deviations(model, y)))
         angle = turning.pin.angle - (1 - error) * turning.error
         at = kinematics(model, at_rest(angle), phi, jnp.zeros_like(phi), jnp.zeros_like(phi))

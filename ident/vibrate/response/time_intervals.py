@@ -160,7 +160,7 @@ def evaluate(polynomials: list[Polynomial], u: Array) -> Float[Array, "T polynom
     return jnp.stack([jnp.polyval(jnp.asarray(p.coef[::-1]), u) for p in polynomials], 1)
 
 
-POWERS = np.stack([p.coef for p in basis(NODE_PLACES)])
+NODE_POWERS = np.stack([p.coef for p in basis(NODE_PLACES)])
 """Coefficients (nodes, powers) of the polynomials of an interval."""
 
 
@@ -208,7 +208,7 @@ def between_nodes(
     """Return values at times within the intervals by those at the nodes, and their rates."""
     k, s, share, h = grid.steps_of(time)
     u = ((s + share) / grid.steps)[:, None]
-    coefficients = jnp.moveaxis(jnp.tensordot(x, jnp.asarray(POWERS), 1), 2, 0)[:, k]
+    coefficients = jnp.moveaxis(jnp.tensordot(x, jnp.asarray(NODE_POWERS), 1), 2, 0)[:, k]
     value, slope = coefficients[-1], jnp.zeros_like(coefficients[-1])
     for lower in coefficients[-2::-1]:
         value, slope = value * u + lower, slope * u + value
